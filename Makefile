@@ -1,0 +1,33 @@
+# `make report` and `make test` need only Python >= 3.11, make and git.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.PHONY: report test lint check benchmark generate clean
+
+report: $(READY)          ## the main job: stability-margin report, dry and wet rail
+	$(BIN)/railslip report --out railslip-report
+
+test: lint                ## linter, formatter, types, import contract, tests
+	$(BIN)/python -m pytest -n auto
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+benchmark: $(READY)       ## speed, as ratios against a peer in the same run
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-enable -o addopts="-ra" -s
+
+generate: $(READY)        ## numeric code from the SymPy statement of the plant
+	$(BIN)/python -m railslip_ctrl.numeric
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) railslip-report build dist

@@ -1,0 +1,1 @@
+"""railslip_ctrl: wheel-slip control design for trains."""

@@ -1,0 +1,19 @@
+"""Frozen parameter records, published sets, and files."""
+
+from .published import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI
+from .records import GRAVITY, Actuator, PIGains, Rail, Record, Resistance, Vehicle, Wheel
+
+__all__ = [
+    "AS_PUBLISHED_INERTIA_SCALE",
+    "GRAVITY",
+    "INITIAL_SPEED_KMH",
+    "PARK2008",
+    "TABLE4_PI",
+    "Actuator",
+    "PIGains",
+    "Rail",
+    "Record",
+    "Resistance",
+    "Vehicle",
+    "Wheel",
+]

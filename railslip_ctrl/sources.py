@@ -1,0 +1,55 @@
+"""Sources cited by key in docstrings, reports and derivations: "[Park2008] (45)" is equation 45 of it."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+SOURCES = MappingProxyType(
+    {
+        "Park2008": (
+            "S. H. Park, J. S. Kim, J. J. Choi, H. Yamazaki: Modeling and Control of Adhesion Force in Railway "
+            "Rolling Stocks. IEEE Control Systems Magazine 28(5), October 2008, pp. 44-58. "
+            "doi:10.1109/MCS.2008.927334"
+        ),
+        "CanudasDeWit1995": (
+            "C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky: A new model for control of systems with "
+            "friction. IEEE Transactions on Automatic Control 40(3), 1995, pp. 419-425. doi:10.1109/9.376053"
+        ),
+        "CanudasDeWit1999": (
+            "C. Canudas de Wit, P. Tsiotras: Dynamic tire friction models for vehicle traction control. "
+            "38th IEEE Conference on Decision and Control, 1999, pp. 3746-3751. doi:10.1109/CDC.1999.827937"
+        ),
+        "Dahl1976": (
+            "P. R. Dahl: Solid friction damping of mechanical vibrations. AIAA Journal 14(12), 1976, "
+            "pp. 1675-1682. doi:10.2514/3.61511"
+        ),
+        "WaltonMarshall1987": (
+            "K. Walton, J. E. Marshall: Direct method for TDS stability analysis. IEE Proceedings D 134(2), 1987, "
+            "pp. 101-107. doi:10.1049/ip-d.1987.0018"
+        ),
+        "Breda2005": (
+            "D. Breda, S. Maset, R. Vermiglio: Pseudospectral differencing methods for characteristic roots of "
+            "delay differential equations. SIAM Journal on Scientific Computing 27(2), 2005, pp. 482-495. "
+            "doi:10.1137/030601600"
+        ),
+        "Astrom2021": (
+            "K. J. Astrom, R. M. Murray: Feedback Systems: An Introduction for Scientists and Engineers. "
+            "Princeton University Press, 2nd edition, 2021."
+        ),
+        "Seiler2020": (
+            "P. Seiler, A. Packard, P. Gahinet: An introduction to disk margins. IEEE Control Systems Magazine "
+            "40(5), 2020, pp. 78-95. doi:10.1109/MCS.2020.3005277"
+        ),
+        "railtoolkit": (
+            "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "
+            "https://github.com/railtoolkit/rolling-stock-data"
+        ),
+    }
+)
+"""Full references by key."""
+
+
+def cite(key: str, where: str = "") -> str:
+    """Return "[key] where"; raises KeyError for a key that is not in `SOURCES`."""
+    SOURCES[key]
+    return f"[{key}] {where}".rstrip()
