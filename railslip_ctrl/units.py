@@ -11,9 +11,9 @@ import math
 import re
 import tokenize
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from .errors import InputError
 
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
 # A quantity is short; the bound keeps nonsense out of the unit parser.
 _LONGEST_QUANTITY = 60
-_QUANTITY = re.compile(
-    r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-zµ°%(][\w*/^().·²³µ°% -]*)?\s*$"
-)
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-zµ°%(][\w*/^().·²³µ°% -]*)?\s*$")
 
 KMH = 1.0 / 3.6
 """One kilometre per hour in m/s (exact)."""
@@ -33,6 +31,7 @@ KMH = 1.0 / 3.6
 # What the unit parser raises on malformed text, besides its own errors (all of which derive from these).
 _UNIT_PARSER_FAILURES = (
     ArithmeticError,
+    AssertionError,
     AttributeError,
     LookupError,
     RecursionError,
@@ -87,9 +86,7 @@ def _parse(text: str, unit: str, name: str) -> float:
         return float(text)
     match = _QUANTITY.match(text) if len(text) <= _LONGEST_QUANTITY else None
     if match is None:
-        raise InputError(
-            f"{name}: {text[:_LONGEST_QUANTITY]!r} is not a number{_in(unit)}, with or without a unit"
-        )
+        raise InputError(f"{name}: {text[:_LONGEST_QUANTITY]!r} is not a number{_in(unit)}, with or without a unit")
     number, given = float(match[1]), match[2]
     if given is None:
         return number
@@ -101,13 +98,9 @@ def _factor(given: str, unit: str, name: str, text: str) -> float:
 
     registry = _registry()
     try:
-        return float(
-            registry.Quantity(1.0, registry.parse_units(given)).to("" if unit == "1" else unit).magnitude
-        )
+        return float(registry.Quantity(1.0, registry.parse_units(given)).to("" if unit == "1" else unit).magnitude)
     except pint.DimensionalityError:
-        raise InputError(
-            f"{name}: {text!r} has the wrong dimension; it must be convertible to {unit!r}"
-        ) from None
+        raise InputError(f"{name}: {text!r} has the wrong dimension; it must be convertible to {unit!r}") from None
     except _UNIT_PARSER_FAILURES:
         raise InputError(f"{name}: {given!r} in {text!r} is not a unit; give a number{_in(unit)}") from None
 
@@ -116,19 +109,14 @@ def quantity(
     unit: str,
     description: str,
     *,
+    default: Any = ...,
     gt: float | None = None,
     ge: float | None = None,
     lt: float | None = None,
     le: float | None = None,
 ) -> Any:
-    """A pydantic field type: a float in `unit` that also accepts a string with a unit."""
+    """A field of a parameter record (`parameters.Record`): a float in `unit` that may be given as a string with a unit.
 
-    def convert(value: object) -> float:
-        # pydantic reports the key itself, so the name here stays empty and is dropped by the reader
-        return to_unit(value, unit, name="")
-
-    return Annotated[
-        float,
-        BeforeValidator(convert),
-        Field(gt=gt, ge=ge, lt=lt, le=le, description=description, json_schema_extra={"unit": unit}),
-    ]
+    Written `mass: float = quantity("kg", "quarter-car mass M", gt=0)`; without `default` the field is required.
+    """
+    return Field(default, gt=gt, ge=ge, lt=lt, le=le, description=description, json_schema_extra={"unit": unit})

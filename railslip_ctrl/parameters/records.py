@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
 
-from ..units import quantity
+from railslip_ctrl.units import quantity, to_unit
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
@@ -24,37 +24,46 @@ class Record(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _to_si(cls, value: object, info: ValidationInfo) -> object:
+        """Convert what was given for a field made by `units.quantity` to that field's unit."""
+        extra = cls.model_fields[info.field_name or ""].json_schema_extra
+        if isinstance(extra, dict) and "unit" in extra:
+            return to_unit(value, str(extra["unit"]), name=info.field_name or "")
+        return value
+
 
 class Wheel(Record):
     """One braked wheelset ([Park2008] (3), Tables 1 and 2)."""
 
-    radius: quantity("m", "wheel radius r", gt=0)
-    inertia: quantity("kg*m^2", "moment of inertia J", gt=0)
-    viscous_friction: quantity("N*m*s", "viscous torque coefficient B between brake pad and wheel", ge=0) = (
-        0.0
+    radius: float = quantity("m", "wheel radius r", gt=0)
+    inertia: float = quantity("kg*m^2", "moment of inertia J", gt=0)
+    viscous_friction: float = quantity(
+        "N*m*s", "viscous torque coefficient B between brake pad and wheel", ge=0, default=0.0
     )
 
 
 class Resistance(Record):
     """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s."""
 
-    constant: quantity("N", "constant term", ge=0) = 0.0
-    linear: quantity("N/(m/s)", "coefficient of v", ge=0) = 0.0
-    quadratic: quantity("N/(m/s)^2", "coefficient of v^2", ge=0) = 0.0
+    constant: float = quantity("N", "constant term", ge=0, default=0.0)
+    linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
+    quadratic: float = quantity("N/(m/s)^2", "coefficient of v^2", ge=0, default=0.0)
 
 
 class Actuator(Record):
     """Pneumatic brake, commanded to acting torque: Ga(s) = exp(-dead_time s)/(lag s + 1) ([Park2008] p. 55)."""
 
-    dead_time: quantity("s", "dead time", ge=0)
-    lag: quantity("s", "time constant of the first-order lag", ge=0)
+    dead_time: float = quantity("s", "dead time", ge=0)
+    lag: float = quantity("s", "time constant of the first-order lag", ge=0)
 
 
 class PIGains(Record):
     """Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m."""
 
-    kp: quantity("N*m/(m/s)", "proportional gain")
-    ki: quantity("N*m/m", "integral gain")
+    kp: float = quantity("N*m/(m/s)", "proportional gain")
+    ki: float = quantity("N*m/m", "integral gain")
 
 
 class Vehicle(Record):
@@ -67,14 +76,14 @@ class Vehicle(Record):
     """
 
     name: str
-    mass: quantity("kg", "quarter-car mass M, empty", gt=0)
-    mass_loaded: quantity("kg", "quarter-car mass M, loaded", gt=0)
-    wheel_load: quantity("N", "wheel load N, empty", gt=0)
-    wheel_load_loaded: quantity("N", "wheel load N, loaded", gt=0)
+    mass: float = quantity("kg", "quarter-car mass M, empty", gt=0)
+    mass_loaded: float = quantity("kg", "quarter-car mass M, loaded", gt=0)
+    wheel_load: float = quantity("N", "wheel load N, empty", gt=0)
+    wheel_load_loaded: float = quantity("N", "wheel load N, loaded", gt=0)
     wheel: Wheel
     resistance: Resistance
     actuator: Actuator
-    inertia_scale: quantity("1", "factor on M, J and B", gt=0) = 1.0
+    inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
     source: str = ""
     notes: tuple[str, ...] = ()
 
