@@ -1,0 +1,212 @@
+"""`DeadTimeLoop`: a SISO loop with its dead time exact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError, UnstableLoopError
+
+from .crossings import Response, frequency_nodes, gain_crossovers, phase_crossovers
+from .margins import GainLimit, Margins, compute_margins, gain_limits, stabilizing_range
+from .pade import pade
+from .rational import Rational
+from .spectrum import rightmost_poles
+from .stability import RootCount, count_right_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+class DeadTimeLoop:
+    """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
+
+    Parameters
+    ----------
+    system : python-control TransferFunction or StateSpace, `Rational`, or a real number
+        G, continuous-time and SISO, proper. Hidden (cancelled) modes are kept and count for stability.
+    dead_time : float
+        s, >= 0.
+
+    Raises
+    ------
+    InputError
+        `system` is not of this form, or the dead time is negative or not finite.
+
+    Notes
+    -----
+    Nothing is approximated: stability is decided by counting the zeros of the quasi-polynomial
+    ([WaltonMarshall1987]), margins from all crossovers, refined to rounding. Neutral loops (as many zeros as
+    poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the
+    frequency tends to infinity.
+    """
+
+    def __init__(self, system: Any, dead_time: float = 0.0) -> None:
+        dead_time = float(dead_time)
+        if not (math.isfinite(dead_time) and dead_time >= 0):
+            raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+        self._system = Rational.from_control(system)
+        self._dead_time = dead_time
+
+    @property
+    def system(self) -> Rational:
+        """G in factored form."""
+        return self._system
+
+    @property
+    def dead_time(self) -> float:
+        """Dead time, s."""
+        return self._dead_time
+
+    def __repr__(self) -> str:
+        order = self._system.poles.size
+        return f"DeadTimeLoop(order {order}, relative degree {self._system.relative_degree}, {self._dead_time:g} s)"
+
+    def scaled(self, factor: float) -> DeadTimeLoop:
+        """The loop with its gain multiplied by `factor`."""
+        return DeadTimeLoop(self._system * factor, self._dead_time)
+
+    def delayed(self, extra: float) -> DeadTimeLoop:
+        """The loop with `extra` seconds more dead time (the sum must not be negative)."""
+        return DeadTimeLoop(self._system, self._dead_time + extra)
+
+    def pade(self, order: int) -> DeadTimeLoop:
+        """The loop with its dead time replaced by a diagonal Pade approximation; for comparison only."""
+        return DeadTimeLoop(self._system * pade(self._dead_time, order), 0.0)
+
+    # -- frequency response -------------------------------------------------------------------------------
+
+    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """L(j omega), complex, of the shape of `omega` (rad/s)."""
+        return self._response(np.asarray(omega, dtype=float))
+
+    def sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """S(j omega) = 1/(1 + L), complex, of the shape of `omega` (rad/s)."""
+        return np.asarray(1 / (1 + self.frequency_response(omega)))
+
+    def complementary_sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """T(j omega) = L/(1 + L), complex, of the shape of `omega` (rad/s)."""
+        return np.asarray(1 - self.sensitivity(omega))
+
+    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
+        """Continuous phase of L(j omega), rad, dead time included; no unwrapping needed. omega > 0, rad/s."""
+        return self._response.phase(np.asarray(omega, dtype=float))[0]
+
+    def feature_band(self) -> tuple[float, float]:
+        """Frequencies, rad/s, between which everything about L happens; for plots."""
+        roots = np.abs(np.concatenate([self._system.zeros, self._system.poles]))
+        scales = np.concatenate(
+            [roots[roots > 0], self.gain_crossovers, [1 / self._dead_time] if self._dead_time else []]
+        )
+        if scales.size == 0:
+            return 0.1, 10.0
+        return float(scales.min() / 10), float(scales.max() * 10)
+
+    # -- stability ----------------------------------------------------------------------------------------
+
+    @cached_property
+    def root_count(self) -> RootCount:
+        """Closed-loop poles in the closed right half plane, exactly counted."""
+        return count_right_of(self._system, self._dead_time)
+
+    def is_stable(self) -> bool:
+        """True if every closed-loop pole lies left of the imaginary axis, chains at infinity included."""
+        return self.root_count.stable
+
+    @property
+    def unstable_closed_loop_poles(self) -> float:
+        """Closed-loop poles with real part >= 0; inf for an unstable neutral loop."""
+        return self.root_count.right
+
+    @property
+    def open_loop_unstable_poles(self) -> int:
+        """Poles of G with positive real part."""
+        return int(np.count_nonzero(self._system.poles.real > 0))
+
+    def closed_loop_poles(self, count: int = 6) -> NDArray[np.complex128]:
+        """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
+
+        Without dead time there are as many as G has poles. Raises SpectrumError if the exact root count does
+        not confirm them, InputError for a count < 1 or an unstable neutral loop, which has no rightmost pole.
+        """
+        if count < 1:
+            raise InputError(f"count: {count} is not allowed; ask for at least one pole")
+        if self._dead_time > 0 and abs(self._system.feedthrough) >= 1:
+            raise InputError(
+                f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self._system.feedthrough):g} >= 1 has a "
+                "chain of poles without a rightmost one; make G strictly proper"
+            )
+        return rightmost_poles(self._system, self._dead_time, count)
+
+    # -- margins ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def gain_crossovers(self) -> NDArray[np.float64]:
+        """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
+        return gain_crossovers(self._response, self._nodes)
+
+    @cached_property
+    def stabilizing_gain_range(self) -> tuple[float, float] | None:
+        """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
+        the nearest to 1 in ratio; None if there is none. (0, hi) means stable however small; hi may be inf."""
+        limits = self._gain_limits
+        count = self.root_count
+        if not count.marginal and math.isfinite(count.right):
+            return stabilizing_range(limits, count.right)
+        # on a limit, or beyond the neutral one: count from below the smallest limit, where nothing is close
+        low = 0.5 * min((limit.factor for limit in limits), default=1.0)
+        at_low = count_right_of(self._system * low, self._dead_time)
+        found = stabilizing_range([replace(g, factor=g.factor / low) for g in limits], at_low.right)
+        return None if found is None or at_low.marginal else (found[0] * low, found[1] * low)
+
+    def margins(self) -> Margins:
+        """All margins of the loop; see `Margins`.
+
+        Raises
+        ------
+        UnstableLoopError
+            The closed loop is not stable: says by how many poles, and which gain factors would stabilise it.
+        """
+        if not self.is_stable():
+            raise self._unstable_error()
+        return self._margins
+
+    @cached_property
+    def _margins(self) -> Margins:
+        return compute_margins(self._response, self._nodes, self.gain_crossovers, self._phase_crossings)
+
+    def _unstable_error(self) -> UnstableLoopError:
+        count, usable = self.root_count.right, self.stabilizing_gain_range
+        number = "infinitely many" if math.isinf(count) else f"{count:g}"
+        where = " (on the imaginary axis)" if self.root_count.marginal else ""
+        remedy = (
+            "no factor on the loop gain alone stabilises it"
+            if usable is None
+            else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
+        )
+        return UnstableLoopError(
+            f"margins are not defined: the closed loop is unstable with {number} pole(s) in the closed right half "
+            f"plane{where}; {remedy}",
+            unstable_poles=count,
+            stabilizing_gain_range=usable,
+        )
+
+    @cached_property
+    def _response(self) -> Response:
+        return Response(self._system, self._dead_time)
+
+    @cached_property
+    def _nodes(self) -> NDArray[np.float64]:
+        return frequency_nodes(self._response)
+
+    @cached_property
+    def _phase_crossings(self) -> NDArray[np.float64]:
+        return phase_crossovers(self._response, self._nodes)
+
+    @cached_property
+    def _gain_limits(self) -> list[GainLimit]:
+        return gain_limits(self._response, self._phase_crossings)

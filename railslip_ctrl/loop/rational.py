@@ -1,0 +1,267 @@
+"""A rational SISO transfer function held as zeros, poles and gain.
+
+G(s) = gain * prod(s - zeros)/prod(s - poles). Factored form evaluates to full accuracy where expanded
+polynomials lose digits, gives the phase of G(j omega) as a *continuous* function of omega in closed form
+(no unwrapping over a grid), and makes shifting the contour (s -> s + c) exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
+
+# A state-space system and its factored form must agree this well where they are compared. Zeros come out of a
+# generalised eigenvalue problem, so a double zero is only good to sqrt(eps) ~ 1e-8, though their product is
+# far better; what is refused beyond this bound is a system so badly scaled that no margin of it would be right.
+_FACTORING_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class Rational:
+    """A SISO rational transfer function with real coefficients.
+
+    Parameters
+    ----------
+    zeros, poles : array of complex
+        rad/s; complex ones in conjugate pairs. Common factors are kept: a pole cancelled by a zero is still a
+        pole of every closed loop.
+    gain : float
+        Ratio of the leading coefficients.
+
+    Raises
+    ------
+    InputError
+        More zeros than poles (not proper), or a number that is not finite.
+    """
+
+    zeros: Complexes
+    poles: Complexes
+    gain: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "zeros", np.atleast_1d(np.asarray(self.zeros, dtype=complex)))
+        object.__setattr__(self, "poles", np.atleast_1d(np.asarray(self.poles, dtype=complex)))
+        object.__setattr__(self, "gain", float(self.gain))
+        if self.zeros.size > self.poles.size:
+            raise InputError(
+                f"transfer function with {self.zeros.size} zeros and {self.poles.size} poles is not proper; "
+                "add poles (for example a derivative filter)"
+            )
+        finite = np.isfinite(self.zeros).all() and np.isfinite(self.poles).all() and np.isfinite(self.gain)
+        if not finite:
+            raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
+
+    @classmethod
+    def from_polynomials(cls, num: ArrayLike, den: ArrayLike) -> Rational:
+        """From coefficients in descending powers of s."""
+        numerator = np.trim_zeros(np.atleast_1d(np.asarray(num, dtype=float)), "f")
+        denominator = np.trim_zeros(np.atleast_1d(np.asarray(den, dtype=float)), "f")
+        if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
+            raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
+        if denominator.size == 0:
+            raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
+        if numerator.size == 0:
+            return cls(np.array([]), polynomial_roots(denominator), 0.0)
+        return cls(polynomial_roots(numerator), polynomial_roots(denominator), numerator[0] / denominator[0])
+
+    @classmethod
+    def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
+        """From a SISO realisation x' = A x + B u, y = C x + D u; hidden modes are kept as pole-zero pairs.
+
+        Raises InputError where the factored form does not reproduce the realisation's frequency response.
+        """
+        a, b = np.atleast_2d(np.asarray(a, dtype=float)), np.asarray(b, dtype=float).reshape(-1, 1)
+        c, d = np.asarray(c, dtype=float).reshape(1, -1), float(np.asarray(d, dtype=float).reshape(()))
+        if b.size == 0:
+            return cls(np.array([]), np.array([]), d)
+        if not all(np.isfinite(m).all() for m in (a, b, c, np.array(d))):
+            raise InputError("state-space system has an entry that is not finite; give finite numbers")
+        return _factor(a, b, c, d)
+
+    @classmethod
+    def from_control(cls, system: Any) -> Rational:
+        """From a continuous-time SISO python-control TransferFunction or StateSpace, or a real number.
+
+        Raises
+        ------
+        InputError
+            Discrete-time, MIMO, nonlinear, frequency-response data, or not proper.
+        """
+        if isinstance(system, Rational):
+            return system
+        if isinstance(system, (int, float, np.integer, np.floating)):
+            return cls(np.array([]), np.array([]), float(system))
+        if not (hasattr(system, "A") or hasattr(system, "num")):
+            raise InputError(
+                f"loop: {type(system).__name__} is not a linear system; give a python-control "
+                "TransferFunction or StateSpace"
+            )
+        if (system.ninputs, system.noutputs) != (1, 1):
+            raise InputError(
+                f"loop: a system with {system.ninputs} inputs and {system.noutputs} outputs is not SISO; "
+                "select one input and one output"
+            )
+        if system.dt not in (None, 0):
+            raise InputError(f"loop: a discrete-time system (dt = {system.dt}) is not accepted; give a continuous one")
+        if hasattr(system, "A"):
+            return cls.from_state_space(system.A, system.B, system.C, system.D)
+        return cls.from_polynomials(system.num[0][0], system.den[0][0])
+
+    def __mul__(self, other: Rational | float) -> Rational:
+        """Series connection, or a change of gain."""
+        if isinstance(other, Rational):
+            return Rational(
+                np.concatenate([self.zeros, other.zeros]),
+                np.concatenate([self.poles, other.poles]),
+                self.gain * other.gain,
+            )
+        return Rational(self.zeros, self.poles, self.gain * other)
+
+    __rmul__ = __mul__
+
+    def shifted(self, c: float) -> Rational:
+        """G(s + c) as a function of s."""
+        return Rational(self.zeros - c, self.poles - c, self.gain)
+
+    @property
+    def relative_degree(self) -> int:
+        """Poles minus zeros."""
+        return int(self.poles.size - self.zeros.size)
+
+    @property
+    def feedthrough(self) -> float:
+        """G(infinity)."""
+        return self.gain if self.relative_degree == 0 else 0.0
+
+    @property
+    def dc_gain(self) -> float:
+        """G(0), infinite with an integrator; NaN where a zero and a pole meet at the origin."""
+        if self.gain == 0.0:
+            return 0.0 if np.all(self.poles != 0) else float("nan")
+        at_zero, at_pole = np.count_nonzero(self.zeros == 0), np.count_nonzero(self.poles == 0)
+        if at_zero and at_pole:
+            return float("nan")
+        if at_pole:
+            return float("inf")
+        return float((self.gain * np.prod(-self.zeros) / np.prod(-self.poles)).real)
+
+    def __call__(self, s: ArrayLike) -> Complexes:
+        """G at complex s, any shape; infinite at a pole."""
+        s = np.asarray(s, dtype=complex)[..., None]
+        # zeros and poles are interleaved so that the running product stays in range for high orders
+        paired = self.zeros.size
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = np.prod((s - self.zeros) / (s - self.poles[:paired]), axis=-1)
+            return np.asarray(self.gain * value / np.prod(s - self.poles[paired:], axis=-1))
+
+    @property
+    def _roots(self) -> tuple[Floats, Floats, Floats]:
+        """Real parts, imaginary parts and signs (+1 zero, -1 pole) of all zeros and poles."""
+        roots = np.concatenate([self.zeros, self.poles])
+        return roots.real, roots.imag, np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
+
+    def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
+        """ln abs G(j omega) and its derivative with respect to omega; shapes of `omega`."""
+        real, imag, sign = self._roots
+        offset = omega[..., None] - imag
+        distance = np.hypot(real, offset)  # hypot, not squares: no overflow at any frequency
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = np.log(abs(self.gain)) + np.log(distance) @ sign
+            return value, (offset / distance / distance) @ sign
+
+    def log_slope(self, omega: Floats) -> Complexes:
+        """d ln G(j omega)/d omega, complex; shape of `omega`."""
+        s = 1j * omega[..., None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(1j * ((1 / (s - self.zeros)).sum(axis=-1) - (1 / (s - self.poles)).sum(axis=-1)))
+
+    def phase(self, omega: Floats) -> tuple[Floats, Floats]:
+        """Continuous phase of G(j omega), rad, and its derivative; shapes of `omega`.
+
+        Continuous on omega > 0 but for a step of pi at each zero or pole on the imaginary axis.
+        """
+        zeros, slope_z = _angle_sum(self.zeros, omega)
+        poles, slope_p = _angle_sum(self.poles, omega)
+        return zeros - poles + (np.pi if self.gain < 0 else 0.0), slope_z - slope_p
+
+
+def polynomial_roots(coefficients: ArrayLike) -> Complexes:
+    """Roots of a polynomial given in descending powers, always complex."""
+    return np.asarray(np.roots(np.asarray(coefficients, dtype=float)), dtype=np.complex128)
+
+
+def _angle_sum(roots: Complexes, omega: Floats) -> tuple[Floats, Floats]:
+    """Sum over the roots of the continuous angle of (j omega - root), and its derivative."""
+    real, imag = roots.real, roots.imag
+    offset = omega[..., None] - imag
+    angle = np.arctan2(offset, np.abs(real))
+    angle = np.where(real > 0, np.pi - angle, angle)
+    distance = np.hypot(real, offset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(real == 0, 0.0, -real / distance / distance)
+    return angle.sum(axis=-1), slope.sum(axis=-1)
+
+
+def angle_sum(roots: Complexes, omega: Floats) -> Floats:
+    """Continuous argument of prod(j omega - roots), rad; a root on the axis counts as one left of it."""
+    return _angle_sum(roots, omega)[0]
+
+
+def _factor(a: Floats, b: Floats, c: Floats, d: float) -> Rational:
+    """Zeros, poles and gain of a realisation; the number of finite zeros is the one that reproduces it best."""
+    from scipy.linalg import eigvals, matrix_balance
+
+    order = a.shape[0]
+    a, (scale, permutation) = matrix_balance(a, separate=True)
+    b, c = b[permutation] / scale[:, None], c[:, permutation] * scale
+    poles = np.linalg.eigvals(a).astype(complex)
+    input_size, output_size = np.linalg.norm(b), np.linalg.norm(c)
+    if input_size == 0 or output_size == 0:
+        # the whole dynamics is hidden: keep every mode as a pole with a zero on it
+        return Rational(poles if d != 0 else np.array([]), poles, d)
+    b, c, feedthrough = b / input_size, c / output_size, d / (input_size * output_size)
+    pencil = np.block([[a, b], [c, np.array([[feedthrough]])]])
+    with np.errstate(all="ignore"):
+        candidates = eigvals(pencil, np.diag([1.0] * order + [0.0]))
+    candidates = candidates[np.isfinite(candidates)]
+    candidates = candidates[np.argsort(np.abs(candidates))]
+    probes = _probe_points(poles)
+    truth = np.array([(c @ np.linalg.solve(s * np.eye(order) - a, b))[0, 0] + feedthrough for s in probes])
+    if not np.any(truth):
+        return Rational(np.array([]), poles, 0.0)
+    best, best_error = None, np.inf
+    for count in range(min(order, candidates.size) + 1):
+        zeros = candidates[:count]
+        if abs(zeros.imag.sum()) > 1e-6 * (1e-300 + np.abs(zeros).sum()):
+            continue  # would split a conjugate pair
+        shape = Rational(zeros, poles, 1.0)(probes)
+        gain = float(np.real(np.vdot(shape / np.abs(truth), truth / np.abs(truth))))
+        gain /= float(np.real(np.vdot(shape / np.abs(truth), shape / np.abs(truth))))
+        error = float(np.max(np.abs(gain * shape / truth - 1.0)))
+        # a spurious zero near infinity may fit a digit better by chance: prefer fewer zeros
+        if error < 0.01 * best_error:
+            best, best_error = Rational(zeros, poles, float(gain * input_size * output_size)), error
+    if best is None or best_error > _FACTORING_TOLERANCE:
+        raise InputError(
+            f"state-space system of order {order} is too badly scaled to be factored "
+            f"(relative error {best_error:.1e}); give a transfer function or rescale the states"
+        )
+    return best
+
+
+def _probe_points(poles: Complexes) -> Complexes:
+    """Points right of all poles, over the range of their sizes, at which realisations are compared."""
+    sizes = np.abs(poles)
+    top = float(sizes.max()) or 1.0
+    low = float(np.min(sizes[sizes > 0], initial=top))
+    return np.asarray(np.geomspace(0.3 * low, 30.0 * top, 9) * np.exp(0.35j) + max(0.0, float(poles.real.max())))

@@ -1,0 +1,294 @@
+"""The loop engine against decisions it does not share any code with."""
+
+from __future__ import annotations
+
+import control as ct
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from railslip_ctrl import DeadTimeLoop
+from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.crossings import Response, frequency_nodes, gain_crossovers
+
+S = ct.tf("s")
+
+
+def rounded(low, high):
+    """Four decimals: coincidences (hidden modes, poles on the axis) come up, denormal numbers do not."""
+    return st.floats(low, high).map(lambda x: round(x, 4) + 0.0)
+
+
+roots = st.one_of(
+    rounded(-5, 3).map(lambda a: (a,)),
+    st.tuples(rounded(-4, 2), rounded(0.05, 8)).map(lambda p: (complex(*p), complex(p[0], -p[1]))),
+    st.just((0.0,)),
+)
+
+
+@st.composite
+def random_loops(draw, *, max_factors=3):
+    """Strictly proper loops of order up to 6, unstable and integrating ones included, with dead time."""
+    poles = [p for pair in draw(st.lists(roots, min_size=1, max_size=max_factors)) for p in pair]
+    zeros = [z for pair in draw(st.lists(roots, max_size=max_factors - 1)) for z in pair][: len(poles)]
+    while len(zeros) >= len(poles) or abs(sum(np.imag(zeros))) > 1e-12:
+        zeros.pop()
+    gain = draw(st.sampled_from([1.0, -1.0])) * 10 ** draw(st.floats(-1.5, 1.5))
+    return DeadTimeLoop(Rational(np.array(zeros), np.array(poles), gain), draw(rounded(0.0, 2.0)))
+
+
+def delay_operator_eigenvalues(loop: DeadTimeLoop, points: int) -> np.ndarray:
+    """Spectrum of the whole delayed state's generator on Chebyshev points, x' = A x(t) - B C x(t - tau).
+
+    Realised by python-control and discretised here: another realisation and another operator than the package's.
+    """
+    system = ct.ss(ct.zpk(loop.system.zeros, loop.system.poles, loop.system.gain))
+    a, bc = system.A, system.B @ system.C
+    if loop.dead_time == 0:
+        return np.linalg.eigvals(a - bc)
+    x = np.cos(np.pi * np.arange(points + 1) / points)
+    c = np.r_[2, np.ones(points - 1), 2] * (-1.0) ** np.arange(points + 1)
+    d = np.outer(c, 1 / c) / (x[:, None] - x + np.eye(points + 1))
+    d = (d - np.diag(d.sum(axis=1))) * 2 / loop.dead_time
+    generator = np.kron(d, np.eye(len(a)))
+    generator[: len(a)] = 0
+    generator[: len(a), : len(a)] = a
+    generator[: len(a), -len(a) :] -= bc
+    return np.linalg.eigvals(generator)
+
+
+@settings(max_examples=1500, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@given(random_loops())
+def test_exact_root_count_equals_the_discretised_delay_operator(loop):
+    fine, finer = (delay_operator_eigenvalues(loop, n) for n in (16, 22))
+    rightmost = finer[np.argmax(finer.real)]
+    # away from the boundary, and where the independent decision has itself converged
+    assume(np.min(np.abs(finer.real)) > 1e-4)
+    assume(np.count_nonzero(fine.real > 0) == np.count_nonzero(finer.real > 0))
+    assume(abs(rightmost) * loop.dead_time < 12)
+    assert loop.unstable_closed_loop_poles == np.count_nonzero(finer.real > 0)
+    assert loop.is_stable() == bool(rightmost.real < 0)
+
+
+@settings(max_examples=300, deadline=None)
+@given(random_loops())
+def test_root_count_equals_the_winding_of_a_densely_sampled_contour(loop):
+    system = loop.system
+    scale = 1 + np.abs(np.r_[system.poles, system.zeros]).max() + abs(system.gain)
+    omega = np.r_[0.0, np.geomspace(1e-5, 1e6 * scale, 200_001)]
+    s = 1j * omega
+    # Q(s)/(s + scale)^n has a finite limit at infinity; its argument from 0 to infinity counts the roots of Q
+    q = np.prod((s[:, None] - system.poles) / (s[:, None] + scale), axis=1)
+    q += (
+        system.gain
+        * np.exp(-s * loop.dead_time)
+        * np.prod((s[:, None] - system.zeros) / (s[:, None] + scale), axis=1)
+        / (s + scale) ** system.relative_degree
+    )
+    assume(np.min(np.abs(q)) > 1e-6)
+    steps = np.angle(q[1:] / q[:-1])
+    assume(np.max(np.abs(steps)) < 1.0)  # the sampling is dense enough to follow the argument
+    assert loop.unstable_closed_loop_poles == round(-steps.sum() / np.pi)
+
+
+@settings(max_examples=300, deadline=None)
+@given(random_loops())
+def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
+    system = loop.system
+    num, den = system.gain * np.atleast_1d(np.poly(system.zeros)).real, np.poly(system.poles).real
+    power = np.polysub(
+        np.polymul(den, den * (-1.0) ** np.arange(den.size)[::-1]),
+        np.polymul(num, num * (-1.0) ** np.arange(num.size)[::-1]),
+    )
+    candidates = np.roots(power)
+    on_axis = candidates[(np.abs(candidates.real) < 1e-7 * np.abs(candidates)) & (candidates.imag > 1e-4)].imag
+    double = np.abs(on_axis[:, None] - on_axis) + 10 * np.eye(on_axis.size)
+    assume(on_axis.size == 0 or double.min() > 1e-3)  # a double root is a touch, which rounding decides
+    near = (np.abs(candidates.real) < 1e-4 * np.abs(candidates)) & (np.abs(candidates.imag) > 1e-5)
+    assume(np.count_nonzero(near & (candidates.imag > 0)) == on_axis.size)
+    found = gain_crossovers(Response(system, 0.0), frequency_nodes(Response(system, 0.0)))
+    assert np.sort(found[found > 1e-4]) == pytest.approx(np.sort(on_axis), rel=1e-6)
+
+
+@settings(max_examples=200, deadline=None)
+@given(random_loops())
+def test_each_margin_is_where_stability_is_lost(loop):
+    assume(loop.is_stable())
+    m = loop.margins()
+    # where |L| only touches 1 a pole touches the axis and returns: stable on both sides
+    assume(np.all(np.abs(loop.system.log_slope(m.gain_crossovers).real) > 1e-4))
+    inside, outside = 1 - 1e-6, 1 + 1e-6
+    if np.isfinite(m.gain_increase):
+        assert loop.scaled(1 + (m.gain_increase - 1) * inside).is_stable()
+        assert not loop.scaled(m.gain_increase * outside).is_stable()
+    if m.gain_decrease > 0:
+        assert loop.scaled(1 + (m.gain_decrease - 1) * inside).is_stable()
+        assert not loop.scaled(m.gain_decrease * inside).is_stable()
+    if np.isfinite(m.delay_s):
+        assert loop.delayed(m.delay_s * inside).is_stable()
+        assert not loop.delayed(m.delay_s * outside).is_stable()
+    assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(random_loops())
+def test_peaks_are_suprema_and_attained(loop):
+    assume(loop.is_stable())
+    m = loop.margins()
+    low, high = loop.feature_band()
+    omega = np.geomspace(low / 100, high * 10, 20_001)
+    s, t = loop.sensitivity(omega), loop.complementary_sensitivity(omega)
+    for peak, frequency, sampled in (
+        (m.ms, m.ms_frequency, np.abs(s)),
+        (m.mt, m.mt_frequency, np.abs(t)),
+        (1 / m.disk, m.disk_frequency, np.abs(s - 0.5)),
+    ):
+        assert sampled.max() <= peak * (1 + 1e-9)
+        if 0 < frequency < np.inf:
+            at = loop.sensitivity(np.array([frequency]))[0]
+            value = {0: abs(at), 1: abs(1 - at), 2: abs(at - 0.5)}[[m.ms, m.mt, 1 / m.disk].index(peak)]
+            assert value == pytest.approx(peak, rel=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(random_loops(max_factors=2))
+def test_closed_loop_poles_solve_the_quasi_polynomial_and_are_rightmost(loop):
+    assume(loop.dead_time > 1e-3)
+    assume(not loop.root_count.marginal)
+    poles = loop.closed_loop_poles(count=6)
+    system = loop.system
+    assert poles.size == 6
+    assert np.all(np.diff(poles.real) <= 1e-12 * (1 + np.abs(poles.real[:-1])))
+    assert loop.unstable_closed_loop_poles == np.count_nonzero(loop.closed_loop_poles(count=20).real > 0)
+    for s in poles:
+        d = np.prod(s - system.poles)
+        n = system.gain * np.prod(s - system.zeros) * np.exp(-s * loop.dead_time)
+        assert abs(d + n) <= 1e-9 * (abs(d) + abs(n))
+
+
+def test_double_real_pole_is_found_twice():
+    # s + k exp(-s) has a double root at s = -1 for k = 1/e
+    poles = DeadTimeLoop(np.exp(-1.0) / S, dead_time=1.0).closed_loop_poles(count=2)
+    assert poles == pytest.approx([-1.0, -1.0], abs=1e-6)  # a double root is good to sqrt(eps)
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time", "count"),
+    [
+        (4 / (S**2 + 1), 0.0, 2),  # undamped stays undamped
+        (1 / S**2, 0.0, 2),
+        (-1 / (S + 1), 0.0, 1),  # a pole at the origin
+        (ct.tf([np.pi / 2], [1, 0]), 1.0, 2),  # s + pi/2 exp(-s): the pair +-j pi/2
+        (S / (S * (S + 1)), 0.0, 1),  # a hidden integrator
+    ],
+)
+def test_poles_on_the_axis_are_not_stable(system, dead_time, count):
+    loop = DeadTimeLoop(system, dead_time)
+    assert not loop.is_stable()
+    assert loop.unstable_closed_loop_poles == count
+    with pytest.raises(UnstableLoopError, match="on the imaginary axis"):
+        loop.margins()
+
+
+def test_integrators_and_axis_poles_open_loop_need_no_indentation():
+    assert DeadTimeLoop((S + 0.1) / S**2, dead_time=0.1).is_stable()
+    assert not DeadTimeLoop((S + 0.1) / S**2, dead_time=2.0).is_stable()
+    # a resonance on the axis, damped by the feedback: s^2 + s + 1 without delay
+    assert DeadTimeLoop(S / (S**2 + 1)).is_stable()
+
+
+def test_hidden_unstable_mode_is_seen():
+    assert not DeadTimeLoop((S - 1) / ((S - 1) * (S + 1)), dead_time=0.1).is_stable()
+    hidden = ct.ss([[-1, 0], [0, 0.5]], [[1], [0]], [[1, 1]], 0)  # 0.5 is not reached by the input
+    assert not DeadTimeLoop(hidden).is_stable()
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-17, -1e-17, 1e-12, -1e-12, 1e-6, -1e-6])
+def test_open_loop_pole_passing_through_zero_does_not_confuse_the_count(offset):
+    # near the adhesion peak the plant's slip pole passes through zero
+    loop = DeadTimeLoop(Rational(np.array([-0.2]), np.array([offset, 0.0, -1.7]), 0.8), dead_time=0.15)
+    assert loop.is_stable()
+    assert loop.margins().phase_deg == pytest.approx(
+        DeadTimeLoop(Rational(np.array([-0.2]), np.array([0.0, 0.0, -1.7]), 0.8), dead_time=0.15).margins().phase_deg,
+        rel=1e-4,  # the pole moved by up to 1e-6
+    )
+
+
+def test_neutral_loop_is_decided_by_its_chain():
+    stable = DeadTimeLoop(0.5 * (S + 2) / (S + 1), dead_time=1.0)
+    assert stable.is_stable()
+    assert stable.margins().gain_increase <= 2.0  # at 1/|G(inf)| the chain reaches the axis
+    chain = DeadTimeLoop(1.1 * (S + 2) / (S + 1), dead_time=1.0)
+    assert chain.unstable_closed_loop_poles == np.inf
+    assert chain.stabilizing_gain_range[0] == 0.0
+    assert chain.stabilizing_gain_range[1] < 1 / 1.1
+    with pytest.raises(UnstableLoopError, match="infinitely many"):
+        chain.margins()
+    with pytest.raises(InputError, match="chain of poles"):
+        chain.closed_loop_poles()
+    # without dead time a gain > 1 at infinity is fine, but any dead time destroys it
+    assert DeadTimeLoop(3 * (S + 2) / (S + 1)).margins().delay_s == 0.0
+
+
+def test_margins_agree_with_python_control_where_it_applies():
+    system = 1.5 * (S + 2) / (S * (S + 1) * (S**2 + 0.4 * S + 9))
+    gm, pm, sm, wpc, wgc, wms = ct.stability_margins(system)
+    m = DeadTimeLoop(system).margins()
+    assert (m.gain_increase, m.gain_increase_frequency) == pytest.approx((gm, wpc), rel=1e-8)
+    assert (m.phase_deg, m.phase_frequency) == pytest.approx((pm, wgc), rel=1e-8)
+    assert (1 / m.ms, m.ms_frequency) == pytest.approx((sm, wms), rel=1e-6)  # their minimiser's tolerance
+
+
+def test_all_crossovers_of_a_resonant_loop_are_found():
+    system = 0.3 * 4 / ((S + 0.1) * (S**2 + 0.02 * S + 4)) / (S**2 / 25 + 0.004 * S + 1)
+    crossovers = DeadTimeLoop(system).gain_crossovers
+    omega = np.linspace(1e-3, 20, 2_000_001)
+    sampled = np.abs(system(1j * omega))
+    assert crossovers.size == np.count_nonzero(np.diff(np.sign(sampled - 1)))
+    assert np.abs(system(1j * crossovers)) == pytest.approx(np.ones(crossovers.size), rel=1e-11)
+
+
+def test_pade_limit_is_the_exact_loop():
+    loop = DeadTimeLoop(1.2 * (8 * S + 1) / (8 * S) / (S - 0.25) / (0.6 * S + 1), dead_time=0.15)
+    for order, tolerance in [(1, 1e-1), (3, 1e-4), (5, 1e-8)]:
+        assert loop.pade(order).margins().gain_increase == pytest.approx(loop.margins().gain_increase, rel=tolerance)
+    num, den = ct.pade(0.15, 4)
+    omega = np.geomspace(0.1, 50, 20)
+    ours = loop.pade(4).frequency_response(omega) / loop.system(1j * omega)
+    assert ours == pytest.approx(np.polyval(num, 1j * omega) / np.polyval(den, 1j * omega), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time", "match"),
+    [
+        (1 / S, -0.1, "dead time: -0.1"),
+        (1 / S, float("nan"), "dead time: nan"),
+        (S, 0.0, "not proper"),
+        (ct.tf([1], [1, 0.5], dt=0.1), 0.0, "discrete-time"),
+        (ct.ss(np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), 0.0, "not SISO"),
+        ("1/s", 0.0, "str is not a linear system"),
+        (ct.tf([float("nan")], [1, 1]), 0.0, "not finite"),
+        (float("inf"), 0.0, "not finite"),
+    ],
+)
+def test_unsuitable_systems_are_refused(system, dead_time, match):
+    with pytest.raises(InputError, match=match):
+        DeadTimeLoop(system, dead_time)
+
+
+def test_state_space_and_transfer_function_agree():
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        system = ct.rss(int(rng.integers(1, 7)), 1, 1, strictly_proper=bool(rng.integers(2)))
+        omega = np.geomspace(0.01, 100, 30)
+        loop = DeadTimeLoop(system, 0.1)
+        expected = system(1j * omega) * np.exp(-0.1j * omega)
+        scale = np.abs(expected).max()
+        assert np.abs(loop.frequency_response(omega) - expected).max() < 1e-7 * scale
+
+
+def test_zero_gain_loop():
+    assert DeadTimeLoop(0.0 / (S + 1)).margins().ms == 1.0
+    assert not DeadTimeLoop(Rational(np.array([]), np.array([1.0]), 0.0)).is_stable()
