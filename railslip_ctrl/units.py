@@ -11,6 +11,7 @@ import math
 import re
 import tokenize
 from functools import cache
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
@@ -20,21 +21,29 @@ from .errors import InputError
 if TYPE_CHECKING:
     import pint
 
-# A quantity is short; the bound keeps nonsense out of the unit parser.
-_LONGEST_QUANTITY = 60
-_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-zµ°%(][\w*/^().·²³µ°% -]*)?\s*$")
-
 KMH = 1.0 / 3.6
 """One kilometre per hour in m/s (exact)."""
 
+# A quantity is short: what is longer is not looked at.
+_LONGEST_QUANTITY = 60
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
+_NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
 
-# What the unit parser raises on malformed text, besides its own errors (all of which derive from these).
+# The words of a unit. Only these reach Pint, whose own grammar is wider (numbers, towers of powers such as
+# 9**9**9**9, the word "squared") and can be made to compute for ever.
+_UNIT_WORD = re.compile(
+    r"\s*(?:(?P<name>[A-Za-zµμΩ_]+|°[A-Za-z]*|%)"
+    r"|(?P<power>(?:\^|\*\*)\s*-?[1-4](?![0-9])|[²³])"
+    r"|(?P<one>1(?![0-9]))|(?P<open>\()|(?P<close>\))|(?P<sign>[*/·]))\s*"
+)
+_MOST_POWERS = 6
+
+# What Pint raises on an unknown name or on words in an impossible order, besides its own errors.
 _UNIT_PARSER_FAILURES = (
     ArithmeticError,
     AssertionError,
     AttributeError,
     LookupError,
-    RecursionError,
     SyntaxError,
     TypeError,
     ValueError,
@@ -49,60 +58,117 @@ def _registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry(cache_folder=None)
 
 
-def to_unit(value: object, unit: str, *, name: str) -> float:
+def to_unit(value: object, unit: str, *, name: str = "") -> float:
     """Return `value` as a finite number of `unit`.
 
     Parameters
     ----------
-    value : number or str
+    value : real number or str
         A number is taken to be in `unit` already; a string may be a number or a number with a unit of the
-        same dimension.
+        same dimension. A unit is names, products, quotients, parentheses and powers of 1 to 4.
     unit : str
         Unit of the result, in Pint's spelling: "kg", "N*m/(m/s)", "km/h", "1" for a pure number.
     name : str
-        What to call the quantity in an error.
+        What to call the quantity in an error; left out, the error begins with the value.
 
     Raises
     ------
     InputError
         Not a number, not finite, or of another dimension.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise InputError(f"{name}: {value!r} is not a number{_in(unit)}")
-    if isinstance(value, str):
-        value = _parse(value, unit, name)
-    number = float(value)
-    if not math.isfinite(number):
-        raise InputError(f"{name}: {number} is not allowed; give a finite number{_in(unit)}")
+    try:
+        number = _number(value, unit)
+        if not math.isfinite(number):
+            raise InputError(f"{number} is not allowed; give a finite number{_in(unit)}")
+    except InputError as error:
+        raise InputError(f"{name}: {error}" if name else str(error)) from None
     return number
+
+
+def shown(value: object) -> str:
+    """Return `value` as a short piece of one line, for an error: text quoted and cut, containers by kind only."""
+    if isinstance(value, str):
+        return repr(value if len(value) <= _LONGEST_QUANTITY else value[:_LONGEST_QUANTITY] + "...")
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, (list, tuple)):
+        return "a list"
+    if isinstance(value, int) and value.bit_length() > 200:  # Python refuses to print the largest
+        return f"an integer of {value.bit_length()} bits"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST_QUANTITY else text[:_LONGEST_QUANTITY] + "..."
 
 
 def _in(unit: str) -> str:
     return "" if unit == "1" else f" in {unit}"
 
 
-def _parse(text: str, unit: str, name: str) -> float:
-    if text.strip().lower() in {"nan", "inf", "+inf", "-inf", "infinity", "-infinity"}:
+def _number(value: object, unit: str) -> float:
+    if isinstance(value, str):
+        return _parse(value, unit)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{shown(value)} is not a number{_in(unit)}")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InputError(f"{shown(value)} is too large; give a finite number{_in(unit)}") from None
+
+
+def _parse(text: str, unit: str) -> float:
+    if _NOT_FINITE.fullmatch(text):
         return float(text)
-    match = _QUANTITY.match(text) if len(text) <= _LONGEST_QUANTITY else None
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST_QUANTITY else None
     if match is None:
-        raise InputError(f"{name}: {text[:_LONGEST_QUANTITY]!r} is not a number{_in(unit)}, with or without a unit")
-    number, given = float(match[1]), match[2]
-    if given is None:
-        return number
-    return number * _factor(given.strip(), unit, name, text)
+        raise InputError(f"{shown(text)} is not a number{_in(unit)}, with or without a unit")
+    number, given = float(match[1]), (match[2] or "").strip()
+    return number * _factor(given, unit, text) if given else number
 
 
-def _factor(given: str, unit: str, name: str, text: str) -> float:
+def _factor(given: str, unit: str, text: str) -> float:
+    """How many `unit` one `given` is."""
+    words = _unit_words(given)
+    if words is None:
+        raise _not_a_unit(given, unit, text)
+
     import pint
 
     registry = _registry()
     try:
-        return float(registry.Quantity(1.0, registry.parse_units(given)).to("" if unit == "1" else unit).magnitude)
+        parsed = registry.parse_units(words)
+        target = "" if unit == "1" else unit
+        one, two = (float(registry.Quantity(count, parsed).to(target).magnitude) for count in (1.0, 2.0))
     except pint.DimensionalityError:
-        raise InputError(f"{name}: {text!r} has the wrong dimension; it must be convertible to {unit!r}") from None
+        raise InputError(f"{shown(text)} has the wrong dimension; it must be convertible to {unit!r}") from None
     except _UNIT_PARSER_FAILURES:
-        raise InputError(f"{name}: {given!r} in {text!r} is not a unit; give a number{_in(unit)}") from None
+        raise _not_a_unit(given, unit, text) from None
+    # decibels and temperatures with an offset are no multiples of a unit
+    if not math.isclose(two, 2.0 * one, rel_tol=1e-9):
+        raise _not_a_unit(given, unit, text)
+    return one
+
+
+def _not_a_unit(given: str, unit: str, text: str) -> InputError:
+    return InputError(f"{shown(given)} in {shown(text)} is not a unit; give a number{_in(unit)}")
+
+
+def _unit_words(given: str) -> str | None:
+    """Return `given` in the few words Pint is shown, a product for every space, or None if it holds others."""
+    words: list[str] = []
+    previous = ""
+    position = 0
+    while position < len(given):
+        match = _UNIT_WORD.match(given, position)
+        if match is None:
+            return None
+        kind = str(match.lastgroup)
+        # a power stands on a unit, never on a power
+        if kind == "power" and previous not in {"name", "close"}:
+            return None
+        if kind in {"name", "one", "open"} and previous in {"name", "one", "close", "power"}:
+            words.append("*")
+        words.append(match[kind].replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**"))
+        previous, position = kind, match.end()
+    return "".join(words) if sum("**" in word for word in words) <= _MOST_POWERS else None
 
 
 def quantity(

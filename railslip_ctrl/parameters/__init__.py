@@ -1,5 +1,6 @@
 """Frozen parameter records, published sets, and files."""
 
+from .files import load_vehicle
 from .published import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI
 from .records import GRAVITY, Actuator, PIGains, Rail, Record, Resistance, Vehicle, Wheel
 
@@ -16,4 +17,5 @@ __all__ = [
     "Resistance",
     "Vehicle",
     "Wheel",
+    "load_vehicle",
 ]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
 
+from railslip_ctrl.errors import InputError
 from railslip_ctrl.units import quantity, to_unit
 
 GRAVITY = 9.80665
@@ -30,7 +31,7 @@ class Record(BaseModel):
         """Convert what was given for a field made by `units.quantity` to that field's unit."""
         extra = cls.model_fields[info.field_name or ""].json_schema_extra
         if isinstance(extra, dict) and "unit" in extra:
-            return to_unit(value, str(extra["unit"]), name=info.field_name or "")
+            return to_unit(value, str(extra["unit"]))  # pydantic names the field itself
         return value
 
 
@@ -86,6 +87,14 @@ class Vehicle(Record):
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
     source: str = ""
     notes: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _load_adds(self) -> Vehicle:
+        if self.mass_loaded < self.mass:
+            raise InputError(
+                f"mass_loaded: {self.mass_loaded:g} is not allowed; give a value >= mass = {self.mass:g} (kg)"
+            )
+        return self
 
     @property
     def effective_mass(self) -> float:
