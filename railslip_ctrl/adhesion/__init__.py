@@ -1,0 +1,22 @@
+"""Adhesion laws, one a module: parameters, domain, dry and wet, and the equations in SymPy.
+
+To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itself.
+"""
+
+from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
+from .files import load_law
+from .registry import law_class, law_classes, law_names, published_law
+
+__all__ = [
+    "INITIAL_SPEED_RANGE_KMH",
+    "RIG_WHEEL_LOAD",
+    "AdhesionLaw",
+    "Kink",
+    "ReferenceSlip",
+    "Statement",
+    "law_class",
+    "law_classes",
+    "law_names",
+    "load_law",
+    "published_law",
+]

@@ -1,0 +1,195 @@
+"""What every adhesion law is: a record of parameters in SI, with its equations stated in SymPy on request."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
+from railslip_ctrl.parameters import Rail, Record
+from railslip_ctrl.units import quantity
+
+INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
+"""Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
+
+RIG_WHEEL_LOAD = 34_500.0
+"""Wheel load, N, at which the published parameters were identified ([Park2008] Table 1)."""
+
+
+class ReferenceSlip(Record):
+    """Slip ratio to be held by the controller, by rail condition."""
+
+    dry: float = quantity("1", "reference slip ratio, dry rail", gt=0, lt=1)
+    wet: float = quantity("1", "reference slip ratio, wet rail", gt=0, lt=1)
+
+
+@dataclass(frozen=True)
+class Kink:
+    """A slip ratio at which the law has no unique derivative, or no rest state, and why."""
+
+    slip: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A law in SymPy, in the symbols of `notation` (v, sigma, z, N) and of `AdhesionLaw.symbols`.
+
+    Attributes
+    ----------
+    force : Expr
+        Adhesion force Fa, N; has the sign of sigma at rest.
+    state_rate : Expr or None
+        z', m/s; None for a static law.
+    steady_state : Expr or None
+        z at rest (z' = 0) as a function of sigma, in closed form; None for a static law.
+    functions : mapping
+        Numeric counterpart "module:function" of each SymPy function the law defines, by class name.
+    """
+
+    force: Any
+    state_rate: Any = None
+    steady_state: Any = None
+    functions: Mapping[str, str] = field(default_factory=dict)
+
+
+class AdhesionLaw(Record):
+    """Base of the adhesion laws.
+
+    A law is one module of this package with one subclass; nothing else has to name it. Its fields made by
+    `units.quantity` are its parameters, SI, in the order in which numeric functions take them.
+
+    Sign convention: sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma|
+    where the source's form would diverge for sigma < 0.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    source: ClassVar[str]
+    has_state: ClassVar[bool]
+    wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    """Factors that turn the dry parameters into the wet ones."""
+
+    rail: Rail = Rail.DRY
+    reference: ReferenceSlip | None = None
+
+    @classmethod
+    @abstractmethod
+    def statement(cls) -> Statement:
+        """The law's equations. SymPy is imported inside, so that evaluating numbers does not need it."""
+
+    @classmethod
+    def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
+        """The published parameter set for a rail condition, v0 in km/h (30 to 140) and wheel load in N.
+
+        Raises
+        ------
+        MissingParametersError
+            The source gives no parameters for this law.
+        InputError
+            v0 outside 30 to 140 km/h, or a wheel load that is not positive.
+        """
+        raise MissingParametersError(
+            f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
+            "give them in a TOML file with --adhesion FILE.toml"
+        )
+
+    @classmethod
+    def parameter_names(cls) -> tuple[str, ...]:
+        """The law's parameters, in order."""
+        return tuple(
+            name
+            for name, info in cls.model_fields.items()
+            if isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra
+        )
+
+    @classmethod
+    def symbols(cls) -> tuple[Any, ...]:
+        """SymPy symbols of the parameters, in order; positive where the field must be."""
+        import sympy as sp
+
+        return tuple(
+            sp.Symbol(name, positive=True)
+            if _is_positive(cls.model_fields[name].metadata)
+            else sp.Symbol(name, real=True)
+            for name in cls.parameter_names()
+        )
+
+    def parameters(self) -> tuple[float, ...]:
+        """The parameters' values, SI, in order."""
+        return tuple(float(getattr(self, name)) for name in self.parameter_names())
+
+    def wet(self) -> Self:
+        """The law on wet rail: the dry parameters times `wet_factors`; a wet law is returned as it is."""
+        if self.rail is Rail.WET:
+            return self
+        update: dict[str, object] = {name: factor * getattr(self, name) for name, factor in self.wet_factors.items()}
+        return self.model_copy(update={**update, "rail": Rail.WET})
+
+    def on(self, rail: Rail) -> Self:
+        """The law on a rail condition. InputError when wet parameters were given and dry ones are asked for."""
+        if rail is Rail.DRY and self.rail is Rail.WET:
+            raise InputError(
+                f"adhesion {self.name!r}: its parameters are for wet rail; dry ones do not follow from them"
+            )
+        return self.wet() if rail is Rail.WET else self
+
+    def reference_slip(self, rail: Rail) -> float | None:
+        """Reference slip ratio on a rail condition; None where neither source nor user gives one."""
+        if self.reference is None:
+            return None
+        return self.reference.wet if rail is Rail.WET else self.reference.dry
+
+    def domain_limit(self, v: float) -> tuple[float, str]:
+        """Slip ratio the law must stay below at speed v (m/s), and why; infinite where there is none."""
+        return math.inf, ""
+
+    def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
+        """Slip ratios at which the law is not differentiable, at speed v (m/s) and wheel load (N)."""
+        return (REST_STATE_UNDEFINED,) if self.has_state else ()
+
+    def check_domain(self, v: float, sigma: ArrayLike) -> None:
+        """Raise DomainError unless v > 0 is finite, 0 <= sigma/v <= 1 and the law holds there.
+
+        v in m/s; sigma in m/s, a number or an array (the first value outside is named).
+        """
+        if not (math.isfinite(v) and v > 0.0):
+            raise DomainError(f"speed: {v:g} m/s is outside the domain of slip; give a finite speed > 0")
+        slip = np.atleast_1d(np.asarray(sigma, dtype=float)) / v
+        outside = ~((slip >= 0.0) & (slip <= 1.0))
+        if outside.any():
+            raise DomainError(f"slip: {slip[outside][0]:g} is outside 0 to 1")
+        limit, reason = self.domain_limit(v)
+        beyond = slip >= limit
+        if beyond.any():
+            raise DomainError(
+                f"slip: {slip[beyond][0]:g} at {3.6 * v:g} km/h is outside the domain of adhesion {self.name!r}: "
+                f"{reason}; stay below slip {limit:.4g}"
+            )
+
+
+REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is at rest, so the adhesion state is undefined")
+"""Why a dynamic law cannot be linearised at slip 0: z' vanishes with sigma whatever z is."""
+
+
+def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
+    """Raise InputError unless the published parameters cover the initial speed (km/h) and the wheel load (N)."""
+    low, high = INITIAL_SPEED_RANGE_KMH
+    if not low <= initial_speed_kmh <= high:
+        raise InputError(
+            f"initial speed: {initial_speed_kmh:g} km/h is outside {low:g} to {high:g} km/h, "
+            "the range of the published adhesion parameters"
+        )
+    if not (math.isfinite(wheel_load) and wheel_load > 0.0):
+        raise InputError(f"wheel load: {wheel_load:g} N is not allowed; give a finite load > 0")
+
+
+def _is_positive(metadata: list[Any]) -> bool:
+    return any(getattr(constraint, "gt", None) is not None and constraint.gt >= 0 for constraint in metadata)

@@ -1,0 +1,54 @@
+"""Finding the laws: every module of this package that defines an `AdhesionLaw` is one, without being listed."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
+import railslip_ctrl.adhesion as package
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
+
+from .base import AdhesionLaw
+
+_NOT_LAWS = frozenset({"base", "files", "registry"})
+
+
+def _laws() -> Iterator[type[AdhesionLaw]]:
+    for info in pkgutil.iter_modules(package.__path__):
+        if info.name in _NOT_LAWS:
+            continue
+        module = importlib.import_module(f"{package.__name__}.{info.name}")
+        for value in vars(module).values():
+            if isinstance(value, type) and issubclass(value, AdhesionLaw) and value.__module__ == module.__name__:
+                yield value
+
+
+def law_classes() -> dict[str, type[AdhesionLaw]]:
+    """The laws by name, in alphabetical order."""
+    return {law.name: law for law in sorted(_laws(), key=lambda law: law.name)}
+
+
+def law_names() -> tuple[str, ...]:
+    """Names of the laws, in alphabetical order."""
+    return tuple(law_classes())
+
+
+def law_class(name: str) -> type[AdhesionLaw]:
+    """The law of a name ("tyre-lugre" is "tyre_lugre"); InputError, listing the names, for another."""
+    laws = law_classes()
+    key = name.strip().lower().replace("-", "_")
+    if key not in laws:
+        raise InputError(f"adhesion: {name!r} is not a law; choose one of {', '.join(laws)}")
+    return laws[key]
+
+
+def published_law(
+    name: str,
+    rail: Rail,
+    initial_speed_kmh: float = INITIAL_SPEED_KMH,
+    wheel_load: float = PARK2008.wheel_load,
+) -> AdhesionLaw:
+    """The published parameter set of a law by name; see `AdhesionLaw.published`."""
+    return law_class(name).published(rail, initial_speed_kmh, wheel_load)

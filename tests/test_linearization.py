@@ -1,0 +1,216 @@
+"""Operating points and linear plants against published values, python-control and closed forms."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from pathlib import Path
+
+import control as ct
+import numpy as np
+import pytest
+from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
+
+import railslip_ctrl.adhesion
+from railslip_ctrl.adhesion import law_class, published_law
+from railslip_ctrl.errors import DomainError, KinkError
+from railslip_ctrl.linearization import frozen_speed_plant, linearize, nonlinear_plant, operating_point
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.units import KMH
+
+V100 = 100.0 * KMH
+
+
+def bristle_point(slip: float = 0.132):  # type: ignore[no-untyped-def]
+    return operating_point(published_law("bristle", Rail.DRY), PARK2008, V100, slip)
+
+
+# --- published and independent values ------------------------------------------------------------------------------
+
+
+def test_wheel_slip_loop_poles() -> None:
+    """The wheel-slip loop: dry, 100 km/h, slip 0.132, 3517 kg; tolerance half a unit of the last digit."""
+    poles = linearize(bristle_point()).poles
+    assert poles.real == pytest.approx([0.82083763, -8.63596062], abs=0.5e-8)
+    assert (poles.imag == 0.0).all()
+
+
+def test_trim_torque() -> None:
+    point = bristle_point()
+    assert point.brake_torque == pytest.approx(4787.78, abs=0.005)  # printed digits
+    assert point.adhesion_coefficient == pytest.approx(0.29850, abs=0.5e-5)
+    assert (point.adhesion, point.rail, point.slip) == ("bristle", Rail.DRY, 0.132)
+    assert point.speed_kmh == pytest.approx(100.0, rel=1e-15)
+    assert point.residual < 1e-14  # a few roundings
+
+
+def test_slip_pole_in_steady_state() -> None:
+    """About +0.91 1/s: (1/M + r^2/J)/beta, as Fa = (gamma - sigma)/beta at rest."""
+    law = published_law("bristle", Rail.DRY)
+    A = linearize(bristle_point()).A
+    # z eliminated at rest: the slope of the static characteristic
+    reduced = A[0, 0] - A[0, 1] * A[1, 0] / A[1, 1]
+    slope = 1.0 / law.parameters()[1]
+    assert reduced == pytest.approx((1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35, rel=1e-12)  # closed form
+    assert reduced == pytest.approx(0.91, abs=0.005)
+
+
+# --- derivatives ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rail", Rail)
+@pytest.mark.parametrize("name", ALL_LAWS)
+@pytest.mark.parametrize("speed_state", [False, True])
+def test_against_python_control(name: str, rail: Rail, speed_state: bool) -> None:
+    law = sample_law(name, rail)
+    slip = law.reference_slip(rail) or 0.11
+    point = operating_point(law, PARK2008, 70.0 * KMH, slip)
+    ours = linearize(point, speed_state=speed_state)
+    if speed_state:
+        system = nonlinear_plant(law, PARK2008, reference_slip=slip)
+    else:
+        system = frozen_speed_plant(law, PARK2008, point.speed, reference_slip=slip)
+    z = [] if point.adhesion_state is None else [point.adhesion_state]
+    x = [*([point.speed] if speed_state else []), point.sigma, *z]
+    theirs = ct.linearize(system, x, [point.brake_torque, 0.0, 0.0], eps=1e-6)
+    # forward differences with step 1e-6: truncation 1e-6 f''/2 and rounding 1e-16 * 1e2/1e-6
+    np.testing.assert_allclose(theirs.A, ours.A, rtol=2e-6, atol=2e-6)
+    np.testing.assert_allclose(theirs.B[:, :1], ours.B, rtol=2e-6, atol=2e-6)
+    np.testing.assert_allclose(theirs.C[:3], ours.C, rtol=2e-6, atol=2e-6)
+    np.testing.assert_array_equal(theirs.D[:3, :1], ours.D)
+    assert system.state_labels == list(ours.states)
+    assert system.output_labels == ["sigma", "lambda", "error", "v", "omega"]
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+@pytest.mark.parametrize("speed_state", [False, True])
+def test_poles_zeros_and_transfer_function(name: str, speed_state: bool) -> None:
+    plant = linearize(operating_point(sample_law(name), PARK2008, V100, 0.12), speed_state=speed_state)
+    system = plant.to_control()
+    assert system.state_labels == list(plant.states)
+    assert system.input_labels == ["brake_torque"]
+    assert system.output_labels == ["sigma", "lambda", "error"]
+    to_sigma = system["sigma", "brake_torque"]
+    # two ways to the same eigenvalues: roundings of entries of order 1e3
+    np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(ct.poles(to_sigma)), atol=1e-9)
+    np.testing.assert_allclose(np.sort_complex(plant.zeros), np.sort_complex(ct.zeros(to_sigma)), atol=1e-9)
+    num, den = plant.transfer_function()
+    s = 0.3 + 1.7j
+    assert np.polyval(num, s) / np.polyval(den, s) == pytest.approx(complex(to_sigma(s)), rel=1e-9)
+    assert plant.speed_state is speed_state
+
+
+def test_outputs() -> None:
+    plant = linearize(bristle_point(), speed_state=True)
+    v, slip = V100, 0.132
+    expected = [[0, 1, 0], [-slip / v, 1 / v, 0], [slip, -1, 0]]
+    np.testing.assert_allclose(plant.C, expected, rtol=1e-15)
+    assert plant.states == ("v", "sigma", "z")
+    frozen = linearize(bristle_point())
+    np.testing.assert_allclose(frozen.C, [[1, 0], [1 / v, 0], [-1, 0]], rtol=1e-15)
+    np.testing.assert_allclose(frozen.B, [[0.43 / 60.35], [0.0]], rtol=1e-14)  # r/J
+
+
+def test_frozen_speed_is_the_sub_block_of_the_full_plant() -> None:
+    point = bristle_point()
+    frozen, full = linearize(point), linearize(point, speed_state=True)
+    np.testing.assert_array_equal(frozen.A, full.A[1:, 1:])
+    # Freezing the speed is a good approximation of the slip mode: v moves by (Fa + Fr)/M = 3 m/s^2 only through
+    # the 1/M terms, 5 % of r^2/J; here the unstable pole moves by less than 1e-3 of itself.
+    assert full.poles[0].real == pytest.approx(frozen.poles[0].real, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+@pytest.mark.parametrize("rail", Rail)
+@pytest.mark.parametrize("speed_kmh", [5.0, 40.0, 100.0])
+def test_operating_points_are_at_rest(name: str, rail: Rail, speed_kmh: float) -> None:
+    for slip in (0.001, 0.05, 0.132, 0.6):
+        point = operating_point(sample_law(name, rail), PARK2008, speed_kmh * KMH, slip)
+        system = nonlinear_plant(point.law, PARK2008, reference_slip=slip)
+        z = [] if point.adhesion_state is None else [point.adhesion_state]
+        rate = system.dynamics(0.0, [point.speed, point.sigma, *z], [point.brake_torque, 0.0, 0.0])
+        # lambda' = (sigma' - lambda v')/v; accelerations of 100 m/s^2 cancel to rounding
+        assert rate[1] - slip * rate[0] == pytest.approx(0.0, abs=1e-11)
+
+
+def test_inertia_scale_and_mass_enter() -> None:
+    law = published_law("bristle", Rail.DRY)
+    scaled = operating_point(law, PARK2008.model_copy(update={"inertia_scale": 3.6}), V100, 0.132)
+    # trim torque: r Fa - B omega + (J/M)(...): the ratio J/M stays, B omega grows 3.6 times
+    omega = (1 - 0.132) * V100 / 0.43
+    assert scaled.brake_torque - bristle_point().brake_torque == pytest.approx(-2.6 * 0.25 * omega, rel=1e-10)
+    loaded = linearize(operating_point(law, PARK2008.loaded(), V100, 0.132))
+    assert loaded.poles[0].real < linearize(bristle_point()).poles[0].real
+
+
+# --- refusals ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slip", [1.0, -0.1, 1.5, math.nan, math.inf])
+def test_slip_out_of_range(slip: float) -> None:
+    reason = "locked wheel" if slip == 1.0 else "0 <= slip < 1"
+    with pytest.raises(DomainError, match=reason):
+        bristle_point(slip)
+
+
+@pytest.mark.parametrize("speed", [0.0, -3.0, math.nan, math.inf])
+def test_speed_out_of_range(speed: float) -> None:
+    with pytest.raises(DomainError, match="speed"):
+        operating_point(published_law("beam", Rail.DRY), PARK2008, speed, 0.1)
+
+
+def test_domain_of_the_law() -> None:
+    with pytest.raises(DomainError, match="gamma"):
+        operating_point(published_law("bristle", Rail.DRY, 140.0), PARK2008, 140 * KMH, 0.83)
+
+
+@pytest.mark.parametrize("rail", Rail)
+def test_kink_of_the_beam(rail: Rail) -> None:
+    law = published_law("beam", rail)
+    (kink,) = law.kinks(V100, PARK2008.wheel_load)
+    point = operating_point(law, PARK2008, V100, kink.slip)
+    with pytest.raises(KinkError, match="whole footprint"):
+        linearize(point)
+    below = linearize(operating_point(law, PARK2008, V100, kink.slip * (1 - 1e-6)))
+    above = linearize(operating_point(law, PARK2008, V100, kink.slip * (1 + 1e-6)))
+    assert abs(below.poles[0] - above.poles[0]) > 0.1  # the derivative does jump there
+
+
+@pytest.mark.parametrize("name", DYNAMIC_LAWS)
+def test_dynamic_laws_have_no_rest_state_without_slip(name: str) -> None:
+    with pytest.raises(KinkError, match="undefined"):
+        operating_point(sample_law(name), PARK2008, V100, 0.0)
+
+
+@pytest.mark.parametrize(("name", "slope"), [("beam", 274_360.0), ("curve", 0.0)])
+def test_static_laws_without_slip(name: str, slope: float) -> None:
+    """dFa/dlambda at 0: Kx for the beam (9); 0 for the curve, which starts as alpha s^2/(2 R)."""
+    plant = linearize(operating_point(published_law(name, Rail.DRY), PARK2008, V100, 0.0))
+    expected = -(1 / 3517 + 0.43**2 / 60.35) * slope / V100 - 0.25 / 60.35
+    assert plant.poles[0].real == pytest.approx(expected, rel=1e-12)  # rounding
+
+
+WRONG_LAW = """
+from typing import ClassVar
+from railslip_ctrl.adhesion.base import Statement
+from railslip_ctrl.adhesion.dahl import Dahl
+
+class WrongRest(Dahl):
+    name: ClassVar[str] = "wrong_rest"
+
+    @classmethod
+    def statement(cls):
+        right = super().statement()
+        return Statement(force=right.force, state_rate=right.state_rate, steady_state=right.steady_state / 2)
+"""
+
+
+def test_a_law_with_a_wrong_rest_state_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "wrong_rest.py").write_text(WRONG_LAW)
+    monkeypatch.setattr(railslip_ctrl.adhesion, "__path__", [*railslip_ctrl.adhesion.__path__, str(tmp_path)])
+    importlib.invalidate_caches()
+    law = law_class("wrong_rest").model_validate({"alpha": 1e4, "Fc": 9e3})
+    with pytest.raises(DomainError, match="not at rest"):
+        operating_point(law, PARK2008, V100, 0.1)
+    sys.modules.pop("railslip_ctrl.adhesion.wrong_rest")
