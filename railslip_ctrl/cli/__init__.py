@@ -1,0 +1,76 @@
+"""The `railslip` command: one module a subcommand, loaded when it is called."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+import click
+
+from railslip_ctrl import __version__
+from railslip_ctrl.errors import RailslipError
+
+PROGRAM = "railslip"
+
+_COMMANDS = {
+    "report": "the main job: the design check of a vehicle, dry and wet rail, with pictures",
+    "linearize": "operating point, A B C D, poles, zeros, transfer function",
+    "margins": "stability-margin report of a PI loop, exact dead time",
+}
+
+
+class _LazyGroup(click.Group):
+    """Lists the commands without importing them; each costs only its own imports."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        command: click.Command = import_module(f".{cmd_name}", __name__).command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name=PROGRAM)
+def railslip() -> None:
+    """Wheel-slip control design for trains. Plain numbers are SI unless the option names a unit; a value may carry
+    its own unit ("3.5 t", "65 N*m/(km/h)"). Exit status: 0 done, 1 the check does not hold, 2 bad input."""
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit; every error is one line on standard error."""
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure: Any = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")  # a terminal without Unicode shows "?", it does not fail
+    try:
+        status = railslip.main(args=arguments, prog_name=PROGRAM, standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        sys.exit(2)
+    except click.ClickException as error:
+        _fail(error.format_message())
+    except RailslipError as error:
+        _fail(str(error))
+    except (click.Abort, KeyboardInterrupt):
+        click.echo(f"{PROGRAM}: interrupted", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        # the reader (head, less) has gone: nothing more to say, and nothing to say it to
+        sys.stdout = None
+        sys.exit(141)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _fail(message: str) -> NoReturn:
+    click.echo(f"{PROGRAM}: error: {' '.join(message.split())}", err=True)
+    sys.exit(2)

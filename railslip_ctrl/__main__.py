@@ -1,0 +1,5 @@
+"""`python -m railslip_ctrl` is the `railslip` command."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,153 @@
+"""The stability assessment of one wheel-slip loop at one operating point: what the reports show."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .design import PIController, wheel_slip_loop
+from .linearization import LinearPlant, OperatingPoint
+from .loop import DeadTimeLoop, Margins
+from .parameters import Actuator
+
+PADE_ORDERS = (1, 2, 3, 4, 5)
+
+ROBUST_MS = 2.0
+"""Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
+
+
+class Verdict(StrEnum):
+    """What a loop is, in a word."""
+
+    UNSTABLE = "unstable"
+    FRAGILE = "stable but fragile"
+    ROBUST = "robust"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rightmost plant pole p and the actuator (dead time tau, lag T) leave to any controller.
+
+    Attributes
+    ----------
+    unstable_pole : float
+        p, 1/s; 0 if the plant is stable.
+    doubling_time : float
+        ln 2/p, s; inf if the plant is stable.
+    actuator_product : float
+        p (tau + T). A PI can stabilise k/(s - p) behind lag and dead time only if it is < 1.
+    mt_bound : float
+        exp(p tau): no controller gets Mt below it, as T(p) = 1 through the dead time ([Astrom2021] 14).
+    ms_bound : float
+        max(1, exp(p tau) - 1): no controller gets Ms below it, as |S| >= |T| - 1.
+    """
+
+    unstable_pole: float
+    doubling_time: float
+    actuator_product: float
+    mt_bound: float
+    ms_bound: float
+
+
+@dataclass(frozen=True)
+class PadeRow:
+    """The same loop with the dead time replaced by a Pade approximation; `margins` is None where that is unstable."""
+
+    order: int
+    margins: Margins | None
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """One loop, assessed. `margins` is None and `pade` rows still tell, if the loop is unstable."""
+
+    label: str
+    plant: LinearPlant
+    controller: PIController
+    actuator: Actuator
+    loop: DeadTimeLoop
+    limits: Limits
+    stable: bool
+    marginal: bool
+    unstable_poles: float
+    closed_loop_poles: NDArray[np.complex128]
+    stabilizing_gain_range: tuple[float, float] | None
+    margins: Margins | None
+    pade: tuple[PadeRow, ...]
+    verdict: Verdict
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The operating point."""
+        return self.plant.point
+
+    @property
+    def verdict_line(self) -> str:
+        """The verdict in a sentence, with the number that decides it."""
+        if self.margins is not None:
+            return f"{self.verdict.value} (Ms {self.margins.ms:.3g})"
+        how_many = "a chain of" if math.isinf(self.unstable_poles) else f"{self.unstable_poles:g}"
+        where = "on the imaginary axis" if self.marginal else "in the right half plane"
+        usable = self.stabilizing_gain_range
+        remedy = (
+            "no loop gain of this controller stabilises it"
+            if usable is None
+            else f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
+        )
+        return f"{self.verdict.value}: {how_many} closed-loop pole(s) {where}; {remedy}"
+
+
+def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
+    """Limits set by the plant's rightmost pole and the actuator."""
+    p = max(float(plant.poles.real.max()), 0.0)
+    mt = math.exp(p * actuator.dead_time)
+    return Limits(
+        unstable_pole=p,
+        doubling_time=math.log(2) / p if p > 0 else math.inf,
+        actuator_product=p * (actuator.dead_time + actuator.lag),
+        mt_bound=mt,
+        ms_bound=max(1.0, mt - 1.0),
+    )
+
+
+def assess(
+    plant: LinearPlant, controller: PIController, actuator: Actuator, *, label: str = "", poles: int = 6
+) -> Assessment:
+    """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
+
+    `label` names the controller in reports; `poles` is the number of rightmost closed-loop poles to find.
+    """
+    loop = wheel_slip_loop(plant, controller, actuator)
+    stable = loop.is_stable()
+    margins = loop.margins() if stable else None
+    return Assessment(
+        label=label or controller.structure,
+        plant=plant,
+        controller=controller,
+        actuator=actuator,
+        loop=loop,
+        limits=limits_of(plant, actuator),
+        stable=stable,
+        marginal=loop.root_count.marginal,
+        unstable_poles=loop.unstable_closed_loop_poles,
+        closed_loop_poles=loop.closed_loop_poles(poles),
+        stabilizing_gain_range=loop.stabilizing_gain_range,
+        margins=margins,
+        pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS),
+        verdict=_verdict(margins),
+    )
+
+
+def _verdict(margins: Margins | None) -> Verdict:
+    if margins is None:
+        return Verdict.UNSTABLE
+    return Verdict.ROBUST if margins.ms <= ROBUST_MS else Verdict.FRAGILE
+
+
+def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
+    approximate = loop.pade(order)
+    return PadeRow(order, approximate.margins() if approximate.is_stable() else None)

@@ -1,0 +1,74 @@
+"""`railslip margins`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from railslip_ctrl.assessment import assess
+from railslip_ctrl.design import PIController
+from railslip_ctrl.linearization import linearize
+from railslip_ctrl.report import margins_json, margins_text
+
+from .options import (
+    Quantity,
+    actuator_options,
+    case_options,
+    chosen_gains,
+    chosen_points,
+    chosen_vehicle,
+    gain_options,
+)
+from .output import print_json
+
+
+@click.command()
+@case_options
+@actuator_options
+@gain_options
+@click.option(
+    "--lead",
+    default=0.0,
+    type=Quantity("s", ge=0),
+    metavar="S",
+    help="Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.  [default: none]",
+)
+@click.option(
+    "--lead-filter", default=0.0, type=Quantity("s", ge=0), metavar="F", help="Its filter time constant F, s."
+)
+@click.pass_context
+def command(
+    ctx: click.Context,
+    adhesion: str,
+    rails: tuple[str, ...],
+    speeds: tuple[float, ...],
+    initial_speed: float,
+    slip: float | None,
+    vehicle: Path | None,
+    loaded: bool,
+    mass: float | None,
+    inertia_scale: float | None,
+    as_json: bool,
+    dead_time: float | None,
+    lag: float | None,
+    kp: float | None,
+    ki: float | None,
+    lead: float,
+    lead_filter: float,
+) -> None:
+    """Stability margins of the wheel-slip loop with a PI, the dead time exact. Exit status 1 if a loop is unstable.
+
+    Example: railslip margins --rail dry --kp 190 --ki 5
+    """
+    gains = chosen_gains(kp, ki)
+    chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag)
+    points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
+    assessments = [
+        assess(linearize(point), PIController(gains(point), lead, lead_filter), chosen.actuator) for point in points
+    ]
+    if as_json:
+        print_json({"cases": [margins_json(assessment) for assessment in assessments]})
+    else:
+        click.echo(margins_text(assessments), nl=False)
+    ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)

@@ -1,0 +1,204 @@
+"""Options that the commands share, and the operating points they name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from railslip_ctrl.adhesion import AdhesionLaw, load_law, published_law
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import OperatingPoint, operating_point
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, PIGains, Rail, Vehicle, load_vehicle
+from railslip_ctrl.units import KMH, to_unit
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class Quantity(click.ParamType[float]):
+    """A finite number in `unit`, or text with a unit of that dimension, within bounds."""
+
+    name = "number"
+
+    def __init__(self, unit: str, *, gt: float | None = None, ge: float | None = None, lt: float | None = None) -> None:
+        self.unit, self.gt, self.ge, self.lt = unit, gt, ge, lt
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; raise InputError naming the option, the value and the bound."""
+        option = param.opts[0] if param is not None else ""
+        number = to_unit(value, self.unit, name=option)
+        for holds, sign, bound in (
+            (self.gt is None or number > self.gt, ">", self.gt),
+            (self.ge is None or number >= self.ge, ">=", self.ge),
+            (self.lt is None or number < self.lt, "<", self.lt),
+        ):
+            if not holds:
+                unit = "" if self.unit == "1" else f" {self.unit}"
+                raise InputError(f"{option}: {number:g}{unit} is not allowed; give a value {sign} {bound:g}{unit}")
+        return number
+
+
+def case_options(function: F) -> F:
+    """The options that name a vehicle and its operating points."""
+    options = [
+        click.option(
+            "--adhesion",
+            default="bristle",
+            show_default=True,
+            metavar="LAW|FILE.toml",
+            help="Adhesion law by name, or a file with a law and its parameters.",
+        ),
+        click.option(
+            "--rail",
+            "rails",
+            multiple=True,
+            metavar="dry|wet",
+            help="Rail condition; repeatable.  [default: both]",
+        ),
+        click.option(
+            "--speed",
+            "speeds",
+            multiple=True,
+            type=Quantity("km/h", gt=0),
+            metavar="KMH",
+            help="Train speed, km/h; repeatable.  [default: 100]",
+        ),
+        click.option(
+            "--initial-speed",
+            default=INITIAL_SPEED_KMH,
+            show_default=True,
+            type=Quantity("km/h", gt=0),
+            metavar="KMH",
+            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
+        ),
+        click.option(
+            "--slip",
+            type=Quantity("1", ge=0, lt=1),
+            metavar="X",
+            help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
+        ),
+        click.option(
+            "--vehicle",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
+        ),
+        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
+        click.option(
+            "--mass", type=Quantity("kg", gt=0), metavar="KG", help="Quarter-car mass M, kg; the wheel load stays."
+        ),
+        click.option(
+            "--inertia-scale",
+            type=Quantity("1", gt=0),
+            metavar="X",
+            help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def actuator_options(function: F) -> F:
+    """The options that change the brake actuator."""
+    for option in (
+        click.option("--lag", type=Quantity("s", ge=0), metavar="S", help="Actuator lag, s.  [default: the vehicle's]"),
+        click.option(
+            "--dead-time",
+            type=Quantity("s", ge=0),
+            metavar="S",
+            help="Actuator dead time, s.  [default: the vehicle's]",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def gain_options(function: F) -> F:
+    """The options that give the PI gains."""
+    for option in (
+        click.option(
+            "--ki",
+            type=Quantity("N*m/m"),
+            metavar="X",
+            help='Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"). Both gains or neither.',
+        ),
+        click.option(
+            "--kp",
+            type=Quantity("N*m/(m/s)"),
+            metavar="X",
+            help='Proportional gain, N*m/(m/s), or with a unit ("65 N*m/(km/h)").  [default: Table 4\'s]',
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def chosen_vehicle(
+    vehicle: Path | None,
+    loaded: bool,
+    mass: float | None,
+    inertia_scale: float | None,
+    dead_time: float | None = None,
+    lag: float | None = None,
+) -> Vehicle:
+    """The vehicle the options name."""
+    chosen = PARK2008 if vehicle is None else load_vehicle(vehicle)
+    if loaded:
+        chosen = chosen.loaded()
+    update: dict[str, object] = {}
+    if mass is not None:
+        update |= {"mass": mass, "mass_loaded": max(mass, chosen.mass_loaded)}
+    if inertia_scale is not None:
+        update["inertia_scale"] = inertia_scale
+    actuator = {k: v for k, v in (("dead_time", dead_time), ("lag", lag)) if v is not None}
+    if actuator:
+        update["actuator"] = chosen.actuator.model_copy(update=actuator)
+    return chosen.model_copy(update=update)
+
+
+def chosen_rails(rails: tuple[str, ...]) -> tuple[Rail, ...]:
+    """The rail conditions named, each once and in the order given; both if none is."""
+    for rail in rails:
+        if rail not in tuple(Rail):
+            raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
+    return tuple(dict.fromkeys(Rail(rail) for rail in rails)) or tuple(Rail)
+
+
+def chosen_points(
+    vehicle: Vehicle,
+    adhesion: str,
+    rails: tuple[str, ...],
+    speeds: tuple[float, ...],
+    initial_speed: float,
+    slip: float | None,
+) -> list[OperatingPoint]:
+    """The operating points the options name, in the order rail, speed."""
+    points = []
+    for rail in chosen_rails(rails):
+        law = _law(adhesion, rail, initial_speed, vehicle.wheel_load)
+        held = slip if slip is not None else law.reference_slip(rail)
+        if held is None:
+            raise InputError(f"--slip: adhesion {adhesion!r} has no reference slip; give --slip X")
+        points += [operating_point(law, vehicle, speed * KMH, held, rail=rail) for speed in speeds or (100.0,)]
+    return points
+
+
+def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
+    if adhesion.lower().endswith(".toml"):
+        return load_law(Path(adhesion)).on(rail)
+    return published_law(adhesion, rail, initial_speed, wheel_load)
+
+
+def chosen_gains(kp: float | None, ki: float | None) -> Callable[[OperatingPoint], PIGains]:
+    """The gains given, or Table 4's column for the law of each point (the bristle column unless it is the beam)."""
+    if (kp is None) != (ki is None):
+        given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
+        raise InputError(f"{missing}: is missing beside {given}; give both gains, or neither for Table 4's")
+    if kp is None or ki is None:
+        return lambda point: TABLE4_PI["beam" if point.adhesion == "beam" else "bristle"]
+    gains = PIGains(kp=kp, ki=ki)
+    return lambda point: gains

@@ -1,0 +1,88 @@
+"""A PI that holds the loop at given operating points: computed for them, not looked up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from railslip_ctrl.errors import InfeasibleDesignError, InputError, UnstableLoopError
+from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.parameters import Actuator, PIGains
+
+from .controllers import PIController, actuated_plant
+
+# Integral time in units of the actuator's dead time and lag together: the corner of the integral action lies far
+# enough below the crossover to cost the fragile loop less than 2 deg of phase, and the offset still dies out.
+_INTEGRAL_TIME = 50.0
+
+
+@dataclass(frozen=True)
+class HoldingDesign:
+    """PI gains of least worst Ms over some operating points, at a fixed integral time.
+
+    `gain_range` holds the kp (N*m/(m/s)) that stabilise all of them at that integral time (s).
+    """
+
+    controller: PIController
+    worst_ms: float
+    integral_time: float
+    gain_range: tuple[float, float]
+
+
+def holding_gains(plants: Sequence[LinearPlant], actuator: Actuator) -> HoldingDesign:
+    """The kp that minimises the worst Ms over `plants`, at an integral time of 50 (dead time + lag).
+
+    Raises
+    ------
+    InfeasibleDesignError
+        No single kp stabilises all the plants; says the range of each.
+    InputError
+        No plant is given.
+    """
+    if not plants:
+        raise InputError("holding gains: no operating point is given; give at least one")
+    integral_time = _INTEGRAL_TIME * ((actuator.dead_time + actuator.lag) or 0.02)
+    shape = Rational(np.array([-1 / integral_time]), np.array([0.0]), 1.0)
+    loops = [DeadTimeLoop(shape * actuated_plant(plant, actuator), actuator.dead_time) for plant in plants]
+    low, high = _common_range(plants, loops, actuator)
+
+    def worst_ms(log_kp: float) -> float:
+        try:
+            return max(loop.scaled(math.exp(log_kp)).margins().ms for loop in loops)
+        except UnstableLoopError:
+            return math.inf
+
+    log_kp = _minimise(worst_ms, low, high)
+    kp = math.exp(log_kp)
+    controller = PIController(PIGains(kp=kp, ki=kp / integral_time))
+    return HoldingDesign(controller, worst_ms(log_kp), integral_time, (low, high))
+
+
+def _common_range(
+    plants: Sequence[LinearPlant], loops: Sequence[DeadTimeLoop], actuator: Actuator
+) -> tuple[float, float]:
+    ranges = [loop.stabilizing_gain_range for loop in loops]
+    found = [r for r in ranges if r is not None]
+    low, high = max((r[0] for r in found), default=0.0), min((r[1] for r in found), default=0.0)
+    if len(found) == len(ranges) and low < high:
+        return low, high
+    told = "; ".join(
+        f"{plant.point.rail} {plant.point.speed_kmh:g} km/h: "
+        + ("none" if r is None else f"{r[0]:.4g} to {r[1]:.4g} N*m/(m/s)")
+        + f" (unstable pole times actuator {max(plant.poles.real.max(), 0) * (actuator.dead_time + actuator.lag):.3g})"
+        for plant, r in zip(plants, ranges, strict=True)
+    )
+    raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {told}")
+
+
+def _minimise(objective: object, low: float, high: float) -> float:
+    """Minimum of a quasi-convex function of ln kp inside a stabilising range."""
+    from scipy.optimize import minimize_scalar
+
+    ends = np.log([max(low, high * 1e-6 if math.isfinite(high) else 1e-6), min(high, max(low, 1e-3) * 1e6)])
+    result = minimize_scalar(objective, bounds=tuple(ends), method="bounded", options={"xatol": 1e-10})
+    return float(result.x)

@@ -1,0 +1,51 @@
+"""Writing a report's files so that an existing report is never left half-written."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from railslip_ctrl.errors import InputError
+
+
+def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) -> list[Path]:
+    """Write files into `directory` (made if missing), all or none.
+
+    Parameters
+    ----------
+    directory : Path
+    writers : mapping
+        By file name, what writes that file at the path it is given.
+
+    Returns
+    -------
+    list of Path
+        The files, in order.
+
+    Raises
+    ------
+    InputError
+        The directory cannot be made or written to; what was there before is untouched.
+
+    Notes
+    -----
+    Everything is first written to a hidden folder inside `directory`, on the same file system, and only when all
+    of it is there moved into place, each file in one step.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory) as staging:
+            for name, write in writers.items():
+                write(Path(staging) / name)
+            for name in writers:
+                if (directory / name).is_dir():
+                    raise InputError(f"--out: {directory / name} is a folder; remove it or choose another folder")
+            for name in writers:
+                os.replace(Path(staging) / name, directory / name)
+    except OSError as error:
+        raise InputError(
+            f"--out: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"
+        ) from None
+    return [directory / name for name in writers]

@@ -1,0 +1,154 @@
+"""Records as plain dictionaries for JSON; non-finite numbers become null."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.loop import Margins
+from railslip_ctrl.parameters import Vehicle
+
+
+def number(value: float) -> float | None:
+    """A finite float, or None."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _complex_pairs(values: Iterable[complex]) -> list[list[float]]:
+    return [[float(v.real), float(v.imag)] for v in values]
+
+
+def case_json(point: OperatingPoint) -> dict[str, Any]:
+    """The six keys that name a case."""
+    return {
+        "adhesion": point.adhesion,
+        "rail": point.rail.value,
+        "speed_kmh": point.speed_kmh,
+        "slip": point.slip,
+        "mass_kg": point.vehicle.mass,
+        "inertia_scale": point.vehicle.inertia_scale,
+    }
+
+
+def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
+    """A linearisation: operating point, matrices with names, poles and zeros, torque to sigma."""
+    num, den = plant.transfer_function()
+    return {
+        **case_json(plant.point),
+        "adhesion_force_n": plant.point.adhesion_force,
+        "brake_torque_nm": plant.point.brake_torque,
+        "residual": plant.point.residual,
+        "states": list(plant.states),
+        "inputs": list(plant.inputs),
+        "outputs": list(plant.outputs),
+        "A": plant.A.tolist(),
+        "B": plant.B.tolist(),
+        "C": plant.C.tolist(),
+        "D": plant.D.tolist(),
+        "poles": _complex_pairs(plant.poles),
+        "zeros": _complex_pairs(plant.zeros),
+        "transfer_function": {"num": num.tolist(), "den": den.tolist()},
+    }
+
+
+def _margin_numbers(margins: Margins | None) -> dict[str, float | None]:
+    if margins is None:
+        names = ("gain_increase", "gain_decrease", "phase_margin_deg", "delay_margin_s", "ms", "mt", "disk_margin")
+        return dict.fromkeys(names)
+    return {
+        "gain_increase": number(margins.gain_increase),
+        "gain_decrease": margins.gain_decrease if margins.gain_decrease > 0 else None,  # null: without bound
+        "phase_margin_deg": number(margins.phase_deg),
+        "delay_margin_s": number(margins.delay_s),
+        "ms": number(margins.ms),
+        "mt": number(margins.mt),
+        "disk_margin": number(margins.disk),
+    }
+
+
+def _frequencies(margins: Margins | None) -> dict[str, float | None] | None:
+    if margins is None:
+        return None
+    return {
+        "gain_increase": number(margins.gain_increase_frequency),
+        "gain_decrease": number(margins.gain_decrease_frequency),
+        "phase_margin": number(margins.phase_frequency),
+        "delay_margin": number(margins.delay_frequency),
+        "ms": number(margins.ms_frequency),
+        "mt": number(margins.mt_frequency),
+        "disk_margin": number(margins.disk_frequency),
+    }
+
+
+def _pade_json(row: PadeRow) -> dict[str, Any]:
+    return {"order": row.order, "stable": row.margins is not None, **_margin_numbers(row.margins)}
+
+
+def margins_json(assessment: Assessment) -> dict[str, Any]:
+    """One loop's margins, of an unstable loop null."""
+    controller = assessment.controller
+    described: dict[str, Any] = {"kp_si": controller.gains.kp, "ki_si": controller.gains.ki}
+    if controller.structure != "PI":
+        described |= {"lead_s": controller.lead, "lead_filter_s": controller.lead_filter}
+    usable = assessment.stabilizing_gain_range
+    limits = assessment.limits
+    return {
+        **case_json(assessment.point),
+        "controller": described,
+        "actuator": {"dead_time_s": assessment.actuator.dead_time, "lag_s": assessment.actuator.lag},
+        "plant_poles": _complex_pairs(assessment.plant.poles),
+        "open_loop_unstable_poles": assessment.loop.open_loop_unstable_poles,
+        "stable": assessment.stable,
+        "unstable_closed_loop_poles": (
+            int(assessment.unstable_poles) if math.isfinite(assessment.unstable_poles) else None
+        ),
+        "closed_loop_poles": _complex_pairs(assessment.closed_loop_poles),
+        "gain_crossovers_rad_s": [float(w) for w in assessment.loop.gain_crossovers],
+        **_margin_numbers(assessment.margins),
+        "stabilizing_gain_range": None if usable is None else [number(usable[0]), number(usable[1])],
+        "frequencies_rad_s": _frequencies(assessment.margins),
+        "limits": {
+            "unstable_pole_rad_s": limits.unstable_pole,
+            "pole_times_dead_time_and_lag": limits.actuator_product,
+            "mt_lower_bound": limits.mt_bound,
+            "ms_lower_bound": limits.ms_bound,
+        },
+        "pade": [_pade_json(row) for row in assessment.pade],
+        "verdict": assessment.verdict.value,
+    }
+
+
+def vehicle_json(vehicle: Vehicle) -> dict[str, Any]:
+    """The vehicle's parameters, SI, with the unit of each in its key's documentation."""
+    return vehicle.model_dump(mode="json")
+
+
+def design_check_json(check: DesignCheck, files: Iterable[str] = ()) -> dict[str, Any]:
+    """The whole report."""
+    holding = check.holding
+    return {
+        "vehicle": vehicle_json(check.vehicle),
+        "groups": [
+            {
+                "title": group.title,
+                "remark": group.remark,
+                "cases": [margins_json(assessment) for assessment in group.assessments],
+            }
+            for group in check.groups
+        ],
+        "holding": None
+        if holding is None
+        else {
+            "kp_si": holding.controller.gains.kp,
+            "ki_si": holding.controller.gains.ki,
+            "worst_ms": holding.worst_ms,
+            "kp_range_si": [number(k) for k in holding.gain_range],
+        },
+        "holding_reason": check.holding_reason,
+        "conclusion": check.conclusion,
+        "files": list(files),
+    }

@@ -1,0 +1,321 @@
+"""Plain-text reports to print and file."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.loop import Margins
+from railslip_ctrl.parameters import Actuator, Vehicle
+from railslip_ctrl.units import KMH
+
+WIDTH = 110
+"""Columns; A4 across in a usual fixed-width print."""
+
+
+def _render(parts: Iterable[RenderableType]) -> str:
+    stream = io.StringIO()
+    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
+    for part in parts:
+        console.print(part)
+    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def _heading(text: str, mark: str = "=") -> Text:
+    return Text(f"{text}\n{mark * min(len(text), WIDTH)}")
+
+
+def _facts(rows: Iterable[tuple[str, str]]) -> Table:
+    """Two columns: what, and its value."""
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, value in rows:
+        table.add_row(name, value)
+    return table
+
+
+def _table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> Table:
+    """A table with a ruled head; the first `left` columns are aligned left, the others right."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="left" if i < left else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def fixed(value: float, digits: int = 5) -> str:
+    """A number with `digits` significant digits, trailing zeros kept off; "unbounded" for inf, "-" for NaN."""
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "unbounded" if value > 0 else "-unbounded"
+    return f"{value:.{digits}g}"
+
+
+def _root(value: complex) -> str:
+    return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
+
+
+def roots_text(values: Iterable[complex]) -> str:
+    """Poles or zeros, one of each pair, separated by commas; "none" if there are none."""
+    return ",  ".join(_root(v) for v in values if v.imag >= 0) or "none"
+
+
+def _matrix(matrix: Iterable[Iterable[float]]) -> str:
+    return "[" + "; ".join(" ".join(f"{x:.7g}" for x in row) for row in matrix) + "]"
+
+
+def case_title(point: OperatingPoint) -> str:
+    """The case in a line."""
+    return (
+        f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, slip {point.slip:g}, "
+        f"M {point.vehicle.mass:g} kg, inertia scale {point.vehicle.inertia_scale:g}"
+    )
+
+
+def _controller(controller: PIController) -> str:
+    kp, ki = controller.gains.kp, controller.gains.ki
+    text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
+    text += f"   ({kp * KMH:.5g} N·m per km/h, {ki * KMH:.5g} N·m per km/h per s)"
+    if controller.structure != "PI":
+        text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1)"
+    return text
+
+
+def _actuator(actuator: Actuator) -> str:
+    return f"dead time {actuator.dead_time:g} s (exact), lag {actuator.lag:g} s"
+
+
+def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
+    """The vehicle's parameters with units, and what was assumed of it."""
+    wheel, resistance = vehicle.wheel, vehicle.resistance
+    rows = [
+        ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
+        ("Quarter-car mass M", f"{vehicle.mass:g} kg empty, {vehicle.mass_loaded:g} kg loaded"),
+        ("Wheel load N", f"{vehicle.wheel_load:g} N"),
+        (
+            "Wheel",
+            f"radius {wheel.radius:g} m, inertia {wheel.inertia:g} kg·m², "
+            f"viscous friction {wheel.viscous_friction:g} N·m·s",
+        ),
+        (
+            "Travelling resistance",
+            f"{resistance.constant:.5g} + {resistance.linear:.5g} v + {resistance.quadratic:.5g} v² N, v in m/s",
+        ),
+        ("Brake actuator", _actuator(vehicle.actuator)),
+        ("Inertia scale", f"{vehicle.inertia_scale:g} on M, J and B"),
+    ]
+    return rows + [("Note", note) for note in vehicle.notes]
+
+
+# -- linearize ------------------------------------------------------------------------------------------------
+
+
+def linearize_text(plants: Sequence[LinearPlant]) -> str:
+    """Operating points and linearisations."""
+    parts: list[RenderableType] = []
+    for plant in plants:
+        parts += [*_linear_plant(plant), Text("")]
+    return _render(parts[:-1])
+
+
+def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
+    point = plant.point
+    num, den = plant.transfer_function()
+    frozen = "with the speed as a state" if plant.speed_state else "with the speed frozen"
+    facts = [
+        (
+            "Operating point",
+            f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
+        ),
+        ("Adhesion force", f"{point.adhesion_force:.7g} N"),
+        ("Brake torque", f"{point.brake_torque:.7g} N·m (λ' = 0, travelling resistance included)"),
+        ("Residual", f"{point.residual:.1e} (relative; λ' and the adhesion state at rest)"),
+        ("States", ", ".join(plant.states)),
+        ("Input", ", ".join(plant.inputs) + " at the wheel, N·m (the actuator is not in it)"),
+        ("Outputs", ", ".join(plant.outputs) + f" (error = {point.slip:g} v − sigma)"),
+        ("A", _matrix(plant.A)),
+        ("B", _matrix(plant.B)),
+        ("C", _matrix(plant.C)),
+        ("D", _matrix(plant.D)),
+        ("Poles, 1/s", roots_text(plant.poles)),
+        ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
+        ("sigma/torque", f"({_polynomial(num)}) / ({_polynomial(den)})   (m/s)/(N·m)"),
+    ]
+    return [_heading(f"Linearisation {frozen}: {case_title(point)}"), _facts(facts)]
+
+
+def _polynomial(coefficients: Iterable[float]) -> str:
+    values = list(coefficients)
+    terms: list[str] = []
+    for i, value in enumerate(values):
+        power = len(values) - 1 - i
+        symbol = "" if power == 0 else " s" if power == 1 else f" s^{power}"
+        sign = " - " if value < 0 else " + " if terms else ""
+        terms.append(f"{sign}{abs(value):.6g}{symbol}")
+    return "".join(terms)
+
+
+# -- margins --------------------------------------------------------------------------------------------------
+
+
+def margins_text(assessments: Sequence[Assessment]) -> str:
+    """Stability-margin reports, one after the other."""
+    parts: list[RenderableType] = []
+    for assessment in assessments:
+        parts += [*_assessment(assessment), Text("")]
+    return _render(parts[:-1])
+
+
+def _assessment(assessment: Assessment) -> list[RenderableType]:
+    limits = assessment.limits
+    p = limits.unstable_pole
+    poles = assessment.closed_loop_poles
+    facts = [
+        ("Controller", _controller(assessment.controller)),
+        ("Actuator", _actuator(assessment.actuator)),
+        ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
+        ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
+        ("Open loop", f"{assessment.loop.open_loop_unstable_poles} unstable pole(s)"),
+        ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
+    ]
+    parts: list[RenderableType] = [_heading(f"Stability margins: {case_title(assessment.point)}"), _facts(facts)]
+    if assessment.margins is not None:
+        parts.append(_margin_table(assessment, assessment.margins))
+        parts.append(_crossover_line(assessment.margins))
+    parts.append(Text("Pade approximation of the dead time against exact:"))
+    parts.append(_pade_table(assessment))
+    parts.append(Text(f"Verdict: {assessment.verdict_line}"))
+    return parts
+
+
+def _limits(assessment: Assessment) -> str:
+    limits = assessment.limits
+    against = "< 1: a PI may hold it" if limits.actuator_product < 1 else ">= 1: no PI holds it"
+    return (
+        f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
+        f"p (dead time + lag) = {limits.actuator_product:.4g} {against}; "
+        f"for any controller Mt >= exp(p·dead time) = {limits.mt_bound:.4g}, Ms >= {limits.ms_bound:.4g}"
+    )
+
+
+def _decibel(factor: float) -> str:
+    return f"{20 * math.log10(factor):+.2f} dB" if 0 < factor < math.inf else ""
+
+
+def _margin_table(assessment: Assessment, m: Margins) -> Padding:
+    low, high = m.disk_gain_range
+    rows = [
+        ("Gain increase", fixed(m.gain_increase, 6), "×", fixed(m.gain_increase_frequency), _decibel(m.gain_increase)),
+        (
+            "Gain decrease",
+            fixed(m.gain_decrease, 6) if m.gain_decrease > 0 else "unbounded",
+            "×",
+            fixed(m.gain_decrease_frequency),
+            _decibel(m.gain_decrease),
+        ),
+        ("Phase margin", fixed(m.phase_deg, 6), "deg", fixed(m.phase_frequency), "smallest over all gain crossovers"),
+        ("Delay margin", fixed(m.delay_s, 6), "s", fixed(m.delay_frequency), "added dead time that destabilises"),
+        ("Ms = max |S|", fixed(m.ms, 6), "-", fixed(m.ms_frequency), f"distance to −1: {1 / m.ms:.4g}"),
+        ("Mt = max |T|", fixed(m.mt, 6), "-", fixed(m.mt_frequency), ""),
+        (
+            "Disk margin",
+            fixed(m.disk, 6),
+            "-",
+            fixed(m.disk_frequency),
+            f"gain {low:.4g} to {fixed(high, 4)}, phase ±{m.disk_phase_deg:.4g} deg together",
+        ),
+    ]
+    usable = assessment.stabilizing_gain_range
+    if usable is not None:
+        rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
+    table = _table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows)
+    table.columns[2].justify = table.columns[4].justify = "left"
+    return Padding(table, (1, 0, 0, 0))
+
+
+def _crossover_line(m: Margins) -> Text:
+    pairs = [
+        f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
+    ]
+    return Text("Gain crossovers: " + (", ".join(pairs) or "none") + "\n")
+
+
+def _pade_table(assessment: Assessment) -> Table:
+    rows = [_pade_row(row, assessment.margins) for row in assessment.pade]
+    rows.append(["exact", *_pade_cells(assessment.margins), ""])
+    return _table(
+        ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error"), rows
+    )
+
+
+def _pade_cells(m: Margins | None) -> list[str]:
+    if m is None:
+        return ["unstable", "-", "-", "-", "-", "-"]
+    decrease = fixed(m.gain_decrease) if m.gain_decrease > 0 else "unbounded"
+    return ["stable", fixed(m.gain_increase), decrease, fixed(m.phase_deg), fixed(m.delay_s), fixed(m.ms)]
+
+
+def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
+    error = ""
+    if row.margins is not None and exact is not None:
+        percent = 100 * (row.margins.ms / exact.ms - 1)
+        error = f"{percent:+.2g} %" if abs(percent) >= 1e-9 else "< 1e-9 %"
+    elif (row.margins is None) != (exact is None):
+        error = "wrong verdict"
+    return [str(row.order), *_pade_cells(row.margins), error]
+
+
+# -- report ---------------------------------------------------------------------------------------------------
+
+
+def design_check_text(check: DesignCheck) -> str:
+    """The whole design check: vehicle, summary, then the margin report of every loop."""
+    parts: list[RenderableType] = [
+        _heading("Wheel-slip control: design check"),
+        _facts(vehicle_facts(check.vehicle)),
+        Text(f"\nConclusion: {check.conclusion}\n"),
+        _heading("Summary", "-"),
+        _summary_table(check),
+    ]
+    for group in check.groups:
+        parts += [Text(""), _heading(group.title, "#"), Text(group.remark), Text("")]
+        for assessment in group.assessments:
+            parts += [*_assessment(assessment), Text("")]
+    return _render(parts[:-1])
+
+
+def _summary_table(check: DesignCheck) -> Table:
+    rows = []
+    for group in check.groups:
+        for i, a in enumerate(group.assessments):
+            m = a.margins
+            numbers = (
+                ["-"] * 5
+                if m is None
+                else [
+                    fixed(m.gain_decrease, 3) if m.gain_decrease > 0 else "unbounded",
+                    fixed(m.gain_increase, 3),
+                    fixed(m.phase_deg, 3),
+                    fixed(m.delay_s, 3),
+                    fixed(m.ms, 3),
+                ]
+            )
+            where = f"{a.point.rail}, {a.point.speed_kmh:g} km/h"
+            rows.append([group.title if i == 0 else "", where, *numbers, a.verdict.value])
+    table = _table(("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict"), rows, left=2)
+    table.columns[-1].justify = "left"
+    return table
