@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from .assessment import Assessment, Verdict, assess
+from .comparison import PythonControlMargins, python_control_margins
 from .design import HoldingDesign, PIController, holding_gains
 from .errors import InfeasibleDesignError
 from .linearization import LinearPlant, OperatingPoint, linearize, operating_point
@@ -17,12 +18,16 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ControllerGroup:
-    """One controller in one reading of the units, at every operating point, with its frequency responses."""
+    """One controller in one reading of the units, at every operating point.
+
+    Beside each assessment stand its frequency response and what python-control's margins say of the loop.
+    """
 
     title: str
     remark: str
     assessments: tuple[Assessment, ...]
     curves: tuple[FrequencyCurve, ...]
+    python_control: tuple[PythonControlMargins, ...]
 
 
 @dataclass(frozen=True)
@@ -118,10 +123,18 @@ def _at_scale(plant: LinearPlant, vehicle: Vehicle) -> LinearPlant:
 
 
 def _group(title: str, remark: str, loops: Sequence[tuple[LinearPlant, PIController]]) -> ControllerGroup:
-    assessments = tuple(
-        assess(plant, controller, plant.point.vehicle.actuator, label=title) for plant, controller in loops
-    )
+    assessments = (assess(plant, controller, plant.point.vehicle.actuator, label=title) for plant, controller in loops)
+    return controller_group(title, remark, tuple(assessments))
+
+
+def controller_group(title: str, remark: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
+    """Assessed loops under one title, with frequency responses over their common band."""
     bands = [a.loop.feature_band() for a in assessments]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
-    curves = tuple(frequency_curve(a.loop, low, high) for a in assessments)
-    return ControllerGroup(title, remark, assessments, curves)
+    return ControllerGroup(
+        title,
+        remark,
+        assessments,
+        curves=tuple(frequency_curve(a.loop, low, high) for a in assessments),
+        python_control=tuple(python_control_margins(a.loop) for a in assessments),
+    )

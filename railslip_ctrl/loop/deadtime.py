@@ -96,6 +96,10 @@ class DeadTimeLoop:
         """Continuous phase of L(j omega), rad, dead time included; no unwrapping needed. omega > 0, rad/s."""
         return self._response.phase(np.asarray(omega, dtype=float))[0]
 
+    def phase_slope(self, omega: ArrayLike) -> NDArray[np.float64]:
+        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s."""
+        return self._response.phase(np.asarray(omega, dtype=float))[1]
+
     def feature_band(self) -> tuple[float, float]:
         """Frequencies, rad/s, between which everything about L happens; for plots."""
         roots = np.abs(np.concatenate([self._system.zeros, self._system.poles]))

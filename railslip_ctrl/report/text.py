@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
@@ -293,9 +294,17 @@ def design_check_text(check: DesignCheck) -> str:
     ]
     for group in check.groups:
         parts += [Text(""), _heading(group.title, "#"), Text(group.remark), Text("")]
-        for assessment in group.assessments:
-            parts += [*_assessment(assessment), Text("")]
+        for assessment, peer in zip(group.assessments, group.python_control, strict=True):
+            parts += [*_assessment(assessment), _peer_line(peer), Text("")]
     return _render(parts[:-1])
+
+
+def _peer_line(peer: PythonControlMargins) -> Text:
+    kind = "" if peer.stable else "; it does not ask whether the loop is stable: these are not margins"
+    return Text(
+        f"For comparison, python-control's stability_margins with Pade {peer.pade_order}: gain {fixed(peer.gain)}, "
+        f"phase {fixed(peer.phase_deg)} deg, 1/modulus margin {fixed(1 / peer.modulus)}{kind}"
+    )
 
 
 def _summary_table(check: DesignCheck) -> Table:

@@ -1,0 +1,75 @@
+"""Shape a PI for dry rail, step by step.
+
+At 100 km/h and the published reference slip the dry-rail plant has an unstable pole near 0.8 1/s, behind an actuator
+with 0.6 s of lag and 0.15 s of dead time. How much margin can a PI leave, and with which gains? The crossover goes
+where the loop has most phase, the integral corner so far below that it costs little of it.
+
+    python designs/pi_dry.py
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.assessment import Assessment, assess
+from railslip_ctrl.design import PIController, actuated_plant, gain_for_crossover, most_phase
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.loop import DeadTimeLoop
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.report import margins_text
+
+SPEED = 100 / 3.6  # m/s
+CORNER = 1 / 25  # the integral corner ki/kp over the crossover: 1/25 costs atan(1/25) = 2.3 deg of phase
+
+
+@dataclass(frozen=True)
+class DryDesign:
+    """What the steps below find, in their order."""
+
+    proportional_range: tuple[float, float]  # kp that stabilises without ki, N*m/(m/s)
+    crossover: float  # rad/s
+    shaped: Assessment
+    rounded: Assessment  # the round gains of the report: 190 and 5
+
+
+def run() -> DryDesign:
+    """The design, line by line."""
+    # 1. The plant at the reference slip, speed frozen, and the actuator's lag behind it.
+    law = published_law("bristle", Rail.DRY)
+    point = operating_point(law, PARK2008, SPEED, law.reference_slip(Rail.DRY), rail=Rail.DRY)
+    plant = linearize(point)
+    actuator = PARK2008.actuator
+    loop = DeadTimeLoop(actuated_plant(plant, actuator), actuator.dead_time)
+
+    # 2. Which proportional gains hold it at all? The unstable pole asks for a least gain, the dead time for a largest.
+    proportional_range = loop.stabilizing_gain_range
+    assert proportional_range is not None
+
+    # 3. Put the crossover where the loop has most phase: there the phase margin of a P controller is largest.
+    crossover, _phase = most_phase(loop)
+    kp = gain_for_crossover(loop, crossover)
+
+    # 4. Integral action, its corner well below the crossover.
+    ki = kp * crossover * CORNER
+
+    # 5. Check the loop that came out, and the round numbers beside it.
+    return DryDesign(
+        proportional_range=proportional_range,
+        crossover=crossover,
+        shaped=assess(plant, PIController(PIGains(kp=kp, ki=ki)), actuator),
+        rounded=assess(plant, PIController(PIGains(kp=190.0, ki=5.0)), actuator),
+    )
+
+
+def main() -> None:
+    """Print the design and its margin reports."""
+    design = run()
+    low, high = design.proportional_range
+    print(f"P control holds the loop for kp between {low:.4g} and {high:.4g} N*m/(m/s).")
+    print(f"The loop has most phase at {design.crossover:.4g} rad/s: the crossover goes there.\n")
+    print(margins_text([design.shaped, design.rounded]))
+
+
+if __name__ == "__main__":
+    main()

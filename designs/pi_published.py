@@ -1,0 +1,81 @@
+"""Do the published PI gains hold the wheel?
+
+[Park2008] Table 4 prints its gains in "N-h" and "N"; they work only when read as N*m per km/h. This script takes
+them at that word, converts them to SI, and checks the loop at 100 km/h on dry and wet rail with the actuator of
+p. 55, its dead time exact: once in SI, and once in the as-published reading (M, J and B times 3.6), in which the
+paper's results come out.
+
+    python designs/pi_published.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.assessment import Assessment, assess
+from railslip_ctrl.design import PIController
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI, Rail
+from railslip_ctrl.report import margins_text
+
+SPEED = 100 / 3.6  # m/s
+CONTROLLER = PIController(TABLE4_PI["bristle"])  # 650 N*m per km/h and 27 N*m per km/h per s, in SI
+
+
+@dataclass(frozen=True)
+class PublishedCheck:
+    """Assessments by rail, in both readings of the units."""
+
+    si: dict[Rail, Assessment]
+    as_published: dict[Rail, Assessment]
+
+
+def check(rail: Rail, inertia_scale: float) -> Assessment:
+    """The published loop on one rail, in one reading."""
+    # 1. The vehicle in this reading, and the adhesion law on this rail.
+    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    law = published_law("bristle", rail)
+    # 2. Where the loop is asked to work: the published reference slip, the torque that holds it there.
+    point = operating_point(law, vehicle, SPEED, law.reference_slip(rail), rail=rail)
+    # 3. The plant there, the loop around it, its margins.
+    return assess(linearize(point), CONTROLLER, vehicle.actuator)
+
+
+def run() -> PublishedCheck:
+    """Both rails, both readings."""
+    return PublishedCheck(
+        si={rail: check(rail, 1.0) for rail in Rail},
+        as_published={rail: check(rail, AS_PUBLISHED_INERTIA_SCALE) for rail in Rail},
+    )
+
+
+def main() -> None:
+    """Print the margin reports; with a folder, draw Bode, Nyquist and Nichols."""
+    result = run()
+    print("IN SI\n")
+    print(margins_text(list(result.si.values())))
+    print("AS PUBLISHED (M, J and B times 3.6)\n")
+    print(margins_text(list(result.as_published.values())))
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def draw(result: PublishedCheck, folder: Path) -> None:
+    """Bode, Nyquist and Nichols of both readings."""
+    from railslip_ctrl.design_check import controller_group
+    from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
+
+    groups = (
+        controller_group("Table 4, SI", "", tuple(result.si.values())),
+        controller_group("Table 4, as published", "", tuple(result.as_published.values())),
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):
+        save_figure(figure(groups), folder / f"pi_published_{name}.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""Loop shaping by hand: where the loop has most phase, and the gain that puts the crossover there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.loop import DeadTimeLoop
+from railslip_ctrl.loop.curves import frequency_curve
+from railslip_ctrl.loop.rootfinding import bracketed_roots
+
+
+def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
+    """Frequency (rad/s) at which L(j omega) has its largest phase, and that phase (rad, continuous).
+
+    Raises InputError where the phase has no interior maximum (it only falls).
+    """
+    curve = frequency_curve(loop, *loop.feature_band())
+    top = int(np.argmax(curve.phase_deg))
+    if top in (0, curve.omega.size - 1):
+        raise InputError("loop shaping: the phase of this loop has no maximum; choose the crossover by hand")
+    low, high = curve.omega[[top - 1]], curve.omega[[top + 1]]
+    omega = float(bracketed_roots(lambda w, _: loop.phase_slope(w), low, high)[0])
+    return omega, float(loop.phase(omega))
+
+
+def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
+    """Factor on the loop gain that makes |L(j omega)| = 1 at `omega` > 0, rad/s."""
+    if not (np.isfinite(omega) and omega > 0):
+        raise InputError(f"crossover: {omega} rad/s is not allowed; give a finite frequency > 0")
+    return float(1 / np.abs(loop.frequency_response(omega)))

@@ -1,0 +1,164 @@
+"""The wheel-slip loop: oracles, assessment, the computed holding gains, and the shaping scripts' functions."""
+
+from __future__ import annotations
+
+import math
+
+import control as ct
+import numpy as np
+import pytest
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.assessment import Verdict, assess
+from railslip_ctrl.comparison import python_control_margins
+from railslip_ctrl.design import (
+    PIController,
+    actuated_plant,
+    gain_for_crossover,
+    holding_gains,
+    most_phase,
+    wheel_slip_loop,
+)
+from railslip_ctrl.design_check import design_check
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.loop import DeadTimeLoop
+from railslip_ctrl.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+
+SPEED = 100 / 3.6
+
+
+def plant(rail=Rail.DRY, *, vehicle=PARK2008, speed=SPEED, speed_state=False):
+    law = published_law("bristle", rail)
+    point = operating_point(law, vehicle, speed, law.reference_slip(rail), rail=rail)
+    return linearize(point, speed_state=speed_state)
+
+
+def pi(kp, ki):
+    return PIController(PIGains(kp=kp, ki=ki))
+
+
+def test_oracles_md_the_wheel_slip_loop_in_si():
+    a = assess(plant(), pi(190.0, 5.0), PARK2008.actuator)
+    m = a.margins
+    assert a.stable
+    assert a.plant.poles == pytest.approx([0.82083763, -8.63596062], abs=5.1e-9)
+    assert a.point.brake_torque == pytest.approx(4787.78, abs=0.0051)
+    assert m.gain_increase == pytest.approx(2.89166823, abs=5.1e-9)
+    assert m.gain_decrease == pytest.approx(0.70170425, abs=5.1e-9)
+    assert (m.phase_deg, m.phase_frequency) == pytest.approx((10.2839822, 0.75683443), abs=5.1e-8)
+    assert m.delay_s == pytest.approx(0.23715801, abs=5.1e-9)
+    assert (m.ms, m.mt) == pytest.approx((5.579, 5.681), abs=5.1e-4)
+    assert a.verdict_line == "stable but fragile (Ms 5.58)"
+
+
+@pytest.mark.parametrize(("column", "slip", "phase"), [("bristle", 0.132, 6), ("beam", 0.119, 15)])
+def test_published_md_gains_only_just_stable_as_published_and_unstable_in_si(column, slip, phase):
+    law = published_law("bristle", Rail.DRY)
+    controller = PIController(TABLE4_PI[column])
+    for scale, stable in ((3.6, True), (1.0, False)):
+        vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
+        a = assess(linearize(operating_point(law, vehicle, SPEED, slip)), controller, vehicle.actuator)
+        assert a.stable is stable
+        if stable:
+            assert a.margins.phase_deg == pytest.approx(phase, abs=0.5)  # printed without decimals
+        else:
+            assert a.verdict is Verdict.UNSTABLE
+            assert "times this loop gain would stabilise it" in a.verdict_line
+
+
+def test_loop_equals_python_control_series_connection():
+    p = plant()
+    loop = wheel_slip_loop(p, PIController(PIGains(kp=190.0, ki=5.0), lead=0.6, lead_filter=0.06), PARK2008.actuator)
+    s = ct.tf("s")
+    expected = (190 + 5 / s) * (0.6 * s + 1) / (0.06 * s + 1) / (0.6 * s + 1) * ct.tf(p.to_control()[0, 0])
+    omega = np.geomspace(1e-2, 1e2, 40)
+    assert loop.frequency_response(omega) == pytest.approx(
+        expected(1j * omega) * np.exp(-0.15j * omega), rel=1e-9
+    )  # python-control goes through polynomials
+
+
+def test_speed_as_a_state_changes_the_fast_margins_little():
+    frozen = assess(plant(), pi(190.0, 5.0), PARK2008.actuator).loop
+    moving = wheel_slip_loop(plant(speed_state=True), pi(190.0, 5.0), PARK2008.actuator)
+    omega = np.geomspace(0.5, 10, 9)
+    # the speed's own mode lies near 0.01 1/s: its share at 0.5 rad/s is 0.01/0.5
+    assert moving.frequency_response(omega) == pytest.approx(frozen.frequency_response(omega), rel=0.02)
+
+
+def test_limits_are_those_of_the_pole_and_the_dead_time():
+    limits = assess(plant(), pi(190.0, 5.0), PARK2008.actuator).limits
+    p = 0.82083763
+    assert limits.actuator_product == pytest.approx(p * 0.75, rel=1e-7)
+    assert limits.mt_bound == pytest.approx(math.exp(p * 0.15), rel=1e-7)
+    # the bound is one: no loop of the family gets below it
+    for kp in (150.0, 200.0, 400.0):
+        assert assess(plant(), pi(kp, 1.0), PARK2008.actuator).margins.mt > limits.mt_bound
+
+
+def test_holding_gains_are_a_minimum_and_inside_their_range():
+    plants = [plant(rail) for rail in Rail]
+    design = holding_gains(plants, PARK2008.actuator)
+    kp = design.controller.gains.kp
+    assert design.gain_range[0] < kp < design.gain_range[1]
+
+    def worst(factor):
+        g = design.controller.gains
+        return max(assess(p, pi(g.kp * factor, g.ki * factor), PARK2008.actuator).margins.ms for p in plants)
+
+    assert worst(1.0) == pytest.approx(design.worst_ms, rel=1e-12)
+    assert worst(0.99) > design.worst_ms < worst(1.01)
+
+
+def test_holding_gains_refuse_what_no_pi_holds():
+    slow = Actuator(dead_time=0.5, lag=2.0)
+    with pytest.raises(InfeasibleDesignError, match=r"stabilising kp: dry 100 km/h: none .*2\.05"):
+        holding_gains([plant()], slow)
+    with pytest.raises(InputError, match="no operating point"):
+        holding_gains([], slow)
+
+
+def test_loop_shaping_puts_the_crossover_where_the_phase_is_largest():
+    loop = DeadTimeLoop(actuated_plant(plant(), PARK2008.actuator), PARK2008.actuator.dead_time)
+    omega, phase = most_phase(loop)
+    nearby = loop.phase(omega * np.array([0.999, 1.001]))
+    assert np.all(nearby < phase)
+    k = gain_for_crossover(loop, omega)
+    shaped = loop.scaled(k)
+    assert abs(shaped.frequency_response(omega)) == pytest.approx(1.0, abs=1e-12)
+    assert shaped.margins().phase_deg == pytest.approx(180 + math.degrees(phase), rel=1e-9)
+    with pytest.raises(InputError, match="no maximum"):
+        most_phase(DeadTimeLoop(ct.tf([1], [1, 0]), 0.1))
+    with pytest.raises(InputError, match="crossover: 0"):
+        gain_for_crossover(loop, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("lead", "lead_filter", "match"),
+    [(-1, 0, "lead: -1"), (0.6, 0.0, "not proper"), (0.6, float("nan"), "lead filter")],
+)
+def test_controller_refuses_what_is_not_proper(lead, lead_filter, match):
+    with pytest.raises(InputError, match=match):
+        PIController(PIGains(kp=1.0, ki=1.0), lead, lead_filter)
+
+
+def test_controller_without_one_of_its_gains():
+    assert PIController(PIGains(kp=2.0, ki=0.0)).transfer_function.poles.size == 0
+    assert PIController(PIGains(kp=0.0, ki=3.0)).transfer_function(2j) == pytest.approx(3 / 2j)
+
+
+def test_python_control_agrees_with_a_fine_pade_and_is_marked_for_an_unstable_loop():
+    stable = assess(plant(), pi(190.0, 5.0), PARK2008.actuator)
+    peer = python_control_margins(stable.loop, 5)
+    assert peer.stable
+    assert peer.phase_deg == pytest.approx(stable.margins.phase_deg, rel=1e-6)
+    assert 1 / peer.modulus == pytest.approx(stable.margins.ms, rel=1e-5)  # their minimiser's tolerance
+    assert not python_control_margins(assess(plant(), pi(2340.0, 97.2), PARK2008.actuator).loop).stable
+
+
+def test_design_check_without_a_holding_pi_says_why():
+    vehicle = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.5, lag=2.0)})
+    check = design_check(vehicle, [plant(vehicle=vehicle).point], lambda point: TABLE4_PI["bristle"])
+    assert check.holding is None
+    assert "a single PI that holds all points: none" in check.conclusion
+    assert len(check.groups) == 2

@@ -1,0 +1,41 @@
+"""What the README shows is run."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from railslip_ctrl.adhesion import law_names, load_law
+from railslip_ctrl.cli import main
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_python_examples_give_what_they_show():
+    result = doctest.testfile(str(ROOT / "README.md"), module_relative=False)
+    assert (result.attempted > 10, result.failed) == (True, 0)
+
+
+@pytest.mark.parametrize("line", [line for line in TEXT.splitlines() if line.startswith("railslip ")])
+def test_commands_run(line, tmp_path, monkeypatch, capsys):
+    words = shlex.split(line, comments=True)[1:]
+    words = [str(ROOT / word) if word.startswith("designs/") else word for word in words]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code in (0, 1)
+    assert capsys.readouterr().out
+
+
+def test_adhesion_file_example_is_accepted_and_names_all_laws(tmp_path):
+    (block,) = re.findall(r"```toml\n(.*?)```", TEXT, flags=re.S)
+    file = tmp_path / "law.toml"
+    file.write_text(block)
+    assert load_law(file).name == tomllib.loads(block)["law"] == "lugre"
+    assert ", ".join(law_names()) in block
