@@ -290,3 +290,18 @@ def test_state_space_and_transfer_function_agree():
 def test_zero_gain_loop():
     assert DeadTimeLoop(0.0 / (S + 1)).margins().ms == 1.0
     assert not DeadTimeLoop(Rational(np.array([]), np.array([1.0]), 0.0)).is_stable()
+
+
+def test_gain_margin_set_by_a_resonance_far_below_unit_gain_is_found():
+    # |L| is 9e-4 at low frequency and 9e-3 at the resonance, after 160 phase crossovers due to the dead time
+    pair = 100 * (-0.05 + 1j * np.sqrt(1 - 0.05**2))
+    loop = DeadTimeLoop(Rational(np.array([]), np.array([pair, pair.conjugate()]), 9.0), dead_time=10.0)
+    limit = loop.margins().gain_increase
+    assert limit == pytest.approx(111.18, abs=0.01)
+    assert loop.scaled(limit * (1 - 1e-6)).is_stable()
+    assert not loop.scaled(limit * (1 + 1e-6)).is_stable()
+
+
+def test_stabilising_range_of_an_unstable_loop_of_tiny_gain():
+    loop = DeadTimeLoop(1.5e-6 / ((4 * S - 1) * (0.6 * S + 1)), dead_time=0.15)
+    assert np.multiply(loop.stabilizing_gain_range, 1.5e-6) == pytest.approx((1.0, 23.3988133859), rel=1e-11)

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 _NODES_PER_DECADE = 16  # between features; extrema are located exactly, so this only has to separate them
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency
 _AXIS_GAP = 1e-12  # relative half-width of the gap left around a root on the imaginary axis
-# Phase crossovers are listed wherever |L| is above this, and at least these many: with dead time there are
-# infinitely many, whose gains 1/|L| grow without bound beyond the last feature of a strictly proper L.
-_SMALLEST_LISTED = 1e-2
+# Phase crossovers are listed wherever |L| is above this (or what the caller asks), and at least these many: with dead
+# time there are infinitely many, whose gains 1/|L| grow without bound beyond the last feature of a strictly proper L.
+SMALLEST_LISTED = 1e-2
 _LISTED_ALWAYS = 20
 _MOST_LISTED = 5_000
 
@@ -141,14 +141,18 @@ def gain_crossovers(response: Response, nodes: Floats) -> Floats:
     return np.unique(np.concatenate([found, touching]))
 
 
-def phase_crossovers(response: Response, nodes: Floats, level: float = np.pi) -> Floats:
+def phase_crossovers(
+    response: Response, nodes: Floats, *, level: float = np.pi, smallest: float = SMALLEST_LISTED
+) -> Floats:
     """Frequencies omega > 0 with arg L = level modulo 2 pi, ascending, rad/s.
 
-    Complete wherever |L| >= 1/100 and for the first 20; beyond, with dead time, there are infinitely many.
+    Complete wherever |L| >= smallest and for the first 20; beyond, with dead time, there are infinitely many.
     """
     if response.system.gain == 0:
         return np.array([])
     nodes = _with_extrema(nodes, lambda w: response.phase(w)[1])
+    # the largest |L| within an interval is at its ends only if the extrema of |L| are among them
+    nodes = _with_extrema(nodes, lambda w: response.log_magnitude(w)[1])
     phase = response.phase(nodes)[0]
     size = response.log_magnitude(nodes)[0]
     lower, upper = np.minimum(phase[:-1], phase[1:]), np.maximum(phase[:-1], phase[1:])
@@ -159,7 +163,7 @@ def phase_crossovers(response: Response, nodes: Floats, level: float = np.pi) ->
     count[flat | _axis_intervals(response.system, nodes)] = 0
     count = np.maximum(count, 0).astype(int)
     listed_before = np.concatenate([[0], np.cumsum(count)[:-1]])
-    large = np.maximum(size[:-1], size[1:]) >= np.log(_SMALLEST_LISTED)
+    large = np.maximum(size[:-1], size[1:]) >= np.log(smallest)
     keep = (count > 0) & (large | (listed_before < _LISTED_ALWAYS)) & (listed_before < _MOST_LISTED)
     count = np.where(keep, np.minimum(count, np.where(large, _MOST_LISTED, _LISTED_ALWAYS)), 0)
     at = np.repeat(np.arange(count.size), count)

@@ -11,7 +11,7 @@ import numpy as np
 
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
-from .crossings import Response, frequency_nodes, gain_crossovers, phase_crossovers
+from .crossings import SMALLEST_LISTED, Response, frequency_nodes, gain_crossovers, phase_crossovers
 from .margins import GainLimit, Margins, compute_margins, gain_limits, stabilizing_range
 from .pade import pade
 from .rational import Rational
@@ -20,6 +20,10 @@ from .stability import RootCount, count_right_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+# Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
+# unless a resonance hides behind another.
+_MOST_LISTINGS = 5
 
 
 class DeadTimeLoop:
@@ -157,7 +161,9 @@ class DeadTimeLoop:
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
         """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
         the nearest to 1 in ratio; None if there is none. (0, hi) means stable however small; hi may be inf."""
-        limits = self._gain_limits
+        return self._range_within(self._gain_limits)
+
+    def _range_within(self, limits: list[GainLimit]) -> tuple[float, float] | None:
         count = self.root_count
         if not count.marginal and math.isfinite(count.right):
             return stabilizing_range(limits, count.right)
@@ -209,7 +215,23 @@ class DeadTimeLoop:
 
     @cached_property
     def _phase_crossings(self) -> NDArray[np.float64]:
-        return phase_crossovers(self._response, self._nodes)
+        """Phase crossovers, listed down to an |L| below which none can matter to the stabilising gains."""
+        smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
+        for _ in range(_MOST_LISTINGS):
+            found = phase_crossovers(self._response, self._nodes, smallest=smallest)
+            usable = self._range_within(gain_limits(self._response, found))
+            if usable is None or math.isinf(usable[1]) or usable[1] * smallest <= 1:
+                break
+            smallest = 0.9 / usable[1]  # crossovers of larger |L| would limit the gain first: list them too
+        return found
+
+    def _size_at_unstable_poles(self) -> float:
+        """Largest |L| from the slowest unstable open-loop pole on: what a stabilising gain has to bring to 1."""
+        sizes = np.abs(self._system.poles[self._system.poles.real > 0])
+        if sizes.size == 0 or self._system.gain == 0:
+            return 1.0
+        beyond = self._nodes[self._nodes >= 0.3 * sizes.min()]
+        return float(np.exp(self._response.log_magnitude(beyond)[0].max()))
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:

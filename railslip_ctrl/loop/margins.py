@@ -195,7 +195,7 @@ def _disk(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
 
 
 # Each takes L and d ln L/d omega, and gives the response's magnitude and the logarithmic slope of that.
-_RESPONSES = (_sensitivity, _complementary, _disk)
+RESPONSES = (_sensitivity, _complementary, _disk)
 
 
 def _peak_points(response: Response, nodes: Floats, crossovers: Floats, phase_crossings: Floats) -> Floats:
@@ -218,7 +218,7 @@ def _peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
     """Suprema over omega >= 0 of |S|, |T| and |S - 1/2|, and where they are attained, rad/s."""
     loop, loop_slope = response(points), response.log_slope(points)
     low, high, kind, candidates = [], [], [], _end_values(response)
-    for number, shape in enumerate(_RESPONSES):
+    for number, shape in enumerate(RESPONSES):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value, slope = shape(loop, loop_slope)
         value = np.where(np.isfinite(value), value, 0.0)
@@ -234,11 +234,11 @@ def _peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
     def slope_of(omega: Floats, index: NDArray[np.intp]) -> Floats:
         here, here_slope = response(omega), response.log_slope(omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return np.choose(kinds[index], [shape(here, here_slope)[1] for shape in _RESPONSES])
+            return np.choose(kinds[index], [shape(here, here_slope)[1] for shape in RESPONSES])
 
     refined = bracketed_roots(slope_of, np.concatenate(low), np.concatenate(high))
     here, here_slope = response(refined), response.log_slope(refined)
-    for number, shape in enumerate(_RESPONSES):
+    for number, shape in enumerate(RESPONSES):
         mine = kinds == number
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             height = shape(here[mine], here_slope[mine])[0]
@@ -254,7 +254,7 @@ def _end_values(response: Response) -> list[list[tuple[float, float]]]:
     # an integrator: any |L| far beyond 1 gives the limit, and does not overflow
     ends = np.array([1e100 if np.isinf(dc) else dc, through], dtype=complex)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = [shape(ends, np.zeros(2, dtype=complex))[0] for shape in _RESPONSES]
+        values = [shape(ends, np.zeros(2, dtype=complex))[0] for shape in RESPONSES]
     return [[(float(v[0]), 0.0), (float(v[1]), float("inf"))] for v in values]
 
 

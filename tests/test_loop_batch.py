@@ -1,0 +1,239 @@
+"""The vectorised margins against the scalar engine, closed forms and the exact root count."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from railslip_ctrl import DeadTimeLoop
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.loop import Rational, batch
+from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
+
+NAMES = [f.name for f in fields(BatchMargins) if f.name not in ("stable", "unstable_poles")]
+VALUES = [name for name in NAMES if not name.endswith("_frequency")]
+
+
+def slip_loops(n, *, lead=False, dead_time=True, seed=0):
+    """PI or PI-lead x actuator lag x two-state plant: gains over two decades, stable and unstable ones."""
+    rng = np.random.default_rng(seed)
+    lag, reset = rng.uniform(0.3, 0.9, n), 10 ** rng.uniform(-0.5, 1.5, n)
+    slip_pole, fast_pole, zero = rng.uniform(-1.5, 3, n), rng.uniform(-40, -2, n), rng.uniform(-30, -1, n)
+    gain = 10 ** rng.uniform(-1, 1, n) / lag * fast_pole / zero
+    zeros, poles = [-1 / reset, zero], [np.zeros(n), -1 / lag, slip_pole, fast_pole]
+    if lead:
+        zeros.append(-1 / (lag * rng.uniform(0.8, 1.2, n)))
+        poles.append(-10 / lag)
+        gain = 10 * gain
+    tau = rng.uniform(0.05, 0.4, n) if dead_time else np.zeros(n)
+    return np.stack(zeros, axis=1).astype(complex), np.stack(poles, axis=1).astype(complex), gain, tau
+
+
+def random_roots(rng, n, real, pairs):
+    """n sets of roots: real ones of either sign or 0, pairs with a damping ratio down to 1e-5, of either sign."""
+    size = 10 ** rng.uniform(-2, 1.5, (n, real))
+    sign = rng.choice([-1.0, 1.0, 0.0], (n, real), p=[0.72, 0.14, 0.14])
+    frequency, damping = 10 ** rng.uniform(-1, 1.5, (n, pairs)), 10 ** rng.uniform(-5, -0.01, (n, pairs))
+    pair = frequency * (-damping * rng.choice([1, -1], (n, pairs), p=[0.9, 0.1]) + 1j * np.sqrt(1 - damping**2))
+    return np.concatenate([sign * size, pair, pair.conj()], axis=1)
+
+
+def random_loops(n, zero_shape, pole_shape, seed):
+    """Loops with `(real, pairs)` zeros and poles, gains over three decades and of either sign, a third without tau."""
+    rng = np.random.default_rng(seed)
+    zeros, poles = random_roots(rng, n, *zero_shape), random_roots(rng, n, *pole_shape)
+    level = [np.prod(np.where(r == 0, 1, np.abs(r)), axis=1) for r in (zeros, poles)]
+    gain = 10 ** rng.uniform(-2, 1.5, n) * level[1] / level[0] * rng.choice([1, -1], n, p=[0.85, 0.15])
+    return zeros, poles, gain, rng.choice([0.0, 1.0, 1.0], n) * rng.uniform(0, 1, n)
+
+
+def assert_equals_scalar(arguments, found, *, names=VALUES):
+    for i, (zeros, poles, gain, tau) in enumerate(zip(*arguments, strict=True)):
+        loop = DeadTimeLoop(Rational(zeros, poles, gain), tau)
+        assert found.stable[i] == loop.is_stable()
+        assert found.unstable_poles[i] == loop.unstable_closed_loop_poles
+        ours = {name: getattr(found, name)[i] for name in names}
+        if not loop.is_stable():
+            assert all(np.isnan(value) for value in ours.values())
+            continue
+        expected = {name: getattr(loop.margins(), name) for name in names}
+        # 1e-7 is the promise; both refine to rounding, which a distance of 1e-9 to -1 magnifies to about that
+        assert ours == pytest.approx(expected, rel=1e-7, abs=1e-12, nan_ok=True), (i, loop.system, tau)
+
+
+def scalar_engine_used(monkeypatch):
+    """Counts the loops handed to the scalar engine."""
+    used = []
+
+    def counted(system, dead_time):
+        used.append(system)
+        return DeadTimeLoop(system, dead_time)
+
+    monkeypatch.setattr(batch, "DeadTimeLoop", counted)
+    return used
+
+
+@pytest.mark.parametrize("lead", [False, True])
+@pytest.mark.parametrize("dead_time", [False, True])
+def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_time, monkeypatch):
+    used = scalar_engine_used(monkeypatch)
+    arguments = slip_loops(1500, lead=lead, dead_time=dead_time)
+    found = batch_margins(*arguments)
+    assert not used
+    assert len(found) == 1500
+    assert 0.2 < found.stable.mean() < 0.9
+    assert found.unstable_poles.max() >= 2
+    # without dead time some peaks tie with the end of the axis, where rounding decides which frequency is named
+    assert_equals_scalar(arguments, found, names=NAMES if dead_time else VALUES)
+
+
+STRUCTURES = [
+    ((0, 0), (1, 0)),
+    ((0, 0), (0, 1)),
+    ((1, 0), (3, 0)),
+    ((1, 0), (1, 1)),
+    ((2, 0), (1, 1)),
+    ((0, 1), (2, 1)),
+    ((0, 1), (4, 0)),
+    ((2, 0), (2, 2)),
+    ((1, 1), (0, 2)),
+    ((2, 1), (4, 1)),
+    ((1, 2), (2, 2)),
+    ((0, 0), (0, 3)),
+]
+
+
+@pytest.mark.parametrize(("zero_shape", "pole_shape"), STRUCTURES)
+def test_resonances_integrators_and_non_minimum_phase_equal_the_scalar_engine(zero_shape, pole_shape):
+    arguments = random_loops(150, zero_shape, pole_shape, seed=sum(zero_shape) + 10 * sum(pole_shape))
+    assert_equals_scalar(arguments, batch_margins(*arguments))
+
+
+def test_integrators_with_dead_time_equal_the_closed_form():
+    # k exp(-tau s)/s: a pair on the axis at omega = pi/(2 tau) for k tau = pi/2
+    gain, tau = (a.ravel() for a in np.meshgrid(np.geomspace(0.1, 20, 40), np.linspace(0.05, 2, 30)))
+    found = batch_margins(np.empty((gain.size, 0)), np.zeros((gain.size, 1)), gain, tau)
+    stable = gain * tau < np.pi / 2
+    assert np.array_equal(found.stable, stable)
+    # s tau = W_k(-gain tau): one more pair for every 2 pi
+    pairs = np.floor((gain * tau - np.pi / 2) / (2 * np.pi)) + 1
+    assert np.array_equal(found.unstable_poles, 2 * pairs)
+    gain, tau = gain[stable], tau[stable]
+    assert found.gain_increase[stable] == pytest.approx(np.pi / 2 / (gain * tau), rel=1e-12)
+    assert found.gain_decrease[stable] == pytest.approx(np.zeros(gain.size))
+    assert found.phase_deg[stable] == pytest.approx(90 - np.degrees(gain * tau), rel=1e-10)
+    assert found.delay_s[stable] == pytest.approx(np.pi / 2 / gain - tau, rel=1e-10)
+
+
+def test_result_of_a_loop_does_not_depend_on_its_company():
+    arguments = slip_loops(1100)  # three chunks
+    whole = batch_margins(*arguments)
+    some = np.random.default_rng(1).permutation(1100)[:40]
+    for name in NAMES:
+        alone = [getattr(batch_margins(*(a[i : i + 1] for a in arguments)), name)[0] for i in some]
+        # the common node matrix differs with the company, the refined results do not
+        assert getattr(whole, name)[some] == pytest.approx(np.array(alone), rel=1e-9, nan_ok=True)
+
+
+HALF_TURN = np.pi / 2
+DELICATE = {
+    "pair on the axis": ([], [1j, -1j], 4.0, 0.0),
+    "damped by the feedback": ([0.0], [1j, -1j], 1.0, 0.0),
+    "double integrator": ([], [0, 0], 1.0, 0.0),
+    "hidden integrator": ([0.0], [0.0, -1.0], 1.0, 0.1),
+    "hidden resonance on the axis": ([1j, -1j], [1j, -1j, -1.0], 1.0, 0.1),
+    "pole at the origin closed loop": ([], [-1.0], -1.0, 0.0),
+    "pair on the axis closed loop": ([], [0.0], HALF_TURN, 1.0),
+    "one part in 1e10 before it": ([], [0.0], HALF_TURN * (1 - 1e-10), 1.0),
+    "one part in 1e10 beyond it": ([], [0.0], HALF_TURN * (1 + 1e-10), 1.0),
+    "no gain": ([], [-1.0], 0.0, 0.3),
+    "no gain, unstable": ([], [1.0], 0.0, 0.3),
+    "a resonance that touches |L| = 1": ([], [-0.1 + 1j, -0.1 - 1j], 0.2, 0.4),  # peak gain/(2 0.1 1)
+    "all but undamped": ([], [-1e-9 + 1j, -1e-9 - 1j], 0.01, 0.0),
+    "features 30 decades apart": ([-1e-15], [-1e-14, -1e15], 1e15, 0.0),
+    "frequencies of 1e70": ([], [-1e70], 3e70, 1e-71),
+    "phase along -180 deg": ([-1.0], [-1.0, 0.0, 0.0], 2.0, 0.0),
+}
+
+
+@pytest.mark.parametrize("case", DELICATE.values(), ids=DELICATE)
+def test_delicate_loops_are_left_to_the_scalar_engine(case, monkeypatch):
+    used = scalar_engine_used(monkeypatch)
+    zeros, poles, gain, tau = case
+    # among ordinary ones, which keep their results
+    loops = [Rational(zeros, poles, gain), Rational(-1.0 - np.arange(len(zeros)), -2.0 - np.arange(len(poles)), 0.7)]
+    arguments = stack(loops, [tau, 0.2])
+    assert_equals_scalar(arguments, batch_margins(*arguments))
+    assert len(used) == 1
+    assert used[0].gain == gain
+
+
+def test_dead_time_that_turns_a_piece_very_often_is_left_to_the_scalar_engine(monkeypatch):
+    used = scalar_engine_used(monkeypatch)
+    arguments = stack([Rational([], [-1.0], 0.9)], 1e6)  # |L| stays near 0.9 over 1e5 turns
+    assert_equals_scalar(arguments, batch_margins(*arguments))
+    assert len(used) == 1
+
+
+@pytest.mark.parametrize(("damping", "level", "tau"), [(0.05, 9e-4, 10.0), (0.02, 3.9e-4, 3.0)])
+def test_gain_margin_of_a_weak_resonance_far_up_is_where_stability_is_lost(damping, level, tau):
+    # more than 20 phase crossovers lie before the resonance, and |L| < 1/100 throughout: the limit is at its peak
+    pole = 100 * (-damping + 1j * np.sqrt(1 - damping**2))
+    loop = DeadTimeLoop(Rational([], [pole, pole.conjugate()], level * 100**2), tau)
+    limit = batch_margins(*stack([loop.system], tau)).gain_increase[0]
+    assert 100 < limit < 120
+    assert loop.scaled(limit * (1 - 1e-6)).is_stable()
+    assert not loop.scaled(limit * (1 + 1e-6)).is_stable()
+
+
+def test_empty_batch():
+    found = batch_margins(np.empty((0, 1)), np.empty((0, 3)), np.empty(0), np.empty(0))
+    assert len(found) == 0
+    assert found.stable.dtype == bool
+    assert all(getattr(found, name).shape == (0,) for name in NAMES)
+    assert len(batch_margins(*stack([], 0.1))) == 0
+
+
+def test_stack_broadcasts_one_dead_time():
+    loops = [Rational([-1.0], [-2.0, 0.5], 3.0), Rational([-1.5], [-2.0 + 1j, -2.0 - 1j], 4.0)]
+    zeros, poles, gain, tau = stack(loops, 0.2)
+    assert zeros.shape == (2, 1)
+    assert poles.shape == (2, 2)
+    assert gain == pytest.approx([3.0, 4.0])
+    assert tau == pytest.approx([0.2, 0.2])
+
+
+def test_loops_of_different_structure_are_not_stacked():
+    with pytest.raises(InputError, match="stack loops of one structure"):
+        stack([Rational([], [-1.0], 1.0), Rational([], [-1.0, -2.0], 1.0)], 0.1)
+    with pytest.raises(InputError, match=r"dead times: shape \(3,\) for 2 loops"):
+        stack([Rational([], [-1.0], 1.0)] * 2, [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"gain": np.ones(3)}, "shapes"),
+        ({"dead_time": 0.1}, "shapes"),
+        ({"zeros": np.ones(2)}, "shapes"),
+        ({"zeros": -np.ones((2, 2))}, "not strictly proper"),
+        ({"zeros": -np.ones((2, 3))}, "not strictly proper"),
+        ({"gain": [1.0, np.inf]}, "not finite"),
+        ({"poles": [[-1.0, np.nan], [-1.0, -2.0]]}, "not finite"),
+        ({"dead_time": [0.1, -0.2]}, "dead time: -0.2 s"),
+        ({"dead_time": [0.1, np.nan]}, "dead time: nan s"),
+        ({"poles": [[-1.0, -2.0], [-1.0 + 1j, -2.0 - 1j]]}, "poles: complex ones without their conjugates"),
+        ({"zeros": [[-1.0], [-1.0 + 1j]]}, "zeros: complex ones without their conjugates"),
+    ],
+)
+def test_unsuitable_arrays_are_refused(change, match):
+    arguments = {
+        "zeros": [[-1.0], [-1.0]],
+        "poles": [[-1.0, -2.0], [-1.0, -2.0]],
+        "gain": [1.0, 1.0],
+        "dead_time": [0.1, 0.1],
+    }
+    with pytest.raises(InputError, match=match):
+        batch_margins(**(arguments | change))
