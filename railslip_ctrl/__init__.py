@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .design import stabilizing_pi as stabilizing_pi
+    from .design.tuning import tune_pi as tune_pi
     from .loop import DeadTimeLoop as DeadTimeLoop
     from .loop import Margins as Margins
 
@@ -17,9 +19,11 @@ __version__ = "0.1.0"
 _HOME = {
     "DeadTimeLoop": ".loop",
     "Margins": ".loop",
+    "stabilizing_pi": ".design",
+    "tune_pi": ".design.tuning",
 }
 
-__all__ = ["DeadTimeLoop", "Margins", "__version__"]
+__all__ = ["DeadTimeLoop", "Margins", "__version__", "stabilizing_pi", "tune_pi"]
 
 
 def __getattr__(name: str) -> Any:

@@ -32,6 +32,10 @@ SOURCES = MappingProxyType(
             "delay differential equations. SIAM Journal on Scientific Computing 27(2), 2005, pp. 482-495. "
             "doi:10.1137/030601600"
         ),
+        "Astrom1998": (
+            "K. J. Astrom, H. Panagopoulos, T. Hagglund: Design of PI controllers based on non-convex optimization. "
+            "Automatica 34(5), 1998, pp. 585-601. doi:10.1016/S0005-1098(98)00011-9"
+        ),
         "Astrom2021": (
             "K. J. Astrom, R. M. Murray: Feedback Systems: An Introduction for Scientists and Engineers. "
             "Princeton University Press, 2nd edition, 2021."
@@ -39,6 +43,14 @@ SOURCES = MappingProxyType(
         "Seiler2020": (
             "P. Seiler, A. Packard, P. Gahinet: An introduction to disk margins. IEEE Control Systems Magazine "
             "40(5), 2020, pp. 78-95. doi:10.1109/MCS.2020.3005277"
+        ),
+        "Gryazina2008": (
+            "E. N. Gryazina, B. T. Polyak, A. A. Tremba: D-decomposition technique state-of-the-art. Automation and "
+            "Remote Control 69(12), 2008, pp. 1991-2026. doi:10.1134/S0005117908120011"
+        ),
+        "Silva2005": (
+            "G. J. Silva, A. Datta, S. P. Bhattacharyya: PID Controllers for Time-Delay Systems. Birkhauser, Boston, "
+            "2005."
         ),
         "railtoolkit": (
             "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "

@@ -18,6 +18,7 @@ _COMMANDS = {
     "report": "the main job: the design check of a vehicle, dry and wet rail, with pictures",
     "linearize": "operating point, A B C D, poles, zeros, transfer function",
     "margins": "stability-margin report of a PI loop, exact dead time",
+    "tune": "PI gains from a specification, for one or many operating points",
 }
 
 

@@ -41,65 +41,84 @@ class Quantity(click.ParamType[float]):
 
 
 def case_options(function: F) -> F:
-    """The options that name a vehicle and its operating points."""
-    options = [
-        click.option(
-            "--adhesion",
-            default="bristle",
-            show_default=True,
-            metavar="LAW|FILE.toml",
-            help="Adhesion law by name, or a file with a law and its parameters.",
-        ),
-        click.option(
-            "--rail",
-            "rails",
-            multiple=True,
-            metavar="dry|wet",
-            help="Rail condition; repeatable.  [default: both]",
-        ),
-        click.option(
-            "--speed",
-            "speeds",
-            multiple=True,
-            type=Quantity("km/h", gt=0),
-            metavar="KMH",
-            help="Train speed, km/h; repeatable.  [default: 100]",
-        ),
-        click.option(
-            "--initial-speed",
-            default=INITIAL_SPEED_KMH,
-            show_default=True,
-            type=Quantity("km/h", gt=0),
-            metavar="KMH",
-            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
-        ),
-        click.option(
-            "--slip",
-            type=Quantity("1", ge=0, lt=1),
-            metavar="X",
-            help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
-        ),
-        click.option(
-            "--vehicle",
-            type=click.Path(path_type=Path),
-            metavar="FILE",
-            help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
-        ),
-        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
-        click.option(
-            "--mass", type=Quantity("kg", gt=0), metavar="KG", help="Quarter-car mass M, kg; the wheel load stays."
-        ),
-        click.option(
-            "--inertia-scale",
-            type=Quantity("1", gt=0),
-            metavar="X",
-            help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
-        ),
-        click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
-    ]
+    """The options that name a vehicle and its operating points; one mass."""
+    return _with_options(function, [*_POINT_OPTIONS, _mass_option(multiple=False)])
+
+
+def family_options(function: F) -> F:
+    """As `case_options`, with the mass repeatable too: every mass is combined with every rail and speed."""
+    return _with_options(function, [*_POINT_OPTIONS, _mass_option(multiple=True)])
+
+
+def _with_options(function: F, options: list[Callable[[F], F]]) -> F:
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def _mass_option(*, multiple: bool) -> Any:
+    return click.option(
+        "--mass",
+        "masses" if multiple else "mass",
+        multiple=multiple,
+        type=Quantity("kg", gt=0),
+        metavar="KG",
+        help="Quarter-car mass M, kg; the wheel load stays." + (" Repeatable." if multiple else ""),
+    )
+
+
+_POINT_OPTIONS: list[Any] = [
+    click.option(
+        "--adhesion",
+        default="bristle",
+        show_default=True,
+        metavar="LAW|FILE.toml",
+        help="Adhesion law by name, or a file with a law and its parameters.",
+    ),
+    click.option(
+        "--rail",
+        "rails",
+        multiple=True,
+        metavar="dry|wet",
+        help="Rail condition; repeatable.  [default: both]",
+    ),
+    click.option(
+        "--speed",
+        "speeds",
+        multiple=True,
+        type=Quantity("km/h", gt=0),
+        metavar="KMH",
+        help="Train speed, km/h; repeatable.  [default: 100]",
+    ),
+    click.option(
+        "--initial-speed",
+        default=INITIAL_SPEED_KMH,
+        show_default=True,
+        type=Quantity("km/h", gt=0),
+        metavar="KMH",
+        help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
+    ),
+    click.option(
+        "--slip",
+        type=Quantity("1", ge=0, lt=1),
+        metavar="X",
+        help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
+    ),
+    click.option(
+        "--vehicle",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
+    ),
+    click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
+    click.option(
+        "--inertia-scale",
+        type=Quantity("1", gt=0),
+        metavar="X",
+        help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
+]
 
 
 def actuator_options(function: F) -> F:

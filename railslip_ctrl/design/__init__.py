@@ -2,14 +2,35 @@
 
 from .controllers import PIController, actuated_plant, wheel_slip_loop
 from .holding import HoldingDesign, holding_gains
+from .region_maps import MarginGrid, Strip, margin_grid, outline
 from .shaping import gain_for_crossover, most_phase
+from .stabilizing import (
+    BoundaryCurve,
+    IntersectionRegion,
+    Region,
+    StabilizingRegion,
+    intersection,
+    stabilizing_pi,
+    stabilizing_pid,
+)
 
 __all__ = [
+    "BoundaryCurve",
     "HoldingDesign",
+    "IntersectionRegion",
+    "MarginGrid",
     "PIController",
+    "Region",
+    "StabilizingRegion",
+    "Strip",
     "actuated_plant",
     "gain_for_crossover",
     "holding_gains",
+    "intersection",
+    "margin_grid",
     "most_phase",
+    "outline",
+    "stabilizing_pi",
+    "stabilizing_pid",
     "wheel_slip_loop",
 ]

@@ -55,7 +55,7 @@ def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
     }
 
 
-def _margin_numbers(margins: Margins | None) -> dict[str, float | None]:
+def margin_numbers(margins: Margins | None) -> dict[str, float | None]:
     if margins is None:
         names = ("gain_increase", "gain_decrease", "phase_margin_deg", "delay_margin_s", "ms", "mt", "disk_margin")
         return dict.fromkeys(names)
@@ -85,7 +85,7 @@ def _frequencies(margins: Margins | None) -> dict[str, float | None] | None:
 
 
 def _pade_json(row: PadeRow) -> dict[str, Any]:
-    return {"order": row.order, "stable": row.margins is not None, **_margin_numbers(row.margins)}
+    return {"order": row.order, "stable": row.margins is not None, **margin_numbers(row.margins)}
 
 
 def margins_json(assessment: Assessment) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def margins_json(assessment: Assessment) -> dict[str, Any]:
         ),
         "closed_loop_poles": _complex_pairs(assessment.closed_loop_poles),
         "gain_crossovers_rad_s": [float(w) for w in assessment.loop.gain_crossovers],
-        **_margin_numbers(assessment.margins),
+        **margin_numbers(assessment.margins),
         "stabilizing_gain_range": None if usable is None else [number(usable[0]), number(usable[1])],
         "frequencies_rad_s": _frequencies(assessment.margins),
         "limits": {

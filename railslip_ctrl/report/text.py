@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Sequence
 
-from rich import box
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
@@ -21,58 +19,7 @@ from railslip_ctrl.loop import Margins
 from railslip_ctrl.parameters import Actuator, Vehicle
 from railslip_ctrl.units import KMH
 
-WIDTH = 110
-"""Columns; A4 across in a usual fixed-width print."""
-
-
-def _render(parts: Iterable[RenderableType]) -> str:
-    stream = io.StringIO()
-    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
-    for part in parts:
-        console.print(part)
-    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
-
-
-def _heading(text: str, mark: str = "=") -> Text:
-    return Text(f"{text}\n{mark * min(len(text), WIDTH)}")
-
-
-def _facts(rows: Iterable[tuple[str, str]]) -> Table:
-    """Two columns: what, and its value."""
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for name, value in rows:
-        table.add_row(name, value)
-    return table
-
-
-def _table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> Table:
-    """A table with a ruled head; the first `left` columns are aligned left, the others right."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="left" if i < left else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def fixed(value: float, digits: int = 5) -> str:
-    """A number with `digits` significant digits, trailing zeros kept off; "unbounded" for inf, "-" for NaN."""
-    if math.isnan(value):
-        return "-"
-    if math.isinf(value):
-        return "unbounded" if value > 0 else "-unbounded"
-    return f"{value:.{digits}g}"
-
-
-def _root(value: complex) -> str:
-    return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
-
-
-def roots_text(values: Iterable[complex]) -> str:
-    """Poles or zeros, one of each pair, separated by commas; "none" if there are none."""
-    return ",  ".join(_root(v) for v in values if v.imag >= 0) or "none"
+from .layout import facts, fixed, heading, render, roots_text, table
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -87,7 +34,7 @@ def case_title(point: OperatingPoint) -> str:
     )
 
 
-def _controller(controller: PIController) -> str:
+def controller_text(controller: PIController) -> str:
     kp, ki = controller.gains.kp, controller.gains.ki
     text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
     text += f"   ({kp * KMH:.5g} N·m per km/h, {ki * KMH:.5g} N·m per km/h per s)"
@@ -130,14 +77,14 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
     parts: list[RenderableType] = []
     for plant in plants:
         parts += [*_linear_plant(plant), Text("")]
-    return _render(parts[:-1])
+    return render(parts[:-1])
 
 
 def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
     point = plant.point
     num, den = plant.transfer_function()
     frozen = "with the speed as a state" if plant.speed_state else "with the speed frozen"
-    facts = [
+    rows = [
         (
             "Operating point",
             f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
@@ -156,7 +103,7 @@ def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
         ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
         ("sigma/torque", f"({_polynomial(num)}) / ({_polynomial(den)})   (m/s)/(N·m)"),
     ]
-    return [_heading(f"Linearisation {frozen}: {case_title(point)}"), _facts(facts)]
+    return [heading(f"Linearisation {frozen}: {case_title(point)}"), facts(rows)]
 
 
 def _polynomial(coefficients: Iterable[float]) -> str:
@@ -178,22 +125,22 @@ def margins_text(assessments: Sequence[Assessment]) -> str:
     parts: list[RenderableType] = []
     for assessment in assessments:
         parts += [*_assessment(assessment), Text("")]
-    return _render(parts[:-1])
+    return render(parts[:-1])
 
 
 def _assessment(assessment: Assessment) -> list[RenderableType]:
     limits = assessment.limits
     p = limits.unstable_pole
     poles = assessment.closed_loop_poles
-    facts = [
-        ("Controller", _controller(assessment.controller)),
+    rows = [
+        ("Controller", controller_text(assessment.controller)),
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
         ("Open loop", f"{assessment.loop.open_loop_unstable_poles} unstable pole(s)"),
         ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
-    parts: list[RenderableType] = [_heading(f"Stability margins: {case_title(assessment.point)}"), _facts(facts)]
+    parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
     if assessment.margins is not None:
         parts.append(_margin_table(assessment, assessment.margins))
         parts.append(_crossover_line(assessment.margins))
@@ -243,9 +190,9 @@ def _margin_table(assessment: Assessment, m: Margins) -> Padding:
     usable = assessment.stabilizing_gain_range
     if usable is not None:
         rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
-    table = _table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows)
-    table.columns[2].justify = table.columns[4].justify = "left"
-    return Padding(table, (1, 0, 0, 0))
+    shown = table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows)
+    shown.columns[2].justify = shown.columns[4].justify = "left"
+    return Padding(shown, (1, 0, 0, 0))
 
 
 def _crossover_line(m: Margins) -> Text:
@@ -258,7 +205,7 @@ def _crossover_line(m: Margins) -> Text:
 def _pade_table(assessment: Assessment) -> Table:
     rows = [_pade_row(row, assessment.margins) for row in assessment.pade]
     rows.append(["exact", *_pade_cells(assessment.margins), ""])
-    return _table(
+    return table(
         ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error"), rows
     )
 
@@ -286,17 +233,17 @@ def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
 def design_check_text(check: DesignCheck) -> str:
     """The whole design check: vehicle, summary, then the margin report of every loop."""
     parts: list[RenderableType] = [
-        _heading("Wheel-slip control: design check"),
-        _facts(vehicle_facts(check.vehicle)),
+        heading("Wheel-slip control: design check"),
+        facts(vehicle_facts(check.vehicle)),
         Text(f"\nConclusion: {check.conclusion}\n"),
-        _heading("Summary", "-"),
+        heading("Summary", "-"),
         _summary_table(check),
     ]
     for group in check.groups:
-        parts += [Text(""), _heading(group.title, "#"), Text(group.remark), Text("")]
+        parts += [Text(""), heading(group.title, "#"), Text(group.remark), Text("")]
         for assessment, peer in zip(group.assessments, group.python_control, strict=True):
             parts += [*_assessment(assessment), _peer_line(peer), Text("")]
-    return _render(parts[:-1])
+    return render(parts[:-1])
 
 
 def _peer_line(peer: PythonControlMargins) -> Text:
@@ -325,6 +272,6 @@ def _summary_table(check: DesignCheck) -> Table:
             )
             where = f"{a.point.rail}, {a.point.speed_kmh:g} km/h"
             rows.append([group.title if i == 0 else "", where, *numbers, a.verdict.value])
-    table = _table(("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict"), rows, left=2)
-    table.columns[-1].justify = "left"
-    return table
+    shown = table(("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict"), rows, left=2)
+    shown.columns[-1].justify = "left"
+    return shown

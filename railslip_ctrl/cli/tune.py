@@ -1,0 +1,90 @@
+"""`railslip tune`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from railslip_ctrl.design.tuning import Specification
+from railslip_ctrl.design.tuning_cases import tune_cases
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import linearize
+from railslip_ctrl.report.tuning import tuning_json, tuning_text
+
+from .options import Quantity, actuator_options, chosen_points, chosen_vehicle, family_options
+from .output import print_json
+
+
+@click.command()
+@family_options
+@actuator_options
+@click.option("--structure", default="pi", show_default=True, metavar="pi|pi-lead|pid", help="Controller structure.")
+@click.option("--ms-max", type=Quantity("1", gt=1), metavar="X", help="Largest Ms allowed; ki is maximised.")
+@click.option("--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.")
+@click.option("--delay-min", type=Quantity("s", ge=0), metavar="S", help="Least delay margin allowed, s.")
+@click.option("--minimise-ms", is_flag=True, help="Minimise the worst Ms instead; needs --ki-min.")
+@click.option("--ki-min", type=Quantity("N*m/m", gt=0), metavar="X", help="Least integral gain, N*m/m.")
+@click.option(
+    "--lead", type=Quantity("s", gt=0), metavar="S", help="Lead of pi-lead, s.  [default: the actuator's lag]"
+)
+@click.option("--lead-filter", type=Quantity("s", gt=0), metavar="S", help="Its filter, s.  [default: a tenth of it]")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    adhesion: str,
+    rails: tuple[str, ...],
+    speeds: tuple[float, ...],
+    initial_speed: float,
+    slip: float | None,
+    vehicle: Path | None,
+    loaded: bool,
+    masses: tuple[float, ...],
+    inertia_scale: float | None,
+    as_json: bool,
+    dead_time: float | None,
+    lag: float | None,
+    structure: str,
+    ms_max: float | None,
+    phase_min: float | None,
+    delay_min: float | None,
+    minimise_ms: bool,
+    ki_min: float | None,
+    lead: float | None,
+    lead_filter: float | None,
+) -> None:
+    """One gain set for all the operating points named, from a specification. Exit status 1 if it cannot be met.
+
+    Example: railslip tune --structure pi-lead --ms-max 1.8 --speed 20 --speed 100 --mass 3517 --mass 5276
+    """
+    if minimise_ms != (ki_min is not None):
+        raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
+    if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
+        raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
+    points = [
+        point
+        for mass in masses or (None,)
+        for point in chosen_points(
+            chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag),
+            adhesion,
+            rails,
+            speeds,
+            initial_speed,
+            slip,
+        )
+    ]
+    points.sort(key=lambda point: (rails or ("dry", "wet")).index(point.rail.value))
+    tuned = tune_cases(
+        [linearize(point) for point in points],
+        points[0].vehicle.actuator,
+        structure=structure,
+        specification=Specification(ms_max, phase_min, delay_min),
+        ki_min=ki_min,
+        lead=lead,
+        lead_filter=lead_filter,
+    )
+    if as_json:
+        print_json(tuning_json(tuned))
+    else:
+        click.echo(tuning_text(tuned), nl=False)
+    ctx.exit(0 if tuned.design is not None else 1)

@@ -1,0 +1,138 @@
+"""What a stabilising region looks like: its outline over kp, and margins over a grid of gains, as records."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError
+
+from .intervals import Intervals
+from .stabilizing import Region
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+
+_BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Part of a region between two curves: ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending."""
+
+    kp: Floats
+    ki_low: Floats
+    ki_high: Floats
+
+    @property
+    def polygon(self) -> Floats:
+        """The closed outline, shape (2 n, 2), columns kp and ki."""
+        return np.column_stack(
+            [np.concatenate([self.kp, self.kp[::-1]]), np.concatenate([self.ki_low, self.ki_high[::-1]])]
+        )
+
+
+@dataclass(frozen=True)
+class MarginGrid:
+    """Worst margins over all plants of a region, arrays of shape (kp.size, ki.size), NaN outside the region.
+
+    `ms` peak of |S|, `phase_deg` smallest phase margin in size, deg, `delay_s` smallest delay margin, s.
+    """
+
+    kp: Floats
+    ki: Floats
+    ms: Floats
+    phase_deg: Floats
+    delay_s: Floats
+
+
+def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tuple[Strip, ...]:
+    """The region as strips over kp, each between two continuous boundaries; exact in every column.
+
+    Parameters
+    ----------
+    kp : array, optional
+        Columns, ascending; by default `count` of them over `region.kp_range`, closer towards its ends.
+
+    Raises
+    ------
+    InputError
+        The range is not finite and no columns are given. A region that is empty gives no strips.
+
+    Notes
+    -----
+    A strip's ends are refined only where the number of intervals changes between columns; what appears and
+    vanishes between two of them is not seen. `Region.contains` is what decides.
+    """
+    columns = _columns(region, count) if kp is None else np.asarray(kp, dtype=float)
+    if columns.size == 0:
+        return ()
+    found = [region.ki_intervals(float(x)) for x in columns]
+    groups: list[tuple[list[float], list[Intervals]]] = [([float(columns[0])], [found[0]])]
+    for x0, x1, before, after in zip(columns[:-1], columns[1:], found[:-1], found[1:], strict=True):
+        if len(before) != len(after):
+            left, right = _where_the_number_changes(region, (float(x0), before), (float(x1), after))
+            _extend(groups[-1], left)
+            groups.append(([right[0]], [right[1]]))
+        _extend(groups[-1], (float(x1), after))
+    strips = []
+    for xs, intervals in groups:
+        for number in range(len(intervals[0])):
+            ends = np.array([column[number] for column in intervals])
+            strips.append(Strip(np.array(xs), ends[:, 0], ends[:, 1]))
+    return tuple(strips)
+
+
+def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
+    """Exact margins at each pair of gains inside a region; see `MarginGrid`.
+
+    Parameters
+    ----------
+    kp, ki : arrays, 1-D
+        Grid lines; ki = 0 is P control. Raises InputError if one is not finite.
+    """
+    columns, rows = np.atleast_1d(np.asarray(kp, dtype=float)), np.atleast_1d(np.asarray(ki, dtype=float))
+    ms, phase, delay = (np.full((columns.size, rows.size), np.nan) for _ in range(3))
+    for i, x in enumerate(columns.tolist()):
+        for j, y in enumerate(rows.tolist()):
+            if region.contains(x, y):
+                margins = [loop.margins() for loop in region.loops(x, y)]
+                ms[i, j] = max(m.ms for m in margins)
+                phase[i, j] = min(m.phase_deg for m in margins)
+                delay[i, j] = min(m.delay_s for m in margins)
+    return MarginGrid(columns, rows, ms, phase, delay)
+
+
+def _columns(region: Region, count: int) -> Floats:
+    ends = region.kp_range
+    if ends is None:
+        return np.array([])
+    if not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
+        raise InputError(f"outline: kp ranges over {ends}, which is not bounded; give the columns kp to draw")
+    # the boundary leaves the ends of the range steeply
+    return np.asarray(ends[0] + (ends[1] - ends[0]) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
+
+
+def _where_the_number_changes(
+    region: Region, left: tuple[float, Intervals], right: tuple[float, Intervals]
+) -> tuple[tuple[float, Intervals], tuple[float, Intervals]]:
+    """Neighbouring columns, with their intervals, on the two sides of the last change in number between two."""
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (left[0] + right[0])
+        here = region.ki_intervals(middle)
+        if len(here) == len(left[1]):
+            left = middle, here
+        else:
+            right = middle, here
+    return left, right
+
+
+def _extend(group: tuple[list[float], list[Intervals]], column: tuple[float, Intervals]) -> None:
+    if column[0] > group[0][-1] and len(column[1]) == len(group[1][-1]):
+        group[0].append(column[0])
+        group[1].append(column[1])

@@ -1,0 +1,215 @@
+"""Gains scheduled over speed and rail, and the lowest speed at which the loop can be held."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
+from railslip_ctrl.units import KMH
+
+from .controllers import PIController, actuated_plant, wheel_slip_loop
+from .stabilizing import stabilizing_pi
+from .tuning import tune_pi
+
+_SPEED_TOLERANCE_KMH = 1e-6
+
+
+@dataclass(frozen=True)
+class ScheduleEntry:
+    """Gains at one speed on one rail, tuned over the vehicle's loads there, and the worst Ms with them."""
+
+    rail: Rail
+    speed_kmh: float
+    gains: PIGains
+    worst_ms: float
+
+
+@dataclass(frozen=True)
+class GainSchedule:
+    """PI gains over speed and rail, with one lead for all.
+
+    Between the speeds the gains are interpolated linearly in speed; outside them the nearest entry holds. Below
+    `lowest_speed_kmh` slip control must be cut out.
+    """
+
+    entries: tuple[ScheduleEntry, ...]
+    lead: float
+    lead_filter: float
+    lowest_speed_kmh: float
+
+    def controller(self, speed: float, rail: Rail) -> PIController:
+        """The controller at a speed (m/s, > 0) on a rail.
+
+        Raises InputError for a speed that is not finite and positive, or a rail without entries.
+        """
+        if not (math.isfinite(speed) and speed > 0):
+            raise InputError(f"speed: {speed} m/s is not allowed; give a finite value > 0")
+        mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
+        if not mine:
+            raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
+        speeds = [e.speed_kmh for e in mine]
+        kp = float(np.interp(speed / KMH, speeds, [e.gains.kp for e in mine]))
+        ki = float(np.interp(speed / KMH, speeds, [e.gains.ki for e in mine]))
+        return PIController(PIGains(kp=kp, ki=ki), self.lead, self.lead_filter)
+
+    def to_json(self) -> str:
+        """The schedule as JSON, SI except where a key names a unit; `from_json` reads it back."""
+        content = {
+            "lead_s": self.lead,
+            "lead_filter_s": self.lead_filter,
+            "lowest_speed_kmh": self.lowest_speed_kmh,
+            "entries": [
+                {
+                    "rail": e.rail.value,
+                    "speed_kmh": e.speed_kmh,
+                    "kp_si": e.gains.kp,
+                    "ki_si": e.gains.ki,
+                    "worst_ms": e.worst_ms,
+                }
+                for e in self.entries
+            ],
+        }
+        return json.dumps(content, indent=2, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> GainSchedule:
+        """Read what `to_json` wrote; InputError for anything else."""
+        try:
+            content = json.loads(text)
+            entries = tuple(
+                ScheduleEntry(
+                    Rail(e["rail"]),
+                    float(e["speed_kmh"]),
+                    PIGains(kp=e["kp_si"], ki=e["ki_si"]),
+                    float(e["worst_ms"]),
+                )
+                for e in content["entries"]
+            )
+            lead, lead_filter, lowest = (float(content[k]) for k in ("lead_s", "lead_filter_s", "lowest_speed_kmh"))
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
+        if not entries:
+            raise InputError("gain schedule: it has no entries")
+        return cls(entries, lead, lead_filter, lowest)
+
+
+def plant_at(
+    law: str, vehicle: Vehicle, rail: Rail, speed_kmh: float, initial_speed_kmh: float = INITIAL_SPEED_KMH
+) -> LinearPlant:
+    """The linear plant at a law's published reference slip."""
+    adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
+    slip = adhesion.reference_slip(rail)
+    if slip is None:
+        raise InputError(f"adhesion {law!r} has no reference slip; choose a law that has one")
+    return linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail))
+
+
+def schedule_gains(
+    speeds_kmh: Sequence[float],
+    *,
+    law: str = "bristle",
+    vehicle: Vehicle = PARK2008,
+    rails: Sequence[Rail] = tuple(Rail),
+    ms_max: float,
+    lead: float = 0.0,
+    lead_filter: float = 0.0,
+) -> GainSchedule:
+    """Tune a PI (with one lead for all) at each speed and rail, over the vehicle's empty and loaded mass.
+
+    At each entry ki is maximised under Ms <= ms_max. Raises InfeasibleDesignError where that fails, naming the entry.
+    """
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    actuator = vehicle.actuator
+    entries = []
+    for rail in rails:
+        for speed in speeds_kmh:
+            plants = [plant_at(law, loaded, rail, speed) for loaded in (vehicle, vehicle.loaded())]
+            try:
+                design = tune_pi(
+                    [actuated_plant(plant, actuator) for plant in plants],
+                    actuator.dead_time,
+                    ms_max=ms_max,
+                    compensator=compensator,
+                )
+            except InfeasibleDesignError as error:
+                raise InfeasibleDesignError(f"{rail} rail, {speed:g} km/h: {error}") from None
+            entries.append(ScheduleEntry(rail, float(speed), PIGains(kp=design.kp, ki=design.ki), design.worst.ms))
+    lowest = max(
+        lowest_stabilisable_speed(
+            lambda v, rail=rail: plant_at(law, vehicle, rail, v),  # type: ignore[misc]
+            actuator,
+            lead=lead,
+            lead_filter=lead_filter,
+        )
+        for rail in rails
+    )
+    return GainSchedule(tuple(entries), lead, lead_filter, lowest)
+
+
+def lowest_held_speed(
+    plant: Callable[[float], LinearPlant],
+    controller: PIController,
+    actuator: Actuator,
+    *,
+    ms_max: float = math.inf,
+    low_kmh: float = 0.5,
+    high_kmh: float = 100.0,
+) -> float:
+    """Lowest speed, km/h, from which up to `high_kmh` the controller holds the loop (with Ms <= ms_max if given).
+
+    `plant` gives the linear plant at a speed in km/h. Returns `low_kmh` if it is held down to there; slip control
+    must be cut out below the value returned.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        It is not held at `high_kmh` either.
+    """
+
+    def held(speed_kmh: float) -> bool:
+        loop = wheel_slip_loop(plant(speed_kmh), controller, actuator)
+        return loop.is_stable() and (math.isinf(ms_max) or loop.margins().ms <= ms_max)
+
+    return _lowest(held, low_kmh, high_kmh, "this controller does not hold the loop")
+
+
+def lowest_stabilisable_speed(
+    plant: Callable[[float], LinearPlant],
+    actuator: Actuator,
+    *,
+    lead: float = 0.0,
+    lead_filter: float = 0.0,
+    low_kmh: float = 0.5,
+    high_kmh: float = 100.0,
+) -> float:
+    """Lowest speed, km/h, at which any PI (with this lead) can hold the loop, by the exact stabilising set."""
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+
+    def stabilisable(speed_kmh: float) -> bool:
+        system = compensator * actuated_plant(plant(speed_kmh), actuator)
+        return stabilizing_pi(system, dead_time=actuator.dead_time).kp_range is not None
+
+    return _lowest(stabilisable, low_kmh, high_kmh, "no PI of this structure holds the loop")
+
+
+def _lowest(holds: Callable[[float], bool], low: float, high: float, complaint: str) -> float:
+    """Lower end of the interval of speeds, reaching up to `high`, on which `holds` is true."""
+    if not holds(high):
+        raise InfeasibleDesignError(f"{complaint} at {high:g} km/h; lower the upper speed or change the design")
+    grid = np.geomspace(high, low, 60)
+    failing = next((i for i, speed in enumerate(grid) if not holds(float(speed))), None)
+    if failing is None:
+        return low
+    good, bad = float(grid[failing - 1]), float(grid[failing])
+    while good - bad > _SPEED_TOLERANCE_KMH:
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if holds(middle) else (good, middle)
+    return good

@@ -1,0 +1,85 @@
+"""Text and JSON of tuned designs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from railslip_ctrl.design.families import Worst
+from railslip_ctrl.design.tuning import PIDesign
+from railslip_ctrl.design.tuning_cases import TunedCases
+from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.loop import Margins
+
+from .jsonable import case_json, margin_numbers, number
+from .layout import facts, fixed, heading, render, table
+from .text import case_title, controller_text
+
+
+def tuning_json(tuned: TunedCases) -> dict[str, Any]:
+    """The design and its margins at every case; of an infeasible one null, with the reason."""
+    design = tuned.design
+    asked = tuned.specification.ms_max
+    return {
+        "structure": tuned.structure,
+        "kp_si": None if design is None else design.kp,
+        "ki_si": None if design is None else design.ki,
+        "lead_s": tuned.lead,
+        "lead_filter_s": tuned.lead_filter,
+        "ms_max_asked": asked,
+        "worst": None if design is None else _worst_json(design.worst, tuned.points),
+        "cases": [
+            {**case_json(point), **margin_numbers(margins)}
+            for point, margins in zip(tuned.points, _margins(tuned), strict=True)
+        ],
+        "feasible": design is not None,
+        "reason": tuned.reason,
+    }
+
+
+def _margins(tuned: TunedCases) -> Sequence[Margins | None]:
+    return [None] * len(tuned.points) if tuned.design is None else tuned.design.margins
+
+
+def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:
+    return {
+        "ms": number(worst.ms),
+        "phase_margin_deg": number(worst.phase_deg),
+        "delay_margin_s": number(worst.delay_s),
+        "case": case_json(points[worst.ms_member]),
+    }
+
+
+def tuning_text(tuned: TunedCases) -> str:
+    """The design, its worst case, and its margins at every case."""
+    parts: list[RenderableType] = [heading(f"Tuning a {tuned.structure} at {len(tuned.points)} operating points")]
+    if tuned.design is None:
+        parts += [facts([("Asked for", tuned.asked), ("Result", f"infeasible: {tuned.reason}")])]
+        return render(parts)
+    design = tuned.design
+    parts.append(facts(_design_facts(tuned, design)))
+    parts.append(_case_table(tuned.points, design.margins))
+    parts.append(Text(f"Verdict: worst Ms {design.worst.ms:.4g} at {case_title(tuned.points[design.worst.ms_member])}"))
+    return render(parts)
+
+
+def _design_facts(tuned: TunedCases, design: PIDesign) -> list[tuple[str, str]]:
+    return [
+        ("Asked for", tuned.asked),
+        ("Controller", controller_text(tuned.controller(design))),
+        ("Worst phase margin", f"{fixed(design.worst.phase_deg)} deg"),
+        ("Worst delay margin", f"{fixed(design.worst.delay_s)} s"),
+    ]
+
+
+def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) -> RenderableType:
+    rows = []
+    for p, m in zip(points, margins, strict=True):
+        where = f"{p.rail}, {p.speed_kmh:g} km/h, {p.vehicle.mass:g} kg"
+        decrease = fixed(m.gain_decrease, 4) if m.gain_decrease > 0 else "unbounded"
+        numbers = (decrease, *(fixed(x, 4) for x in (m.gain_increase, m.phase_deg, m.delay_s, m.ms, m.mt)))
+        rows.append((where, *numbers))
+    return table(("Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt"), rows)

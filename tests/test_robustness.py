@@ -1,0 +1,160 @@
+"""Worst case over the operating range, gain schedules, lowest speed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.robustness import OperatingRange, range_cases, robustness, robustness_of
+from railslip_ctrl.design.schedule import (
+    GainSchedule,
+    lowest_held_speed,
+    lowest_stabilisable_speed,
+    plant_at,
+    schedule_gains,
+)
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
+
+PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
+SMALL = OperatingRange(
+    speeds_kmh=(20.0, 100.0), slip_factors=(0.75, 1.0, 1.5), dead_time_factors=(1.0, 1.3), lag_factors=(1.0, 1.3)
+)
+
+
+def test_every_combination_is_there_and_equals_its_own_loop():
+    cases, skipped = range_cases(SMALL)
+    assert len(cases) == 3 * 2 * 2 * 2 * 3 * 2 * 2
+    assert skipped == ()
+    result = robustness_of(PI_LEAD, cases)
+    for i in range(0, len(cases), 17):
+        loop = wheel_slip_loop(cases[i].plant, PI_LEAD, cases[i].actuator)
+        assert result.margins.stable[i] == loop.is_stable()
+        if loop.is_stable():
+            assert result.margins.ms[i] == pytest.approx(loop.margins().ms, rel=1e-7)
+
+
+def test_worst_case_is_named():
+    stable = robustness(PI_LEAD, OperatingRange(laws=("bristle",), speeds_kmh=(40.0, 100.0, 140.0)))
+    assert stable.stable_share == 1.0
+    assert stable.worst_ms == stable.margins.ms.max()
+    assert stable.worst.axes["speed, km/h"] == pytest.approx(140.0)
+    assert stable.worst.axes["slip / reference"] == 1.5
+    assert stable.worst.axes["lag, s"] == pytest.approx(0.78)
+    assert stable.suffices(2.2)
+    assert not stable.suffices(2.0)
+    unstable = robustness(PI_LEAD, SMALL)  # the curve falls so steeply in time at low speed that nothing holds it
+    assert unstable.worst_ms == math.inf
+    assert unstable.worst.axes["adhesion"] == "curve"
+    assert unstable.worst.axes["speed, km/h"] == pytest.approx(20.0)
+    assert not unstable.suffices(100.0)
+
+
+def test_table_and_map_say_the_same():
+    result = robustness(PI_LEAD, SMALL)
+    table = result.by_axis()
+    assert table["adhesion"]["bristle"][0] == 1.0
+    assert table["adhesion"]["curve"][0] < 1.0
+    speeds, slips, worst = result.speed_slip_map("bristle", Rail.DRY)
+    assert worst.shape == (speeds.size, slips.size) == (2, 3)
+    mine = [i for i, c in enumerate(result.cases) if (c.axes["adhesion"], c.axes["rail"]) == ("bristle", "dry")]
+    assert np.max(worst) == pytest.approx(max(result.margins.ms[i] for i in mine))
+
+
+def test_cases_outside_a_law_s_domain_are_left_out_with_the_reason():
+    wide = OperatingRange(
+        laws=("bristle", "beam"), speeds_kmh=(140.0,), slip_factors=(1.0, 8.0), initial_speed_kmh=140.0
+    )
+    cases, skipped = range_cases(wide)
+    assert cases
+    assert skipped
+    assert all("slip" in s.reason for s in skipped)
+    with pytest.raises(InputError, match="no case is left"):
+        robustness(PI_LEAD, OperatingRange(laws=("bristle",), slip_factors=(20.0,)))
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"speeds_kmh": ()}, "speeds_kmh is empty"),
+        ({"speeds_kmh": (0.0,)}, "speeds_kmh: 0"),
+        ({"lag_factors": (-1.0,)}, "lag_factors: -1"),
+        ({"masses": (float("nan"),)}, "masses: nan"),
+    ],
+)
+def test_bad_ranges_are_refused(change, match):
+    with pytest.raises(InputError, match=match):
+        OperatingRange(**change)
+
+
+@pytest.fixture(scope="module")
+def schedule():
+    return schedule_gains((40.0, 100.0), rails=(Rail.DRY,), ms_max=1.8, lead=0.6, lead_filter=0.06)
+
+
+def test_schedule_keeps_its_bound_at_the_entries_and_between(schedule):
+    for speed in (40.0, 70.0, 100.0):
+        controller = schedule.controller(speed / 3.6, Rail.DRY)
+        for vehicle in (PARK2008, PARK2008.loaded()):
+            loop = wheel_slip_loop(plant_at("bristle", vehicle, Rail.DRY, speed), controller, PARK2008.actuator)
+            # exactly at the entries; half-way between 40 and 100 km/h linear gains cost a few per cent
+            assert loop.margins().ms <= (1.8 * (1 + 1e-9) if speed != 70.0 else 1.05 * 1.8)
+
+
+def test_schedule_interpolates_holds_its_ends_and_round_trips(schedule):
+    first, last = (e.gains.kp for e in schedule.entries)
+    assert schedule.controller(70 / 3.6, Rail.DRY).gains.kp == pytest.approx((first + last) / 2)
+    assert schedule.controller(1.0, Rail.DRY).gains.kp == first
+    assert schedule.controller(50.0, Rail.DRY).gains.kp == last
+    assert GainSchedule.from_json(schedule.to_json()) == schedule
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", '{"entries": 3}', '{"lead_s":0,"lead_filter_s":0,"lowest_speed_kmh":1,"entries":[]}']
+)
+def test_schedule_refuses_what_it_did_not_write(text):
+    with pytest.raises(InputError, match="gain schedule"):
+        GainSchedule.from_json(text)
+
+
+def test_schedule_checks_speed_and_rail(schedule):
+    with pytest.raises(InputError, match="speed"):
+        schedule.controller(0.0, Rail.DRY)
+    with pytest.raises(InputError, match="no entries for wet"):
+        schedule.controller(10.0, Rail.WET)
+
+
+def test_schedule_names_the_entry_that_cannot_be_met():
+    with pytest.raises(InfeasibleDesignError, match="dry rail, 100 km/h: specification cannot be met"):
+        schedule_gains((100.0,), rails=(Rail.DRY,), ms_max=2.0)
+
+
+@pytest.mark.parametrize(("lead", "lead_filter", "expected"), [(0.0, 0.0, 14.314), (0.6, 0.06, 4.0169)])
+def test_lowest_speed_at_which_a_pi_can_hold_the_falling_curve(lead, lead_filter, expected):
+    # the curve is a function of slip: dF/dsigma, and with it the unstable pole, grows as 1/v
+    def plant(v):
+        return plant_at("curve", PARK2008, Rail.DRY, v)
+
+    lowest = lowest_stabilisable_speed(plant, PARK2008.actuator, lead=lead, lead_filter=lead_filter)
+    assert lowest == pytest.approx(expected, rel=1e-4)
+    if not lead:
+        # p (dead time + lag) = 1 there: the condition for a PI, exact for one pole alone
+        p = plant(lowest).poles.real.max()
+        assert p * 0.75 == pytest.approx(1.0, abs=0.01)
+
+
+def test_lowest_speed_of_a_given_controller():
+    def plant(v):
+        return plant_at("curve", PARK2008, Rail.DRY, v)
+
+    lowest = lowest_held_speed(plant, PI_LEAD, PARK2008.actuator)
+    assert wheel_slip_loop(plant(lowest), PI_LEAD, PARK2008.actuator).is_stable()
+    assert not wheel_slip_loop(plant(lowest - 1e-3), PI_LEAD, PARK2008.actuator).is_stable()
+    fussy = lowest_held_speed(plant, PI_LEAD, PARK2008.actuator, ms_max=1.8)
+    assert fussy > lowest
+    with pytest.raises(InfeasibleDesignError, match="does not hold the loop at 100"):
+        lowest_held_speed(plant, PIController(PIGains(kp=1e6, ki=1.0)), PARK2008.actuator)
+    assert lowest_held_speed(plant, PI_LEAD, Actuator(dead_time=0.0, lag=0.0), low_kmh=60.0) == 60.0
