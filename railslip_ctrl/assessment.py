@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .design import PIController, wheel_slip_loop
+from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
-from .loop import DeadTimeLoop, Margins
+from .loop import DeadTimeLoop, Margins, SpectrumError
 from .parameters import Actuator
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
@@ -39,7 +40,8 @@ class Limits:
     doubling_time : float
         ln 2/p, s; inf if the plant is stable.
     actuator_product : float
-        p (tau + T). A PI can stabilise k/(s - p) behind lag and dead time only if it is < 1.
+        p (tau + T). A PI can stabilise k/(s - p) behind lag and dead time only if it is < 1: necessary, and with
+        further plant poles not sufficient.
     mt_bound : float
         exp(p tau): no controller gets Mt below it, as T(p) = 1 through the dead time ([Astrom2021] 14).
     ms_bound : float
@@ -104,7 +106,8 @@ class Assessment:
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
     """Limits set by the plant's rightmost pole and the actuator."""
     p = max(float(plant.poles.real.max()), 0.0)
-    mt = math.exp(p * actuator.dead_time)
+    exponent = p * actuator.dead_time
+    mt = math.exp(exponent) if exponent < 700 else math.inf  # beyond the range of a double
     return Limits(
         unstable_pole=p,
         doubling_time=math.log(2) / p if p > 0 else math.inf,
@@ -134,12 +137,22 @@ def assess(
         stable=stable,
         marginal=loop.root_count.marginal,
         unstable_poles=loop.unstable_closed_loop_poles,
-        closed_loop_poles=loop.closed_loop_poles(poles),
+        closed_loop_poles=_poles_found(loop, poles),
         stabilizing_gain_range=loop.stabilizing_gain_range,
         margins=margins,
         pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS),
         verdict=_verdict(margins),
     )
+
+
+def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
+    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one."""
+    for number in range(count, 0, -1):
+        try:
+            return loop.closed_loop_poles(number)
+        except (SpectrumError, InputError):
+            continue
+    return np.array([], dtype=np.complex128)
 
 
 def _verdict(margins: Margins | None) -> Verdict:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from .assessment import Assessment, Verdict, assess
 from .comparison import PythonControlMargins, python_control_margins
@@ -11,7 +12,7 @@ from .design import HoldingDesign, PIController, holding_gains
 from .errors import InfeasibleDesignError
 from .linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from .loop.curves import FrequencyCurve, frequency_curve
-from .parameters import AS_PUBLISHED_INERTIA_SCALE, PIGains, Vehicle
+from .parameters import AS_PUBLISHED_INERTIA_SCALE, PIGains, Vehicle, table4_gains
 
 Progress = Callable[[str], None]
 
@@ -38,6 +39,7 @@ class DesignCheck:
     groups: tuple[ControllerGroup, ...]
     holding: HoldingDesign | None
     holding_reason: str
+    date: datetime.date = field(default_factory=datetime.date.today)
 
     @property
     def conclusion(self) -> str:
@@ -62,45 +64,36 @@ class DesignCheck:
 def design_check(
     vehicle: Vehicle,
     points: Sequence[OperatingPoint],
-    gains: Callable[[OperatingPoint], PIGains],
     *,
-    given: bool = False,
+    given: PIGains | None = None,
     progress: Progress = lambda message: None,
 ) -> DesignCheck:
-    """Check gains at operating points of one vehicle, in its own reading and as published, and gains that hold.
+    """Check the published gains (and given ones) at operating points of one vehicle, and find gains that hold.
 
     Parameters
     ----------
     vehicle : Vehicle
         The vehicle of all the points.
     points : sequence of OperatingPoint
-    gains : callable
-        The PI gains to check at a point (SI).
-    given : bool
-        Whether these gains are the user's; else they are called Table 4's.
+    given : PIGains or None
+        Gains to check beside the published ones (SI), at the vehicle's own inertia scale.
     progress : callable
         Told what is being done, a line at a time.
+
+    Notes
+    -----
+    The published gains are checked in both readings of the units, inertia scale 1 and 3.6, and at the vehicle's own
+    scale if that is another.
     """
     plants = [linearize(point) for point in points]
-    name = "Given gains" if given else "Table 4's gains"
-    progress(f"{name.lower()}, inertia scale {vehicle.inertia_scale:g}")
-    groups = [
-        _group(
-            f"{name}, inertia scale {vehicle.inertia_scale:g}" + (" (SI)" if vehicle.inertia_scale == 1 else ""),
-            "as given" if given else "[Park2008] Table 4, read as N*m per km/h and converted to SI",
-            [(plant, PIController(gains(plant.point))) for plant in plants],
-        )
-    ]
-    if vehicle.inertia_scale != AS_PUBLISHED_INERTIA_SCALE:
-        progress(f"{name.lower()}, as-published reading")
-        scaled = vehicle.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
-        groups.append(
-            _group(
-                f"{name}, inertia scale {AS_PUBLISHED_INERTIA_SCALE:g} (as published)",
-                "the units under which the published results come out: M, J and B are multiplied by 3.6",
-                [(_at_scale(plant, scaled), PIController(gains(plant.point))) for plant in plants],
-            )
-        )
+    groups = []
+    if given is not None:
+        progress("the given gains")
+        title = f"Given gains, {_scale_name(vehicle.inertia_scale)}"
+        groups.append(_group(title, "as given", [(plant, PIController(given)) for plant in plants]))
+    for scale in dict.fromkeys((1.0, AS_PUBLISHED_INERTIA_SCALE, vehicle.inertia_scale)):
+        progress(f"Table 4's gains, {_scale_name(scale)}")
+        groups.append(_published_group(vehicle, plants, scale))
     progress("a PI that holds all operating points")
     try:
         holding = holding_gains(plants, vehicle.actuator)
@@ -108,7 +101,7 @@ def design_check(
         return DesignCheck(vehicle, tuple(groups), None, str(error))
     groups.append(
         _group(
-            f"Holding PI, inertia scale {vehicle.inertia_scale:g}" + (" (SI)" if vehicle.inertia_scale == 1 else ""),
+            f"Holding PI, {_scale_name(vehicle.inertia_scale)}",
             f"least worst Ms at integral time {holding.integral_time:g} s; kp from {holding.gain_range[0]:.4g} to "
             f"{holding.gain_range[1]:.4g} N*m/(m/s) stabilises all operating points",
             [(plant, holding.controller) for plant in plants],
@@ -117,9 +110,32 @@ def design_check(
     return DesignCheck(vehicle, tuple(groups), holding, "")
 
 
+def _scale_name(scale: float) -> str:
+    names = {1.0: " (SI)", AS_PUBLISHED_INERTIA_SCALE: " (as published)"}
+    return f"inertia scale {scale:g}{names.get(scale, '')}"
+
+
+def _published_group(vehicle: Vehicle, plants: Sequence[LinearPlant], scale: float) -> ControllerGroup:
+    remark = "[Park2008] Table 4, read as N*m per km/h and converted to SI"
+    if scale == AS_PUBLISHED_INERTIA_SCALE:
+        remark += "; M, J and B times 3.6: the units under which the published results come out"
+    scaled = vehicle.model_copy(update={"inertia_scale": scale})
+    loops = [(_at_scale(plant, scaled), PIController(table4_gains(plant.point.adhesion))) for plant in plants]
+    return _group(f"Table 4's gains, {_scale_name(scale)}", remark, loops)
+
+
 def _at_scale(plant: LinearPlant, vehicle: Vehicle) -> LinearPlant:
     point = plant.point
-    return linearize(operating_point(point.law, vehicle, point.speed, point.slip, rail=point.rail))
+    return linearize(
+        operating_point(
+            point.law,
+            vehicle,
+            point.speed,
+            point.slip,
+            rail=point.rail,
+            initial_speed_kmh=point.initial_speed_kmh,
+        )
+    )
 
 
 def _group(title: str, remark: str, loops: Sequence[tuple[LinearPlant, PIController]]) -> ControllerGroup:

@@ -56,6 +56,8 @@ class OperatingPoint:
         Fa, N.
     brake_torque : float
         Tb with lambda' = 0, N*m; Td = Tr = 0.
+    initial_speed_kmh : float or None
+        v0 the law's parameters were made for, km/h; None where they do not depend on it.
     residual : float
         Larger of |lambda'| and |z'| by the equations of motion, relative to the terms that cancel in them.
     """
@@ -69,6 +71,7 @@ class OperatingPoint:
     adhesion_force: float
     brake_torque: float
     residual: float
+    initial_speed_kmh: float | None = None
 
     @property
     def adhesion(self) -> str:
@@ -92,11 +95,17 @@ class OperatingPoint:
 
 
 def operating_point(
-    law: AdhesionLaw, vehicle: Vehicle, speed: float, slip: float, *, rail: Rail | None = None
+    law: AdhesionLaw,
+    vehicle: Vehicle,
+    speed: float,
+    slip: float,
+    *,
+    rail: Rail | None = None,
+    initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
     """The operating point of a law (whose parameters are for the rail meant) at a speed in m/s and a slip ratio.
 
-    `rail` only labels the point; left out, it is the law's own.
+    `rail` and `initial_speed_kmh` only label the point; left out, the rail is the law's own.
 
     Raises
     ------
@@ -126,7 +135,9 @@ def operating_point(
             f"{residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); its steady_state does not solve its state_rate"
         )
     state = z if law.has_state else None
-    return OperatingPoint(law, vehicle, rail or law.rail, speed, slip, state, force, torque, residual)
+    return OperatingPoint(
+        law, vehicle, rail or law.rail, speed, slip, state, force, torque, residual, initial_speed_kmh
+    )
 
 
 def _reason_at_rest(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> str:

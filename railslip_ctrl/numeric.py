@@ -72,7 +72,7 @@ FUNCTIONS = ("force", "force_gradient", "rest_state", "rates", "jacobian", "trim
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
-    """The flat tuple `p`: M, J, B (effective), r, c0, c1, c2, N, then the law's parameters; SI."""
+    """The flat tuple `p`: M, J, B (effective), r, Fr0, Fr1, Fr2, N, then the law's parameters; SI."""
     resistance = vehicle.resistance
     return (
         vehicle.effective_mass,

@@ -23,7 +23,7 @@ from .notation import symbol
 ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")
 """Arguments of every derived function, in order: m/s, m/s, m, N*m, N*m, N*m."""
 
-VEHICLE_PARAMETERS = ("M", "J", "B", "r", "c0", "c1", "c2", "N")
+VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")
 """Vehicle parameters, in order; a law's own follow them."""
 
 STATES = ("v", "sigma", "z")
@@ -34,7 +34,7 @@ JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")
 
 v, omega, sigma, slip, z = (symbol(name) for name in ("v", "omega", "sigma", "slip", "z"))
 Fa, Ta, Tb, Td, Tr, Fr = (symbol(name) for name in ("Fa", "Ta", "Tb", "Td", "Tr", "Fr"))
-M, J, B, r, c0, c1, c2 = (symbol(name) for name in ("M", "J", "B", "r", "c0", "c1", "c2"))
+M, J, B, r, Fr0, Fr1, Fr2 = (symbol(name) for name in ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2"))
 v_rate, omega_rate = symbol("v_rate"), symbol("omega_rate")
 
 # --- the statement -------------------------------------------------------------------------------------------------
@@ -42,7 +42,7 @@ v_rate, omega_rate = symbol("v_rate"), symbol("omega_rate")
 SLIP_VELOCITY = sp.Eq(sigma, v - r * omega)
 SLIP_RATIO = sp.Eq(slip, sigma / v)  # (2)
 ADHESION_TORQUE = sp.Eq(Ta, r * Fa)
-RESISTANCE = sp.Eq(Fr, c0 + c1 * v + c2 * v**2)
+RESISTANCE = sp.Eq(Fr, Fr0 + Fr1 * v + Fr2 * v**2)
 WHEEL = sp.Eq(J * omega_rate, -B * omega + Ta - Tb - Td + Tr)  # (3)
 TRAIN = sp.Eq(M * v_rate, -Fa - Fr - Tr / r)  # (4)
 

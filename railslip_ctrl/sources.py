@@ -36,6 +36,13 @@ SOURCES = MappingProxyType(
             "K. J. Astrom, H. Panagopoulos, T. Hagglund: Design of PI controllers based on non-convex optimization. "
             "Automatica 34(5), 1998, pp. 585-601. doi:10.1016/S0005-1098(98)00011-9"
         ),
+        "Bellen2003": (
+            "A. Bellen, M. Zennaro: Numerical Methods for Delay Differential Equations. Oxford University Press, 2003."
+        ),
+        "Astrom1997": (
+            "K. J. Astrom, B. Wittenmark: Computer-Controlled Systems: Theory and Design. Prentice Hall, 3rd edition, "
+            "1997."
+        ),
         "Astrom2021": (
             "K. J. Astrom, R. M. Murray: Feedback Systems: An Introduction for Scientists and Engineers. "
             "Princeton University Press, 2nd edition, 2021."
@@ -51,6 +58,34 @@ SOURCES = MappingProxyType(
         "Silva2005": (
             "G. J. Silva, A. Datta, S. P. Bhattacharyya: PID Controllers for Time-Delay Systems. Birkhauser, Boston, "
             "2005."
+        ),
+        "Sarason1967": (
+            "D. Sarason: Generalized interpolation in H-infinity. Transactions of the American Mathematical Society "
+            "127, 1967, pp. 179-203."
+        ),
+        "Smith1957": (
+            "O. J. M. Smith: Closer control of loops with dead time. Chemical Engineering Progress 53(5), 1957, "
+            "pp. 217-219."
+        ),
+        "ManitiusOlbrot1979": (
+            "A. Manitius, A. Olbrot: Finite spectrum assignment problem for systems with delays. IEEE Transactions on "
+            "Automatic Control 24(4), 1979, pp. 541-553."
+        ),
+        "Artstein1982": (
+            "Z. Artstein: Linear systems with delayed controls: A reduction. IEEE Transactions on Automatic Control "
+            "27(4), 1982, pp. 869-879."
+        ),
+        "NormeyRico2009": (
+            "J. E. Normey-Rico, E. F. Camacho: Unified approach for robust dead-time compensator design. Journal of "
+            "Process Control 19(1), 2009, pp. 38-47."
+        ),
+        "Skogestad2003": (
+            "S. Skogestad: Simple analytic rules for model reduction and PID controller tuning. Journal of Process "
+            "Control 13(4), 2003, pp. 291-309. doi:10.1016/S0959-1524(02)00062-8"
+        ),
+        "Rotstein1991": (
+            "G. E. Rotstein, D. R. Lewin: Simple PI and PID tuning for open-loop unstable systems. Industrial and "
+            "Engineering Chemistry Research 30(8), 1991, pp. 1864-1869."
         ),
         "railtoolkit": (
             "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "

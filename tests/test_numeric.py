@@ -158,13 +158,18 @@ def test_adhesion_coefficient_shapes() -> None:
 
 @pytest.mark.parametrize("name", ALL_LAWS)
 def test_committed_code_is_what_the_statement_generates(name: str) -> None:
-    committed = (GENERATED / f"{name}.py").read_text(encoding="utf-8")
+    file = GENERATED / f"{name}.py"
+    if not file.exists():
+        pytest.skip(f"{name} runs from code generated at run time; `make generate` gives it a fast start")
+    committed = file.read_text(encoding="utf-8")
     assert committed == generate(law_class(name)), "run `make generate`"
     assert not numeric_plant(law_class(name)).generated_in_memory
 
 
 def test_no_generated_file_without_its_law() -> None:
-    assert {path.stem for path in GENERATED.glob("*.py")} == {*law_names(), "__init__"}
+    found = {path.stem for path in GENERATED.glob("*.py")}
+    assert found <= {*law_names(), "__init__"}
+    assert {"beam", "bristle", "curve", "dahl", "lugre", "tyre_lugre"} <= found
 
 
 def _run(code: str, *, path: Path | None = None) -> str:

@@ -36,7 +36,7 @@ def test_energy_balance() -> None:
 
 def test_trim_torque_stops_the_slip_ratio() -> None:
     assert sp.simplify(plant.motion().slip_rate.subs(Tb, plant.trim_torque())) == 0
-    assert plant.trim_torque().has(symbol("c2"))  # travelling resistance is in it
+    assert plant.trim_torque().has(symbol("Fr2"))  # travelling resistance is in it
 
 
 @pytest.mark.parametrize("name", ALL_LAWS)

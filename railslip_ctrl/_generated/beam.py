@@ -3,11 +3,11 @@
 
 import numpy
 
-SOURCES_SHA256 = "fa65c08ff41ff4d1265295ae39b9c109cc45e6fabd9b717cd27f09756eec050c"
+SOURCES_SHA256 = "6a5cf3fe85c862bf3c9b1712158264b1372d521b63b9b32d26107009831f0212"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = abs(sigma)
     _x1 = N**(-1.0)
     _x2 = mu_max**(-1.0)
@@ -20,7 +20,7 @@ def force(v, sigma, z, Tb, Td, Tr, p):
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = abs(sigma)
     _x1 = v**(-2.0)
     _x2 = N**(-1.0)
@@ -48,12 +48,12 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     return 0
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = M**(-1.0)
     _x1 = v**2
     _x2 = abs(sigma)
@@ -65,13 +65,13 @@ def rates(v, sigma, z, Tb, Td, Tr, p):
     _x8 = Kx*_x3*_x4*_x5
     _x9 = _x8*sigma
     _x10 = numpy.select([numpy.less_equal(_x2*_x8, 3),numpy.greater(_x9, 3),True], [-N*_x7*(Kx*_x2*_x3*_x4*_x5 - 2/9*_x6*sigma**2) + N*mu_max*((1/27)*Kx**3*sigma**3/(N**3*mu_max**3*v**3) - 1/3*_x2*_x6*sigma + _x9),N*(-_x7 + mu_max),-N*(_x7 + mu_max)], default=numpy.nan)
-    _x11 = Tr*_x0/r + _x0*_x1*c2 + _x0*_x10 + _x0*c0 + _x0*c1*v
+    _x11 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*_x1 + Tr*_x0/r + _x0*_x10
     _x12 = J**(-1.0)
     return (-_x11, -B*_x12*sigma + B*_x12*v + Tb*_x12*r + Td*_x12*r - Tr*_x12*r - _x10*_x12*r**2 - _x11, 0)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = M**(-1.0)
     _x1 = abs(sigma)
     _x2 = v**(-2.0)
@@ -94,7 +94,7 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x19 = _x18*_x5
     _x20 = numpy.less_equal(_x1*_x19, 3)
     _x21 = numpy.select([_x20,True], [N*mu_max*((2/3)*_x1*_x10*_x11*_x12*_x8*sigma - _x17*sigma**3/v**4 - _x6*sigma) - _x16*(-_x1*_x6 + _x14*_x9),0], default=numpy.nan)
-    _x22 = _x0*_x21 + _x0*c1 + 2*_x0*c2*v
+    _x22 = Fr1*_x0 + 2*Fr2*_x0*v + _x0*_x21
     _x23 = numpy.sign(sigma)
     _x24 = _x13*_x2
     _x25 = (1/3)*_x24
@@ -107,16 +107,16 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, mu_max, a, Kx = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = r**(-1.0)
     _x1 = B*_x0
     _x2 = J/M
-    _x3 = Tr*_x2/r**2
-    _x4 = _x0*_x2
-    _x5 = _x4*c0
-    _x6 = _x4*c1
+    _x3 = _x0*_x2
+    _x4 = Fr0*_x3
+    _x5 = Tr*_x2/r**2
+    _x6 = Fr1*_x3
     _x7 = v**2
-    _x8 = _x4*c2
+    _x8 = Fr2*_x3
     _x9 = v**(-1.0)
     _x10 = _x9*sigma
     _x11 = abs(sigma)
@@ -127,5 +127,5 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x16 = Kx*_x12*_x13
     _x17 = _x10*_x16
     _x18 = numpy.select([numpy.less_equal(_x11*_x16*_x9, 3),numpy.greater(_x17, 3),True], [-N*_x15*(Kx*_x11*_x12*_x13*_x9 - 2/9*_x14*sigma**2) + N*mu_max*((1/27)*Kx**3*sigma**3/(N**3*mu_max**3*v**3) - 1/3*_x11*_x14*sigma + _x17),N*(-_x15 + mu_max),-N*(_x15 + mu_max)], default=numpy.nan)
-    _x19 = _x18*_x4
-    return -Td + Tr + _x1*sigma - _x1*v - _x10*_x19 - _x10*_x3 - _x10*_x5 + _x18*r + _x19 + _x3 + _x5 - _x6*sigma + _x6*v + _x7*_x8 - _x8*sigma*v
+    _x19 = _x18*_x3
+    return -Td + Tr + _x1*sigma - _x1*v - _x10*_x19 - _x10*_x4 - _x10*_x5 + _x18*r + _x19 + _x4 + _x5 - _x6*sigma + _x6*v + _x7*_x8 - _x8*sigma*v

@@ -3,38 +3,38 @@
 
 import numpy
 
-SOURCES_SHA256 = "bb33954d274a15543099247e38eae1c321f7d62570a9caf89040a5f0f1a31b93"
+SOURCES_SHA256 = "7181b80bb891e7e6e24be7674de84111747eec643a20d36e0b762b0c3cf13ddb"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     return alpha*z
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     return (0, 0, alpha)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     return (gamma - abs(sigma))*numpy.sign(sigma)/(alpha*beta)
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     _x0 = M**(-1.0)
     _x1 = alpha*z
-    _x2 = Tr*_x0/r + _x0*_x1 + _x0*c0 + _x0*c1*v + _x0*c2*v**2
+    _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
     _x3 = J**(-1.0)
     _x4 = abs(sigma)
     return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, -_x1*_x4*beta/(-_x4 + gamma) + sigma)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     _x0 = M**(-1.0)
-    _x1 = _x0*c1 + 2*_x0*c2*v
+    _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = _x0*alpha
     _x3 = J**(-1.0)
     _x4 = -B*_x3
@@ -46,16 +46,16 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
     _x0 = alpha*z
     _x1 = r**(-1.0)
     _x2 = B*_x1
     _x3 = J/M
-    _x4 = Tr*_x3/r**2
-    _x5 = _x1*_x3
-    _x6 = _x5*c0
-    _x7 = _x0*_x5
-    _x8 = _x5*c1
-    _x9 = _x5*c2
+    _x4 = _x1*_x3
+    _x5 = Fr0*_x4
+    _x6 = Tr*_x3/r**2
+    _x7 = Fr1*_x4
+    _x8 = _x0*_x4
+    _x9 = Fr2*_x4
     _x10 = sigma/v
-    return -Td + Tr + _x0*r - _x10*_x4 - _x10*_x6 - _x10*_x7 + _x2*sigma - _x2*v + _x4 + _x6 + _x7 - _x8*sigma + _x8*v - _x9*sigma*v + _x9*v**2
+    return -Td + Tr + _x0*r - _x10*_x5 - _x10*_x6 - _x10*_x8 + _x2*sigma - _x2*v + _x5 + _x6 - _x7*sigma + _x7*v + _x8 - _x9*sigma*v + _x9*v**2

@@ -5,16 +5,16 @@ import numpy
 
 from railslip_ctrl.adhesion.curve import curve_force
 
-SOURCES_SHA256 = "f1d628de17f5d4355e008d1c50126b0a7f73588e3e7621a43bcf6581fd5d0ff2"
+SOURCES_SHA256 = "d6d1f0d1e69b1abfe08e634961680447a93735093bb94245bca9173425243207"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     return curve_force(sigma/v, alpha, beta, gamma, R, v0)
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     _x0 = abs(sigma)
     _x1 = v**(-1.0)
     _x2 = _x0*alpha*v0**2*(-beta*abs(curve_force(_x1*sigma, alpha, beta, gamma, R, v0))/(-_x0*_x1*v0 + gamma) + 1)/R
@@ -22,24 +22,24 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     return 0
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     _x0 = M**(-1.0)
     _x1 = curve_force(sigma/v, alpha, beta, gamma, R, v0)
-    _x2 = Tr*_x0/r + _x0*_x1 + _x0*c0 + _x0*c1*v + _x0*c2*v**2
+    _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
     _x3 = J**(-1.0)
     return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, 0)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     _x0 = M**(-1.0)
-    _x1 = _x0*c1
-    _x2 = 2*_x0*c2*v
+    _x1 = Fr1*_x0
+    _x2 = 2*Fr2*_x0*v
     _x3 = abs(sigma)
     _x4 = R**(-1.0)
     _x5 = v**(-3.0)
@@ -58,16 +58,16 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, beta, gamma, R, v0 = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
     _x0 = r**(-1.0)
     _x1 = B*_x0
     _x2 = J/M
-    _x3 = Tr*_x2/r**2
-    _x4 = _x0*_x2
-    _x5 = _x4*c0
-    _x6 = _x4*c1
-    _x7 = _x4*c2
+    _x3 = _x0*_x2
+    _x4 = Fr0*_x3
+    _x5 = Tr*_x2/r**2
+    _x6 = Fr1*_x3
+    _x7 = Fr2*_x3
     _x8 = sigma/v
     _x9 = curve_force(_x8, alpha, beta, gamma, R, v0)
-    _x10 = _x4*_x9
-    return -Td + Tr + _x1*sigma - _x1*v - _x10*_x8 + _x10 - _x3*_x8 + _x3 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2 + _x9*r
+    _x10 = _x3*_x9
+    return -Td + Tr + _x1*sigma - _x1*v - _x10*_x8 + _x10 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2 + _x9*r

@@ -3,37 +3,37 @@
 
 import numpy
 
-SOURCES_SHA256 = "50d803310721596dede3bd5369c0bedd19550907c42d61eaf1bf3f0f5512960f"
+SOURCES_SHA256 = "525bd56326e42a60b78e39db4054d9a8af6d7345dcd1554196e0e1b8951fe611"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     return alpha*z
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     return (0, 0, alpha)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     return Fc*numpy.sign(sigma)/alpha
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     _x0 = M**(-1.0)
     _x1 = alpha*z
-    _x2 = Tr*_x0/r + _x0*_x1 + _x0*c0 + _x0*c1*v + _x0*c2*v**2
+    _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
     _x3 = J**(-1.0)
     return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, sigma - _x1*abs(sigma)/Fc)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     _x0 = M**(-1.0)
-    _x1 = _x0*c1 + 2*_x0*c2*v
+    _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = _x0*alpha
     _x3 = J**(-1.0)
     _x4 = -B*_x3
@@ -42,16 +42,16 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, Fc = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
     _x0 = alpha*z
     _x1 = r**(-1.0)
     _x2 = B*_x1
     _x3 = J/M
-    _x4 = Tr*_x3/r**2
-    _x5 = _x1*_x3
-    _x6 = _x5*c0
-    _x7 = _x0*_x5
-    _x8 = _x5*c1
-    _x9 = _x5*c2
+    _x4 = _x1*_x3
+    _x5 = Fr0*_x4
+    _x6 = Tr*_x3/r**2
+    _x7 = Fr1*_x4
+    _x8 = _x0*_x4
+    _x9 = Fr2*_x4
     _x10 = sigma/v
-    return -Td + Tr + _x0*r - _x10*_x4 - _x10*_x6 - _x10*_x7 + _x2*sigma - _x2*v + _x4 + _x6 + _x7 - _x8*sigma + _x8*v - _x9*sigma*v + _x9*v**2
+    return -Td + Tr + _x0*r - _x10*_x5 - _x10*_x6 - _x10*_x8 + _x2*sigma - _x2*v + _x5 + _x6 - _x7*sigma + _x7*v + _x8 - _x9*sigma*v + _x9*v**2

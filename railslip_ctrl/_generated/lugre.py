@@ -3,17 +3,17 @@
 
 import numpy
 
-SOURCES_SHA256 = "c5edc9ba413721cec8054deb915fc012aa0b32b0678c89e0afbc6170724deacb"
+SOURCES_SHA256 = "44c5b279d9ac549760964beeb20b8aad6f47bceeabdcdb375c09c357430a6c76"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = alpha*z
     return _x0 + alpha1*(-_x0*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma) + alpha2*sigma
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = vs**(-2.0)
     _x1 = (-Fc + Fs)*numpy.exp(-_x0*sigma**2)
     _x2 = Fc + _x1
@@ -23,25 +23,25 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     return (Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2))*numpy.sign(sigma)/alpha
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = M**(-1.0)
     _x1 = alpha*z
     _x2 = -_x1*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma
     _x3 = _x1 + _x2*alpha1 + alpha2*sigma
-    _x4 = Tr*_x0/r + _x0*_x3 + _x0*c0 + _x0*c1*v + _x0*c2*v**2
+    _x4 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x3
     _x5 = J**(-1.0)
     return (-_x4, -B*_x5*sigma + B*_x5*v + Tb*_x5*r + Td*_x5*r - Tr*_x5*r - _x3*_x5*r**2 - _x4, _x2)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = M**(-1.0)
-    _x1 = _x0*c1 + 2*_x0*c2*v
+    _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = vs**(-2.0)
     _x3 = (-Fc + Fs)*numpy.exp(-_x2*sigma**2)
     _x4 = Fc + _x3
@@ -60,17 +60,17 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = r**(-1.0)
     _x1 = B*_x0
     _x2 = J/M
-    _x3 = Tr*_x2/r**2
-    _x4 = _x0*_x2
-    _x5 = _x4*c0
-    _x6 = _x4*c1
-    _x7 = _x4*c2
+    _x3 = _x0*_x2
+    _x4 = Fr0*_x3
+    _x5 = Tr*_x2/r**2
+    _x6 = Fr1*_x3
+    _x7 = Fr2*_x3
     _x8 = sigma/v
     _x9 = alpha*z
     _x10 = _x9 + alpha1*(-_x9*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma) + alpha2*sigma
-    _x11 = _x10*_x4
-    return -Td + Tr + _x1*sigma - _x1*v + _x10*r - _x11*_x8 + _x11 - _x3*_x8 + _x3 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2
+    _x11 = _x10*_x3
+    return -Td + Tr + _x1*sigma - _x1*v + _x10*r - _x11*_x8 + _x11 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2

@@ -3,18 +3,18 @@
 
 import numpy
 
-SOURCES_SHA256 = "915eccc47854fada9e4ef25484ab4014ba0513bd58a53271752f7f3f4e60c14c"
+SOURCES_SHA256 = "67112e3996d0112589074c940ab15a312e603d276866fbd51505609bb816a592"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     _x0 = alpha*z
     _x1 = abs(sigma)
     return N*(_x0 + alpha1*(-_x0*_x1/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x1)/numpy.sqrt(vs))) + sigma) + alpha2*sigma)
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     _x0 = abs(sigma)
     _x1 = numpy.sqrt(_x0)/numpy.sqrt(vs)
     _x2 = (-mu_c + mu_s)*numpy.exp(-_x1)
@@ -25,26 +25,26 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     return (mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(abs(sigma))/numpy.sqrt(vs)))*numpy.sign(sigma)/alpha
 
 
 def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     _x0 = M**(-1.0)
     _x1 = alpha*z
     _x2 = abs(sigma)
     _x3 = -_x1*_x2/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x2)/numpy.sqrt(vs))) + sigma
     _x4 = N*(_x1 + _x3*alpha1 + alpha2*sigma)
-    _x5 = Tr*_x0/r + _x0*_x4 + _x0*c0 + _x0*c1*v + _x0*c2*v**2
+    _x5 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x4
     _x6 = J**(-1.0)
     return (-_x5, -B*_x6*sigma + B*_x6*v + Tb*_x6*r + Td*_x6*r - Tr*_x6*r - _x4*_x6*r**2 - _x5, _x3)
 
 
 def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     _x0 = M**(-1.0)
-    _x1 = _x0*c1 + 2*_x0*c2*v
+    _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = abs(sigma)
     _x3 = numpy.sqrt(_x2)/numpy.sqrt(vs)
     _x4 = (-mu_c + mu_s)*numpy.exp(-_x3)
@@ -65,18 +65,18 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
 
 
 def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, c0, c1, c2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
     _x0 = r**(-1.0)
     _x1 = B*_x0
     _x2 = J/M
-    _x3 = Tr*_x2/r**2
-    _x4 = _x0*_x2
-    _x5 = _x4*c0
-    _x6 = _x4*c1
-    _x7 = _x4*c2
+    _x3 = _x0*_x2
+    _x4 = Fr0*_x3
+    _x5 = Tr*_x2/r**2
+    _x6 = Fr1*_x3
+    _x7 = Fr2*_x3
     _x8 = sigma/v
     _x9 = alpha*z
     _x10 = abs(sigma)
     _x11 = N*(_x9 + alpha1*(-_x10*_x9/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x10)/numpy.sqrt(vs))) + sigma) + alpha2*sigma)
-    _x12 = _x11*_x4
-    return -Td + Tr + _x1*sigma - _x1*v + _x11*r - _x12*_x8 + _x12 - _x3*_x8 + _x3 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2
+    _x12 = _x11*_x3
+    return -Td + Tr + _x1*sigma - _x1*v + _x11*r - _x12*_x8 + _x12 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2

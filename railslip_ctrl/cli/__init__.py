@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -62,6 +63,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _fail(error.format_message())
     except RailslipError as error:
         _fail(str(error))
+    except ArithmeticError as error:
+        # numbers each allowed but absurd together (a wheel of 1e12 kg m^2 under 1 kg) may leave the range of doubles
+        _fail(f"these numbers together are beyond the range of the computation ({error}); check their sizes")
     except (click.Abort, KeyboardInterrupt):
         click.echo(f"{PROGRAM}: interrupted", err=True)
         sys.exit(130)
@@ -69,9 +73,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         # the reader (head, less) has gone: nothing more to say, and nothing to say it to
         sys.stdout = None
         sys.exit(141)
+    except OSError as error:
+        sys.stdout = None
+        _fail(f"the output cannot be written ({error.strerror or error}); make room or choose another place")
     sys.exit(status if isinstance(status, int) else 0)
 
 
+# What the package calls a quantity, where an option gives it.
+_OPTION_NAMED = re.compile(r"^(slip|speed|initial speed|adhesion|lead filter|lead|dead time)(?=[: ])")
+
+
 def _fail(message: str) -> NoReturn:
-    click.echo(f"{PROGRAM}: error: {' '.join(message.split())}", err=True)
+    line = _OPTION_NAMED.sub(lambda match: "--" + match[1].replace(" ", "-"), " ".join(message.split()))
+    click.echo(f"{PROGRAM}: error: {line}", err=True)
     sys.exit(2)

@@ -9,6 +9,7 @@ import click
 from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController
 from railslip_ctrl.linearization import linearize
+from railslip_ctrl.parameters import table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 
 from .options import (
@@ -65,7 +66,12 @@ def command(
     chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag)
     points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
     assessments = [
-        assess(linearize(point), PIController(gains(point), lead, lead_filter), chosen.actuator) for point in points
+        assess(
+            linearize(point),
+            PIController(gains or table4_gains(point.adhesion), lead, lead_filter),
+            chosen.actuator,
+        )
+        for point in points
     ]
     if as_json:
         print_json({"cases": [margins_json(assessment) for assessment in assessments]})

@@ -11,10 +11,15 @@ import click
 from railslip_ctrl.adhesion import AdhesionLaw, load_law, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, PIGains, Rail, Vehicle, load_vehicle
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle
 from railslip_ctrl.units import KMH, to_unit
 
 F = TypeVar("F", bound=Callable[..., Any])
+L = TypeVar("L")
+
+
+# Sizes of numbers taken from the command line: far beyond any vehicle, and far inside the range of doubles.
+_SMALLEST, _LARGEST = 1e-12, 1e12
 
 
 class Quantity(click.ParamType[float]):
@@ -29,6 +34,10 @@ class Quantity(click.ParamType[float]):
         """Return the number; raise InputError naming the option, the value and the bound."""
         option = param.opts[0] if param is not None else ""
         number = to_unit(value, self.unit, name=option)
+        if number != 0 and not _SMALLEST <= abs(number) <= _LARGEST:
+            raise InputError(
+                f"{option}: {number:g} is beyond any vehicle; give a size between {_SMALLEST:g} and {_LARGEST:g}"
+            )
         for holds, sign, bound in (
             (self.gt is None or number > self.gt, ">", self.gt),
             (self.ge is None or number >= self.ge, ">=", self.ge),
@@ -165,7 +174,9 @@ def chosen_vehicle(
     lag: float | None = None,
 ) -> Vehicle:
     """The vehicle the options name."""
-    chosen = PARK2008 if vehicle is None else load_vehicle(vehicle)
+    chosen = PARK2008 if vehicle is None else _from_file("--vehicle", vehicle, load_vehicle)
+    for note in chosen.notes:
+        click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
     if loaded:
         chosen = chosen.loaded()
     update: dict[str, object] = {}
@@ -182,9 +193,9 @@ def chosen_vehicle(
 def chosen_rails(rails: tuple[str, ...]) -> tuple[Rail, ...]:
     """The rail conditions named, each once and in the order given; both if none is."""
     for rail in rails:
-        if rail not in tuple(Rail):
+        if rail.lower() not in tuple(Rail):
             raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
-    return tuple(dict.fromkeys(Rail(rail) for rail in rails)) or tuple(Rail)
+    return tuple(dict.fromkeys(Rail(rail.lower()) for rail in rails)) or tuple(Rail)
 
 
 def chosen_points(
@@ -202,22 +213,32 @@ def chosen_points(
         held = slip if slip is not None else law.reference_slip(rail)
         if held is None:
             raise InputError(f"--slip: adhesion {adhesion!r} has no reference slip; give --slip X")
-        points += [operating_point(law, vehicle, speed * KMH, held, rail=rail) for speed in speeds or (100.0,)]
+        points += [
+            operating_point(law, vehicle, speed * KMH, held, rail=rail, initial_speed_kmh=initial_speed)
+            for speed in speeds or (100.0,)
+        ]
     return points
+
+
+def _from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
+    """What `load` makes of the file, with the option named in its complaint."""
+    if str(path) in ("", "."):
+        raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
+    try:
+        return load(path)
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from None
 
 
 def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
     if adhesion.lower().endswith(".toml"):
-        return load_law(Path(adhesion)).on(rail)
+        return _from_file("--adhesion", Path(adhesion), load_law).on(rail)
     return published_law(adhesion, rail, initial_speed, wheel_load)
 
 
-def chosen_gains(kp: float | None, ki: float | None) -> Callable[[OperatingPoint], PIGains]:
-    """The gains given, or Table 4's column for the law of each point (the bristle column unless it is the beam)."""
+def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
+    """The gains given, both or neither (then None: Table 4's are meant)."""
     if (kp is None) != (ki is None):
         given, missing = ("--kp", "--ki") if ki is None else ("--ki", "--kp")
         raise InputError(f"{missing}: is missing beside {given}; give both gains, or neither for Table 4's")
-    if kp is None or ki is None:
-        return lambda point: TABLE4_PI["beam" if point.adhesion == "beam" else "bristle"]
-    gains = PIGains(kp=kp, ki=ki)
-    return lambda point: gains
+    return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)

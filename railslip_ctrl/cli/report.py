@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from railslip_ctrl.design_check import DesignCheck, design_check
-from railslip_ctrl.report import design_check_json, design_check_text, write_files
+from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
 
 from .options import actuator_options, case_options, chosen_gains, chosen_points, chosen_vehicle, gain_options
 from .output import print_json, progress
@@ -51,11 +51,12 @@ def command(
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
+    names = ["report.txt", "report.json", *(f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg"))]
+    check_directory(out, names)  # before the work, not after it
     gains = chosen_gains(kp, ki)
     chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag)
     points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
-    check = design_check(chosen, points, gains, given=kp is not None, progress=progress)
-    names = ["report.txt", "report.json", *(f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg"))]
+    check = design_check(chosen, points, given=gains, progress=progress)
     text, content = design_check_text(check), design_check_json(check, names)
     progress("pictures")
     files = write_files(out, _writers(check, text, content))

@@ -3,5 +3,6 @@
 from .deadtime import DeadTimeLoop
 from .margins import Margins
 from .rational import Rational
+from .spectrum import SpectrumError
 
-__all__ = ["DeadTimeLoop", "Margins", "Rational"]
+__all__ = ["DeadTimeLoop", "Margins", "Rational", "SpectrumError"]

@@ -141,6 +141,18 @@ def gain_crossovers(response: Response, nodes: Floats) -> Floats:
     return np.unique(np.concatenate([found, touching]))
 
 
+def _listed(count: NDArray[np.int_], size: Floats, smallest: float) -> NDArray[np.int_]:
+    """How many of each interval's crossovers are listed, given the largest ln|L| within each interval."""
+    first = np.cumsum(count) - count < _LISTED_ALWAYS
+    large = size >= np.log(smallest)
+    listed = np.where(large, count, np.where(first, np.minimum(count, _LISTED_ALWAYS), 0))
+    # too many to list: those of the largest |L| matter most to the gain limits
+    order = np.argsort(-size)
+    beyond = order[np.cumsum(listed[order]) > _MOST_LISTED]
+    listed[beyond] = np.where(first[beyond], np.minimum(listed[beyond], _LISTED_ALWAYS), 0)
+    return listed
+
+
 def phase_crossovers(
     response: Response, nodes: Floats, *, level: float = np.pi, smallest: float = SMALLEST_LISTED
 ) -> Floats:
@@ -162,10 +174,7 @@ def phase_crossovers(
     flat = upper - lower < 4e-16 * (1 + np.abs(phase[:-1]))
     count[flat | _axis_intervals(response.system, nodes)] = 0
     count = np.maximum(count, 0).astype(int)
-    listed_before = np.concatenate([[0], np.cumsum(count)[:-1]])
-    large = np.maximum(size[:-1], size[1:]) >= np.log(smallest)
-    keep = (count > 0) & (large | (listed_before < _LISTED_ALWAYS)) & (listed_before < _MOST_LISTED)
-    count = np.where(keep, np.minimum(count, np.where(large, _MOST_LISTED, _LISTED_ALWAYS)), 0)
+    count = _listed(count, np.maximum(size[:-1], size[1:]), smallest)
     at = np.repeat(np.arange(count.size), count)
     step = np.arange(at.size) - np.repeat(np.cumsum(count) - count, count)
     # within an interval the levels are met from the one nearest to its left end on

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
 
+_ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
+
 
 class DeadTimeLoop:
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
@@ -50,6 +52,8 @@ class DeadTimeLoop:
     """
 
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
+        if isinstance(dead_time, bool) or not isinstance(dead_time, (int, float, np.integer, np.floating)):
+            raise InputError(f"dead time: {dead_time!r} is not a number; give a finite value >= 0, in s")
         dead_time = float(dead_time)
         if not (math.isfinite(dead_time) and dead_time >= 0):
             raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
@@ -126,6 +130,11 @@ class DeadTimeLoop:
         return self.root_count.stable
 
     @property
+    def is_well_posed(self) -> bool:
+        """False if 1 + L(inf) = 0 without dead time: then the feedback has no solution."""
+        return self._dead_time > 0 or self._system.feedthrough != -1.0
+
+    @property
     def unstable_closed_loop_poles(self) -> float:
         """Closed-loop poles with real part >= 0; inf for an unstable neutral loop."""
         return self.root_count.right
@@ -141,8 +150,10 @@ class DeadTimeLoop:
         Without dead time there are as many as G has poles. Raises SpectrumError if the exact root count does
         not confirm them, InputError for a count < 1 or an unstable neutral loop, which has no rightmost pole.
         """
-        if count < 1:
-            raise InputError(f"count: {count} is not allowed; ask for at least one pole")
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+            raise InputError(f"count: {count!r} is not allowed; ask for a whole number of poles, at least one")
+        if not self.is_well_posed:
+            raise InputError(f"closed-loop poles: {_ILL_POSED}")
         if self._dead_time > 0 and abs(self._system.feedthrough) >= 1:
             raise InputError(
                 f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self._system.feedthrough):g} >= 1 has a "
@@ -191,6 +202,10 @@ class DeadTimeLoop:
 
     def _unstable_error(self) -> UnstableLoopError:
         count, usable = self.root_count.right, self.stabilizing_gain_range
+        if not self.is_well_posed:
+            return UnstableLoopError(
+                f"margins are not defined: {_ILL_POSED}", unstable_poles=count, stabilizing_gain_range=usable
+            )
         number = "infinitely many" if math.isinf(count) else f"{count:g}"
         where = " (on the imaginary axis)" if self.root_count.marginal else ""
         remedy = (

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _PHASE_STEP = 0.25
 _SMALL = 0.02
 _MOST_POINTS = 20_000
+_A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
 _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
 
 
@@ -133,8 +134,12 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
     through = response.system.feedthrough
     if through == 0 or (response.dead_time == 0 and through > 0):
         return None
-    # a huge count: whatever crossed before, the loop is not stable beyond it
-    return GainLimit(1.0 / abs(through), float("inf"), 10**9)
+    factor = 1.0 / abs(through)
+    if response.dead_time > 0:
+        return GainLimit(factor, float("inf"), _A_CHAIN)
+    # (1 + k through) s^n + c s^(n-1) + ...: a real pole -c/(1 + k through) passes through infinity
+    c = float((response.system.zeros.sum() - response.system.poles.sum()).real)
+    return GainLimit(factor, float("inf"), 1 if c > 0 else -1)
 
 
 def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase_crossings: Floats) -> Margins:

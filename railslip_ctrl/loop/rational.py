@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 # far better; what is refused beyond this bound is a system so badly scaled that no margin of it would be right.
 _FACTORING_TOLERANCE = 1e-7
 
+_AT_ORIGIN = 1e-14  # relative to the largest root: a pole that slow is an integrator in any loop with the others
+_MULTIPLE = 1e-4  # relative distance within which roots may be one multiple root (1e-16^(1/4): up to fourfold)
+_ON_AXIS = 1e-12  # real part over size of an undamped root after rounding
+_COEFFICIENT = 1e-13  # relative change of a polynomial's coefficient that counts as rounding of its sum
+
 
 @dataclass(frozen=True)
 class Rational:
@@ -71,8 +76,9 @@ class Rational:
         if denominator.size == 0:
             raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
         if numerator.size == 0:
-            return cls(np.array([]), polynomial_roots(denominator), 0.0)
-        return cls(polynomial_roots(numerator), polynomial_roots(denominator), numerator[0] / denominator[0])
+            return cls(np.array([]), cleaned(polynomial_roots(denominator)), 0.0)
+        zeros, poles = cleaned(polynomial_roots(numerator)), cleaned(polynomial_roots(denominator))
+        return cls(zeros, poles, numerator[0] / denominator[0])
 
     @classmethod
     def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
@@ -160,9 +166,11 @@ class Rational:
         s = np.asarray(s, dtype=complex)[..., None]
         # zeros and poles are interleaved so that the running product stays in range for high orders
         paired = self.zeros.size
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = np.prod((s - self.zeros) / (s - self.poles[:paired]), axis=-1)
-            return np.asarray(self.gain * value / np.prod(s - self.poles[paired:], axis=-1))
+            value = self.gain * value / np.prod(s - self.poles[paired:], axis=-1)
+        at_pole = np.any(s == self.poles, axis=-1) & ~np.any(s == self.zeros, axis=-1)
+        return np.asarray(np.where(at_pole, complex(np.inf, 0.0), value))
 
     @property
     def _roots(self) -> tuple[Floats, Floats, Floats]:
@@ -200,6 +208,55 @@ def polynomial_roots(coefficients: ArrayLike) -> Complexes:
     return np.asarray(np.roots(np.asarray(coefficients, dtype=float)), dtype=np.complex128)
 
 
+def cleaned(roots: Complexes) -> Complexes:
+    """Roots with what rounding did to multiple ones, to pairs on the axis and to those at the origin undone.
+
+    A double root comes out of an eigenvalue solver as two that are about 1e-8 apart; an undamped pair with a real part
+    of some 1e-17. Each is moved back only where that changes no coefficient by more than rounding.
+    """
+    if roots.size == 0:
+        return roots
+    top = float(np.abs(roots).max())
+    roots = np.where(np.abs(roots) <= _AT_ORIGIN * top, 0.0, roots)
+    merged = roots.copy()
+    for root in roots:
+        near = np.abs(roots - root) <= _MULTIPLE * np.abs(root)
+        if np.count_nonzero(near) > 1:
+            merged[near] = roots[near].mean()
+    candidates = [_on_axis(merged), merged, _on_axis(roots)]
+    exact = [c for c in candidates if _same_coefficients(c, roots)]
+    return exact[0] if exact else roots
+
+
+def _on_axis(roots: Complexes) -> Complexes:
+    """Roots whose real part is rounding of their size, put on the axis."""
+    return np.where(np.abs(roots.real) <= _ON_AXIS * np.abs(roots), 1j * roots.imag, roots)
+
+
+def _same_coefficients(candidate: Complexes, roots: Complexes) -> bool:
+    """Whether two sets of roots give one polynomial, each coefficient to rounding of the terms it sums."""
+    change = np.abs(np.atleast_1d(np.poly(candidate)) - np.atleast_1d(np.poly(roots)))
+    size = np.atleast_1d(np.poly(-np.abs(roots))).real
+    return bool(np.all(change <= _COEFFICIENT * size))
+
+
+def _zero_multiplicity(a: Floats) -> int:
+    """Algebraic multiplicity of the eigenvalue 0, by the nullity of powers of the matrix."""
+    order = int(a.shape[0])
+    size = float(np.linalg.norm(a, 2))
+    if size == 0:
+        return order
+    power, found = np.eye(order), 0
+    for _ in range(order):
+        power = power @ a / size
+        singular = np.linalg.svd(power, compute_uv=False)
+        nullity = int(np.count_nonzero(singular <= 20 * order * np.finfo(float).eps))
+        if nullity == found:
+            break
+        found = nullity
+    return found
+
+
 def _angle_sum(roots: Complexes, omega: Floats) -> tuple[Floats, Floats]:
     """Sum over the roots of the continuous angle of (j omega - root), and its derivative."""
     real, imag = roots.real, roots.imag
@@ -225,6 +282,9 @@ def _factor(a: Floats, b: Floats, c: Floats, d: float) -> Rational:
     a, (scale, permutation) = matrix_balance(a, separate=True)
     b, c = b[permutation] / scale[:, None], c[:, permutation] * scale
     poles = np.linalg.eigvals(a).astype(complex)
+    integrators = _zero_multiplicity(a)
+    poles[np.argsort(np.abs(poles))[:integrators]] = 0.0  # a multiple 0 comes out as a ring of about eps^(1/m)
+    poles = cleaned(poles)
     input_size, output_size = np.linalg.norm(b), np.linalg.norm(c)
     if input_size == 0 or output_size == 0:
         # the whole dynamics is hidden: keep every mode as a pole with a zero on it
@@ -241,7 +301,7 @@ def _factor(a: Floats, b: Floats, c: Floats, d: float) -> Rational:
         return Rational(np.array([]), poles, 0.0)
     best, best_error = None, np.inf
     for count in range(min(order, candidates.size) + 1):
-        zeros = candidates[:count]
+        zeros = cleaned(candidates[:count])
         if abs(zeros.imag.sum()) > 1e-6 * (1e-300 + np.abs(zeros).sum()):
             continue  # would split a conjugate pair
         shape = Rational(zeros, poles, 1.0)(probes)
@@ -263,5 +323,6 @@ def _probe_points(poles: Complexes) -> Complexes:
     """Points right of all poles, over the range of their sizes, at which realisations are compared."""
     sizes = np.abs(poles)
     top = float(sizes.max()) or 1.0
-    low = float(np.min(sizes[sizes > 0], initial=top))
+    # below 1e-6 of the fastest pole the resolvent of a badly scaled matrix is rounding noise
+    low = float(np.min(sizes[sizes > 1e-6 * top], initial=top))
     return np.asarray(np.geomspace(0.3 * low, 30.0 * top, 9) * np.exp(0.35j) + max(0.0, float(poles.real.max())))

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
 
 _NEWTON_STEPS = 60
+_FIXED_POINT_STEPS = 30  # for the start values of the chain; Newton takes over from there
 _RESIDUAL = 1e-10  # |Q|/(|D| + |N exp|) of an accepted pole; a double pole leaves about 1e-15 as well
-_LARGEST_LINE = 640  # Chebyshev points; resolves about 200 pairs of poles
+_POINTS = (40, 80, 160)  # Chebyshev points tried; only the poles near the origin depend on them
+_SAME = 1e-7  # relative distance within which two zeros found are one: a double one is good to 1e-8
 
 
 class SpectrumError(RailslipError, ArithmeticError):
@@ -35,22 +37,43 @@ class SpectrumError(RailslipError, ArithmeticError):
 def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes:
     """The `count` rightmost zeros of D + N exp(-dead_time s), rightmost first, pairs upper half first, 1/s.
 
-    Without dead time there are only as many as the system has poles. Raises SpectrumError where the exact
-    count contradicts what was found (then nothing is returned).
+    Without dead time there are only as many as the system has poles. Of a neutral loop those right of its chain are
+    confirmed; the chain's own have nearly one real part and come in ascending frequency. Raises SpectrumError where
+    the exact count contradicts what was found (then nothing is returned).
     """
     if dead_time == 0 or system.gain == 0:
         return _ordered(_rational_poles(system))[:count]
-    points = max(24, 4 * count + 12)
-    while points <= _LARGEST_LINE:
-        poles = _ordered(_polished(system, dead_time, _start_values(system, dead_time, points), count))
+    for attempt, points in enumerate(_POINTS):
+        start = np.concatenate(
+            [
+                _start_values(system, dead_time, points),
+                system.poles,
+                _chain(system, dead_time, (1 + attempt) * (count + system.poles.size) + 8),
+            ]
+        )
+        poles = _ordered(_polished(system, dead_time, start))
         if poles.size >= count and _confirmed(system, dead_time, poles, count):
             return poles[:count]
-        points *= 2
     raise SpectrumError(
         f"the {count} rightmost closed-loop poles could not be confirmed by the root count; ask for fewer, or "
         f"check the scaling (dead time {dead_time:g} s, largest open-loop pole "
         f"{np.abs(system.poles).max(initial=0):.3g} 1/s)"
     )
+
+
+def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
+    """Approximate poles far from the origin, one a turn of the dead time.
+
+    From N exp(-tau s)/D = -1: tau s = ln(-N/D) + 2 pi j k, iterated from each k >= 0; it contracts where
+    |s| tau exceeds the relative degree.
+    """
+    turns = np.arange(count, dtype=float)
+    s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
+    with np.errstate(all="ignore"):
+        for _ in range(_FIXED_POINT_STEPS):
+            s = (np.log(-system(s)) + 2j * np.pi * turns) / dead_time
+    s = s[np.isfinite(s)]
+    return np.concatenate([s, s.real.astype(complex)[:2]])
 
 
 def _rational_poles(system: Rational) -> Complexes:
@@ -128,25 +151,38 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
             s = s - step
             if np.all(~np.isfinite(s) | (np.abs(step) <= 4e-16 * np.abs(s))):
                 break
-        q, _slope, size = _quasi_polynomial(system, dead_time, s)
-        return s, np.isfinite(s) & (np.abs(q) <= _RESIDUAL * size)
+        q, slope, size = _quasi_polynomial(system, dead_time, s)
+        # next to an open-loop pole D and N exp are small and cancel: there the size of the last step decides
+        at_rounding = np.abs(q) <= 1e-13 * np.abs(s) * np.abs(slope)
+        return s, np.isfinite(s) & ((np.abs(q) <= _RESIDUAL * size) | at_rounding)
 
 
-def _polished(system: Rational, dead_time: float, start: Complexes, count: int) -> Complexes:
-    """Distinct zeros of Q near the rightmost start values; a double zero stays double."""
-    start = start[np.argsort(-start.real)][: 2 * count + system.poles.size + 8]
+def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
+    """Distinct zeros of Q near the start values; a double zero stays double."""
+    start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
-    moved = np.abs(found - start) / (1e-300 + np.abs(start) + 1.0 / dead_time)
-    good &= moved < 0.3
+    features = np.abs(np.concatenate([system.zeros, system.poles, [1.0 / dead_time]]))
+    floor = 1e-9 * float(features[features > 0].min())
     kept: list[complex] = []
-    close_starts: list[complex] = []
-    for s, s0, near in sorted(zip(found[good], start[good], moved[good], strict=True), key=lambda item: item[2]):
-        same = [k for k in kept if abs(k - s) <= 1e-6 * (abs(s) + 1e-3 / dead_time)]
-        # two start values may run to one zero; it is double only if both began on top of it
-        if not same or (near < 1e-3 and all(abs(s0 - other) > 0 for other in close_starts)):
+    starts: list[complex] = []
+    for s, s0 in sorted(zip(found[good], start[good], strict=True), key=lambda pair: abs(pair[0] - pair[1])):
+        tolerance = _SAME * abs(s) + floor
+        same = [i for i, k in enumerate(kept) if abs(k - s) <= tolerance]
+        # two start values may run to one zero; it is double only if Q' vanishes there too
+        if not same or (len(same) == 1 and s0 != starts[same[0]] and _is_double(system, dead_time, s)):
             kept.append(s)
-            close_starts.append(s0)
+            starts.append(s0)
     return _symmetric(np.array(kept, dtype=complex))
+
+
+def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
+    """Whether dQ/ds vanishes at a zero of Q, to the accuracy that a double zero has."""
+    at = np.array([s])
+    _q, slope, size = _quasi_polynomial(system, dead_time, at)
+    roots = np.concatenate([system.zeros, system.poles])
+    nearest = float(np.min(np.abs(roots - s), initial=np.inf))
+    scale = 1 / nearest if 0 < nearest < np.inf else 0.0
+    return bool(np.abs(slope[0]) <= 1e-6 * size[0] * (scale + dead_time))
 
 
 def _symmetric(poles: Complexes) -> Complexes:
@@ -163,9 +199,13 @@ def _ordered(poles: Complexes) -> Complexes:
 
 def _confirmed(system: Rational, dead_time: float, poles: Complexes, count: int) -> bool:
     """Whether the exact count right of a line just left of pole number `count` is what was found."""
-    scale = 1e-6 * (abs(poles[count - 1]) + 1.0 / dead_time)
-    right_of = poles.real[count - 1] - scale
-    left = poles.real[poles.real < right_of]
-    line = 0.5 * (right_of + left.max()) if left.size else right_of
+    scale = 1e-9 * abs(poles[count - 1])
+    edge = float(poles.real[count - 1]) - scale
+    left = poles.real[poles.real < edge]
+    line = 0.5 * (edge + float(left.max())) if left.size else edge - scale
+    through = abs(system.feedthrough)
+    if through > 0:
+        # a neutral loop's chain tends to this real part: only what lies right of it can be counted
+        line = max(line, np.log(through) / dead_time + 1e-6 / dead_time)
     expected = count_right_of(system, dead_time, float(line))
     return not expected.marginal and expected.right == np.count_nonzero(poles.real > line)

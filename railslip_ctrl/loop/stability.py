@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 # L at a gain crossover this close to -1 (rad) puts a pole on the axis: rounding of the phase itself.
 _ON_AXIS = 1e-12
+_FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
 _SHIFT = 1e-7
 
@@ -47,6 +48,8 @@ def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> Roo
 
     `inf` for a neutral loop whose chain of poles lies right of the line.
     """
+    if dead_time * line < -_FARTHEST:
+        return RootCount(float("inf"), False)  # so far left that exp(-tau line) overflows: beyond any use
     moved = system.shifted(line) * float(np.exp(-dead_time * line)) if line else system
     count, marginal = _count(moved, dead_time)
     if not marginal:
@@ -121,7 +124,8 @@ def _between(nodes: Floats, crossovers: Floats) -> Floats:
 
 def _count_all_pass(system: Rational) -> tuple[float, bool]:
     """|L| = 1 at every frequency, no dead time: the polynomial D + N itself."""
-    characteristic = np.real(np.poly(system.poles)) + system.gain * np.real(np.poly(system.zeros))
+    den, num = (np.atleast_1d(np.real(np.poly(roots))) for roots in (system.poles, system.zeros))
+    characteristic = den + system.gain * num
     roots = np.roots(characteristic)
     near = np.abs(roots.real) <= 1e-10 * np.abs(roots)
     return float(np.count_nonzero((roots.real > 0) & ~near)), bool(near.any())

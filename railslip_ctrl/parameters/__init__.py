@@ -1,7 +1,7 @@
 """Frozen parameter records, published sets, and files."""
 
 from .files import load_vehicle
-from .published import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI
+from .published import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, table4_gains
 from .records import GRAVITY, Actuator, PIGains, Rail, Record, Resistance, Vehicle, Wheel
 
 __all__ = [
@@ -18,4 +18,5 @@ __all__ = [
     "Vehicle",
     "Wheel",
     "load_vehicle",
+    "table4_gains",
 ]

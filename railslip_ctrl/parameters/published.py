@@ -32,3 +32,8 @@ TABLE4_PI = MappingProxyType(
     }
 )
 """Table 4's PI gains by column, in SI (N*m/(m/s) and N*m/m)."""
+
+
+def table4_gains(adhesion: str) -> PIGains:
+    """Table 4's PI gains for an adhesion law by name, SI: the beam's own column, the bristle column for any other."""
+    return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]

@@ -4,10 +4,26 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from railslip_ctrl.errors import InputError
+
+
+def check_directory(directory: Path, names: Iterable[str]) -> None:
+    """Raise InputError if files of these names could not be written into `directory`; it need not exist yet."""
+    if str(directory) in ("", "."):
+        raise InputError(
+            "--out: the working folder itself is not taken, so that nothing in it is overwritten; name one"
+        )
+    existing = directory
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(f"--out: {str(directory)!r} cannot be made or written to; choose another folder")
+    for name in names:
+        if (directory / name).is_dir():
+            raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
 
 
 def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) -> list[Path]:
@@ -39,9 +55,6 @@ def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) 
         with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory) as staging:
             for name, write in writers.items():
                 write(Path(staging) / name)
-            for name in writers:
-                if (directory / name).is_dir():
-                    raise InputError(f"--out: {directory / name} is a folder; remove it or choose another folder")
             for name in writers:
                 os.replace(Path(staging) / name, directory / name)
     except OSError as error:

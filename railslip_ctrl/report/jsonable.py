@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
@@ -34,11 +35,22 @@ def case_json(point: OperatingPoint) -> dict[str, Any]:
     }
 
 
+def _context_json(point: OperatingPoint) -> dict[str, Any]:
+    """What else a case depends on, beside the six keys."""
+    return {
+        "initial_speed_kmh": point.initial_speed_kmh,
+        "vehicle": point.vehicle.name,
+        "wheel_load_n": point.vehicle.wheel_load,
+        "notes": list(point.vehicle.notes),
+    }
+
+
 def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
     """A linearisation: operating point, matrices with names, poles and zeros, torque to sigma."""
     num, den = plant.transfer_function()
     return {
         **case_json(plant.point),
+        **_context_json(plant.point),
         "adhesion_force_n": plant.point.adhesion_force,
         "brake_torque_nm": plant.point.brake_torque,
         "residual": plant.point.residual,
@@ -98,6 +110,7 @@ def margins_json(assessment: Assessment) -> dict[str, Any]:
     limits = assessment.limits
     return {
         **case_json(assessment.point),
+        **_context_json(assessment.point),
         "controller": described,
         "actuator": {"dead_time_s": assessment.actuator.dead_time, "lag_s": assessment.actuator.lag},
         "plant_poles": _complex_pairs(assessment.plant.poles),
@@ -114,8 +127,8 @@ def margins_json(assessment: Assessment) -> dict[str, Any]:
         "limits": {
             "unstable_pole_rad_s": limits.unstable_pole,
             "pole_times_dead_time_and_lag": limits.actuator_product,
-            "mt_lower_bound": limits.mt_bound,
-            "ms_lower_bound": limits.ms_bound,
+            "mt_lower_bound": number(limits.mt_bound),
+            "ms_lower_bound": number(limits.ms_bound),
         },
         "pade": [_pade_json(row) for row in assessment.pade],
         "verdict": assessment.verdict.value,
@@ -131,6 +144,8 @@ def design_check_json(check: DesignCheck, files: Iterable[str] = ()) -> dict[str
     """The whole report."""
     holding = check.holding
     return {
+        "version": __version__,
+        "date": check.date.isoformat(),
         "vehicle": vehicle_json(check.vehicle),
         "groups": [
             {

@@ -10,6 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
@@ -31,6 +32,7 @@ def case_title(point: OperatingPoint) -> str:
     return (
         f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, slip {point.slip:g}, "
         f"M {point.vehicle.mass:g} kg, inertia scale {point.vehicle.inertia_scale:g}"
+        + ("" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h")
     )
 
 
@@ -45,6 +47,12 @@ def controller_text(controller: PIController) -> str:
 
 def _actuator(actuator: Actuator) -> str:
     return f"dead time {actuator.dead_time:g} s (exact), lag {actuator.lag:g} s"
+
+
+def vehicle_line(vehicle: Vehicle) -> str:
+    """The vehicle's name, source and wheel load in a line."""
+    source = f"  {vehicle.source}" if vehicle.source else ""
+    return f"{vehicle.name}{source}, wheel load {vehicle.wheel_load:g} N"
 
 
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
@@ -83,8 +91,9 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
 def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
     point = plant.point
     num, den = plant.transfer_function()
-    frozen = "with the speed as a state" if plant.speed_state else "with the speed frozen"
+    frozen = "speed as a state" if plant.speed_state else "speed frozen"
     rows = [
+        ("Vehicle", vehicle_line(point.vehicle)),
         (
             "Operating point",
             f"slip velocity {point.sigma:.6g} m/s, adhesion coefficient {point.adhesion_coefficient:.5g}",
@@ -103,7 +112,7 @@ def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
         ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
         ("sigma/torque", f"({_polynomial(num)}) / ({_polynomial(den)})   (m/s)/(N·m)"),
     ]
-    return [heading(f"Linearisation {frozen}: {case_title(point)}"), facts(rows)]
+    return [heading(f"Linearisation, {frozen}: {case_title(point)}"), facts(rows)]
 
 
 def _polynomial(coefficients: Iterable[float]) -> str:
@@ -133,6 +142,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     p = limits.unstable_pole
     poles = assessment.closed_loop_poles
     rows = [
+        ("Vehicle", vehicle_line(assessment.point.vehicle)),
         ("Controller", controller_text(assessment.controller)),
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
@@ -144,19 +154,19 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     if assessment.margins is not None:
         parts.append(_margin_table(assessment, assessment.margins))
         parts.append(_crossover_line(assessment.margins))
-    parts.append(Text("Pade approximation of the dead time against exact:"))
-    parts.append(_pade_table(assessment))
+    parts += _pade_part(assessment)
     parts.append(Text(f"Verdict: {assessment.verdict_line}"))
     return parts
 
 
 def _limits(assessment: Assessment) -> str:
     limits = assessment.limits
-    against = "< 1: a PI may hold it" if limits.actuator_product < 1 else ">= 1: no PI holds it"
+    against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI holds it"
     return (
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}; "
-        f"for any controller Mt >= exp(p·dead time) = {limits.mt_bound:.4g}, Ms >= {limits.ms_bound:.4g}"
+        f"for any controller Mt >= exp(p·dead time) = {fixed(limits.mt_bound, 4)}"
+        + (f", Ms >= {fixed(limits.ms_bound, 4)}" if limits.ms_bound > 1 else "")
     )
 
 
@@ -202,6 +212,14 @@ def _crossover_line(m: Margins) -> Text:
     return Text("Gain crossovers: " + (", ".join(pairs) or "none") + "\n")
 
 
+def _pade_part(assessment: Assessment) -> list[RenderableType]:
+    """The Pade table; of an unstable loop only which orders see that it is."""
+    if assessment.stable or any(row.margins is not None for row in assessment.pade):
+        return [Text("Pade approximation of the dead time against exact:"), _pade_table(assessment)]
+    orders = [row.order for row in assessment.pade]
+    return [Text(f"Pade approximation of the dead time: orders {orders[0]} to {orders[-1]} say unstable too")]
+
+
 def _pade_table(assessment: Assessment) -> Table:
     rows = [_pade_row(row, assessment.margins) for row in assessment.pade]
     rows.append(["exact", *_pade_cells(assessment.margins), ""])
@@ -233,7 +251,7 @@ def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
 def design_check_text(check: DesignCheck) -> str:
     """The whole design check: vehicle, summary, then the margin report of every loop."""
     parts: list[RenderableType] = [
-        heading("Wheel-slip control: design check"),
+        heading(f"Wheel-slip control: design check (railslip_ctrl {__version__}, {check.date.isoformat()})"),
         facts(vehicle_facts(check.vehicle)),
         Text(f"\nConclusion: {check.conclusion}\n"),
         heading("Summary", "-"),
