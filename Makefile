@@ -4,6 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
+# the tests run in parallel processes on small matrices: threads of the linear algebra only get in each other's way
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: report test lint check benchmark generate clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail

@@ -53,7 +53,10 @@ class Response:
 
     def __call__(self, omega: Floats) -> NDArray[np.complex128]:
         """L(j omega)."""
-        return np.asarray(self.system(1j * omega) * np.exp(-1j * self.dead_time * omega))
+        value = self.system(1j * omega)
+        with np.errstate(invalid="ignore"):
+            turned = value * np.exp(-1j * self.dead_time * omega)
+        return np.asarray(np.where(np.isinf(value), value, turned))
 
 
 def frequency_nodes(response: Response) -> Floats:

@@ -171,7 +171,7 @@ def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase
         ms_frequency=ms_frequency,
         mt=mt,
         mt_frequency=mt_frequency,
-        disk=1.0 / disk,
+        disk=1.0 / disk if disk > 0 else float("inf"),
         disk_frequency=disk_frequency,
         gain_crossovers=crossovers,
         phase_margins_deg=signed,

@@ -1,0 +1,129 @@
+"""Loops that were once answered wrongly or refused; each is checked against something independent."""
+
+from __future__ import annotations
+
+import control as ct
+import numpy as np
+import pytest
+
+from railslip_ctrl import DeadTimeLoop
+from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.loop import Rational
+
+S = ct.tf("s")
+
+
+def two_masses():
+    m1, m2, k, c = 1.0, 2.0, 30.0, 0.1
+    a = [[0, 1, 0, 0], [-k / m1, -c / m1, k / m1, c / m1], [0, 0, 0, 1], [k / m2, c / m2, -k / m2, -c / m2]]
+    return ct.ss(a, [[0], [1 / m1], [0], [0]], [[1, 0, 0, 0]], 0)
+
+
+def test_integrators_of_a_realisation_are_found_exactly():
+    loop = DeadTimeLoop(two_masses() * 0.5, 0.05)
+    assert np.count_nonzero(loop.system.poles == 0) == 2
+    omega = np.geomspace(0.1, 30, 20)
+    assert loop.frequency_response(omega) == pytest.approx(
+        0.5 * two_masses()(1j * omega) * np.exp(-0.05j * omega), rel=1e-8
+    )
+
+
+@pytest.mark.parametrize("integrators", [1, 2])
+def test_integrators_survive_any_change_of_state(integrators):
+    system = ct.ss((S + 1) / (S**integrators * (S + 3) * (S + 4)))
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        t = rng.normal(size=(system.nstates, system.nstates))
+        moved = Rational.from_state_space(
+            t @ system.A @ np.linalg.inv(t), t @ system.B, system.C @ np.linalg.inv(t), 0.0
+        )
+        assert np.count_nonzero(moved.poles == 0) == integrators
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time"),
+    [
+        (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),
+        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),
+        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 1e5),
+    ],
+    ids=["resonance far below unit gain", "6000 turns of dead time before the resonance", "16000 turns"],
+)
+def test_gain_increase_behind_very_many_phase_crossovers(system, dead_time):
+    loop = DeadTimeLoop(system, dead_time)
+    m = loop.margins()
+    assert loop.scaled(m.gain_increase * (1 - 1e-6)).is_stable()
+    assert not loop.scaled(m.gain_increase * (1 + 1e-6)).is_stable()
+    assert m.gain_increase >= m.ms / (m.ms - 1) * (1 - 1e-9)  # what Ms guarantees
+
+
+def test_a_real_pole_through_infinity_bounds_the_gain():
+    # s (1 - 2k) + 10 - 2k: stable for k < 1/2 and k > 5, and 1/2 is nearer to 1 in ratio
+    assert DeadTimeLoop(-2 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((0.0, 0.5))
+    assert DeadTimeLoop(-12 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((10 / 12, np.inf))
+
+
+@pytest.mark.parametrize("system", [1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])])
+def test_static_loops(system):
+    loop = DeadTimeLoop(system)
+    assert loop.is_stable()
+    assert loop.margins().ms == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("system", [-1.0, (1 - S) / (1 + S)])
+def test_ill_posed_loops_are_named(system):
+    loop = DeadTimeLoop(system)
+    assert not loop.is_well_posed
+    with pytest.raises(UnstableLoopError, match="not well posed"):
+        loop.margins()
+    with pytest.raises(InputError, match="not well posed"):
+        loop.closed_loop_poles()
+
+
+def test_double_pair_on_the_axis_is_on_the_axis():
+    loop = DeadTimeLoop(0.1 * S * (S + 0.1) / (S**2 + 1) ** 2)
+    assert loop.open_loop_unstable_poles == 0
+    assert loop.unstable_closed_loop_poles == np.count_nonzero(np.roots([1, 0, 2.1, 0.01, 1]).real > 0)
+    assert loop.stabilizing_gain_range is None
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time", "count"),
+    [
+        (2 / ((S + 1) * (S + 2)), 1e-5, 6),
+        (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
+        (0.4431 / (S - 5.041), 3.195, 6),
+        (2 / S, 0.3, 200),
+        (2 / S, 1e-9, 4),
+        (2 / ((S + 1) * (S + 2)), 100.0, 8),
+    ],
+)
+def test_rightmost_poles_over_many_scales(system, dead_time, count):
+    loop = DeadTimeLoop(system, dead_time)
+    poles = loop.closed_loop_poles(count)
+    assert poles.size == count
+    assert np.count_nonzero(poles.real > 0) == min(count, loop.unstable_closed_loop_poles)
+
+
+def test_poles_of_neutral_loops_lie_on_their_chain():
+    static = DeadTimeLoop(0.5, 1.0).closed_loop_poles(4)
+    assert static == pytest.approx(np.log(0.5) + np.array([1j, -1j, 3j, -3j]) * np.pi)  # 1 + exp(-s)/2 = 0
+    loop = DeadTimeLoop(0.9 * (S + 0.1) / (S + 1), 1.0)
+    for pole in loop.closed_loop_poles(4):
+        assert abs(1 + 0.9 * (pole + 0.1) / (pole + 1) * np.exp(-pole)) < 1e-9
+
+
+@pytest.mark.parametrize("dead_time", [None, 1j, "0.1", True])
+def test_dead_time_must_be_a_number(dead_time):
+    with pytest.raises(InputError, match="dead time"):
+        DeadTimeLoop(1 / S, dead_time)
+
+
+@pytest.mark.parametrize("count", [0, 2.5, "3", True])
+def test_count_must_be_a_whole_number(count):
+    with pytest.raises(InputError, match="count"):
+        DeadTimeLoop(1 / S, 0.1).closed_loop_poles(count)
+
+
+def test_response_at_a_pole_is_infinite():
+    assert np.isinf(abs(DeadTimeLoop(1 / S, 0.1).frequency_response(0.0)))

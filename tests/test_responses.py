@@ -1,0 +1,358 @@
+"""Closed-loop responses with exact dead time: closed forms, SciPy, python-control, poles and final values."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from fractions import Fraction
+
+import control as ct
+import numpy as np
+import pytest
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
+
+ONE = Rational(np.array([]), np.array([]), 1.0)
+INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
+
+
+def rational(num, den) -> Rational:
+    return Rational.from_polynomials(num, den)
+
+
+def pi(kp: float, ki: float) -> Rational:
+    return rational([kp, ki], [1, 0])
+
+
+# An unstable wheel-like loop: pole at +0.82 1/s behind 0.6 s of lag and 0.15 s of dead time, PI with a lead.
+WHEEL = Rational(np.array([-7.8]), np.array([0.82, -8.64]), 0.43 / 60.35)
+LAG = rational([1], [0.6, 1])
+PI_LEAD = pi(229.0, 5.0) * rational([0.6, 1], [0.06, 1])
+DEAD_TIME = 0.15
+
+
+# --- realisation -----------------------------------------------------------------------------------------------------
+
+SYSTEMS = {
+    "gain": Rational(np.array([]), np.array([]), 3.0),
+    "PI": pi(190.0, 5.0),
+    "double integrator": Rational(np.array([]), np.array([0.0, 0.0]), 2.0),
+    "complex poles": rational([3.0], [1, 0.2, 9]),
+    "complex poles, one zero": rational([3.0, 5], [1, 0.2, 9]),
+    "complex poles, two real zeros": rational([3.0, 5, 1], [1, 0.2, 9]),
+    "complex zeros on complex poles": rational([3.0, 0.1, 30], [1, 0.2, 9]),
+    "complex zeros, real poles": rational([1, 0.4, 4], [1, 6, 11, 6]),
+    "complex zeros, double pole": rational([1, 0.4, 4], [1, 4, 4]),
+    "mixed": rational([2, 1, 8, 3], np.polymul([1, 0.2, 9], [1, 3, 2])),
+    "wheel": PI_LEAD * LAG * WHEEL,
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_realisation_has_the_response_and_the_poles_of_the_factored_form(name):
+    system = SYSTEMS[name]
+    r = realise(system)
+    assert r.order == system.poles.size
+    s = np.array([0.3 + 2j, 5j, -0.1 + 0.7j, 40.0])
+    value = np.array([r.c @ np.linalg.solve(x * np.eye(r.order) - r.a, r.b) + r.d for x in s])
+    assert value == pytest.approx(system(s), rel=1e-12)
+    found, given = np.sort_complex(np.linalg.eigvals(r.a)), np.sort_complex(system.poles)
+    assert found == pytest.approx(given, abs=1e-7)  # a double pole is good to sqrt(eps)
+
+
+@pytest.mark.parametrize("poles", [[1j], [1j, -2j], [-1j, -1.0]])
+def test_realisation_refuses_complex_roots_without_their_conjugates(poles):
+    with pytest.raises(InputError, match="without its conjugate"):
+        realise(Rational(np.array([]), np.array(poles), 1.0))
+
+
+# --- closed forms ----------------------------------------------------------------------------------------------------
+
+
+def delayed_integrator_step(gain: Fraction, dead_time: Fraction, t: Fraction) -> float:
+    """y = sum over k >= 1 with k tau < t of (-1)^(k+1) (K (t - k tau))^k/k!, in exact arithmetic.
+
+    From y'(t) = K (1 - y(t - tau)) segment by segment; in floating point the alternating sum would cancel.
+    """
+    total, k = Fraction(0), 1
+    while t > k * dead_time:
+        total -= (-gain * (t - k * dead_time)) ** k / math.factorial(k)
+        k += 1
+    return float(total)
+
+
+def test_step_of_the_loop_2_exp_minus_s_over_s_as_printed():
+    t = np.linspace(0, 3, 61)
+    y = step_response(Rational(np.array([]), np.array([]), 2.0), INTEGRATOR, 1.0, time=t).output
+    first = np.where(t > 1, 2 * (t - 1), 0.0)
+    assert y == pytest.approx(first - np.where(t > 2, 2 * (t - 2) ** 2, 0.0), abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("gain", "dead_time", "segments"),
+    [(2.0, 1.0, 40), (1.0, 1.0, 200), (1.5, 1.0, 200), (0.5, 0.25, 200), (12.0, 0.125, 200), (32.0, 0.5, 20)],
+)
+def test_delayed_integrator_equals_the_method_of_steps(gain, dead_time, segments):
+    # times that are binary fractions, so that the closed form sees the same ones
+    steps = np.arange(0, 8 * segments + 1, 5)
+    t = steps * dead_time / 8
+    expected = [
+        delayed_integrator_step(Fraction(gain), Fraction(dead_time), int(n) * Fraction(dead_time) / 8) for n in steps
+    ]
+    found = step_response(Rational(np.array([]), np.array([]), gain), INTEGRATOR, dead_time, time=t)
+    # K tau > pi/2 grows: then relative to the size reached so far
+    size = np.maximum(1.0, np.maximum.accumulate(np.abs(expected)))
+    assert np.max(np.abs(found.output - expected) / size) < 1e-11
+    assert np.max(np.abs(found.control - gain * (1 - found.output)) / size) < 1e-11
+
+
+@pytest.mark.parametrize("pole", [-1.0, 0.4, -30.0])
+def test_first_order_plant_equals_the_closed_form_of_its_first_two_segments(pole):
+    # y' = p y + K (1 - y(t - tau)) for t > tau, y = 0 before; on [tau, 2 tau] y = K/p (exp(p s) - 1), s = t - tau,
+    # and on [2 tau, 3 tau] the feedback of that, through 1/(s - p) again, is taken off
+    gain, tau = 1.3, 0.7
+    t = np.linspace(0, 3 * tau, 301)
+    s1, s2 = np.maximum(t - tau, 0), np.maximum(t - 2 * tau, 0)
+    expected = gain / pole * np.expm1(pole * s1)
+    expected -= gain**2 / pole * (s2 * np.exp(pole * s2) - np.expm1(pole * s2) / pole)
+    found = step_response(
+        Rational(np.array([]), np.array([]), gain), Rational(np.array([]), np.array([pole]), 1.0), tau, time=t
+    )
+    assert found.output == pytest.approx(expected, abs=1e-12)
+
+
+def test_load_step_on_a_delayed_integrator_is_the_integral_of_an_impulse_response():
+    # y' = 1 - K y(t - tau), y(0) = 0: y = t, then t - K (t - tau)^2/2, then + K^2 (t - 2 tau)^3/6
+    gain, tau = 0.8, 1.5
+    t = np.linspace(0, 3 * tau, 200)
+    lag = [np.maximum(t - k * tau, 0) for k in range(3)]
+    expected = lag[0] - gain * lag[1] ** 2 / 2 + gain**2 * lag[2] ** 3 / 6
+    found = disturbance_response(Rational(np.array([]), np.array([]), gain), INTEGRATOR, tau, time=t)
+    assert found.output == pytest.approx(expected, abs=1e-12)
+    assert found.plant_input[0] == 1.0  # the load acts at once, the command not yet
+
+
+def test_neutral_loop_of_a_pure_gain_is_a_geometric_series():
+    # y(t) = K (1 - y(t - tau)): constant on each segment, right-hand values at the jumps
+    found = step_response(Rational(np.array([]), np.array([]), 0.5), ONE, 0.1, time=np.arange(8) * 0.1)
+    assert found.output == pytest.approx([(1 - (-0.5) ** k) / 3 for k in range(8)], abs=1e-15)
+
+
+def test_a_biproper_loop_jumps_at_multiples_of_the_dead_time():
+    # first segments of L = K (s + z)/(s + p) exp(-tau s) with K = 0.6: jump of K at tau, of -K^2 at 2 tau
+    tau = 0.3
+    plant = rational([1, 2], [1, 5])
+    t = np.array([tau - 1e-9, tau, 2 * tau - 1e-9, 2 * tau])
+    y = step_response(Rational(np.array([]), np.array([]), 0.6), plant, tau, time=t).output
+    assert y[1] - y[0] == pytest.approx(0.6, abs=1e-7)
+    assert y[3] - y[2] == pytest.approx(-0.36, abs=1e-7)
+
+
+# --- independent methods ---------------------------------------------------------------------------------------------
+
+
+def test_without_dead_time_it_is_the_response_of_scipy():
+    from scipy.signal import lsim
+
+    loop = ct.tf([229 * 0.6, 229 + 5 * 0.6, 5], [0.06, 1, 0]) * ct.tf([1], [0.6, 1])
+    loop *= ct.zpk([-7.8], [0.82, -8.64], 0.43 / 60.35)
+    closed = ct.ss(ct.feedback(loop, 1))
+    t = np.linspace(0, 5, 400)
+    expected = lsim((closed.A, closed.B, closed.C, closed.D), np.ones(t.size), t)[1]
+    found = step_response(PI_LEAD, WHEEL, 0.0, actuator=LAG, time=t)
+    assert found.output == pytest.approx(expected, abs=1e-9)  # lsim's expanded polynomials lose digits
+
+
+def test_biproper_loop_without_dead_time():
+    # L = 3 (s + 2)/(s + 5): T = 3 (s + 2)/(4 s + 11), y = T(0) + (T(inf) - T(0)) exp(-11 t/4)
+    t = np.linspace(0, 3, 50)
+    y = step_response(Rational(np.array([]), np.array([]), 3.0), rational([1, 2], [1, 5]), 0.0, time=t).output
+    assert y == pytest.approx(6 / 11 + (3 / 4 - 6 / 11) * np.exp(-11 / 4 * t), abs=1e-14)
+
+
+def test_a_high_order_pade_simulation_is_close():
+    num, den = ct.pade(DEAD_TIME, 8)
+    plant = ct.zpk([-7.8], [0.82, -8.64], 0.43 / 60.35)
+    forward = ct.ss(ct.tf([229 * 0.6, 229 + 5 * 0.6, 5], [0.06, 1, 0])) * ct.ss(ct.tf([1], [0.6, 1])) * ct.tf(num, den)
+    closed = ct.feedback(ct.ss(plant), forward)
+    t = np.linspace(0, 8, 2001)
+    expected = ct.forced_response(closed, t, np.full(t.size, 100.0)).outputs
+    found = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t, height=100.0)
+    assert np.max(np.abs(found.output - expected)) < 1e-3 * found.largest_output
+
+
+def test_a_fine_numerical_integration_of_the_delay_equation_agrees():
+    # Euler with Richardson extrapolation on y' = y/2 + u(t - tau), u = 2 e + int e: independent of any realisation
+    def euler(steps_per_delay: int) -> np.ndarray:
+        h, n = 0.4 / steps_per_delay, steps_per_delay
+        y, integral, command = [0.0], 0.0, []
+        for k in range(10 * n):
+            error = 1.0 - y[-1]
+            command.append(2 * error + integral)
+            integral += h * error
+            y.append(y[-1] + h * (0.5 * y[-1] + (command[k - n] if k >= n else 0.0)))
+        return np.array(y[::n])
+
+    extrapolated = 2 * euler(4000) - euler(2000)
+    found = step_response(pi(2, 1), Rational(np.array([]), np.array([0.5]), 1.0), 0.4, time=0.4 * np.arange(11))
+    assert found.output == pytest.approx(extrapolated, abs=1e-5)
+
+
+# --- what a response must do -----------------------------------------------------------------------------------------
+
+
+def test_final_values_of_a_stable_loop_with_integral_action():
+    dc = float(WHEEL.dc_gain)
+    step = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0])
+    assert step.output == pytest.approx([1.0, 1.0], abs=1e-8)
+    assert step.control == pytest.approx([1 / dc] * 2, rel=1e-7)
+    load = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], height=50.0)
+    assert load.output == pytest.approx([0.0, 0.0], abs=1e-8)
+    assert load.control == pytest.approx([-50.0, -50.0], rel=1e-7)
+    assert load.plant_input == pytest.approx([0.0, 0.0], abs=1e-5)
+    offset = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=[900.0, 1000.0], noise=0.1)
+    assert offset.output == pytest.approx([-0.1, -0.1], abs=1e-9)
+    assert offset.error == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "dead_time"), [(1.0, 0.15), (1.0, 0.6), (8.0, 0.15), (0.3, 0.15)])
+def test_late_response_grows_or_decays_as_the_rightmost_closed_loop_poles(factor, dead_time):
+    controller = PI_LEAD * factor
+    loop = DeadTimeLoop(controller * LAG * WHEEL, dead_time)
+    poles = loop.closed_loop_poles(count=6)
+    # fit the modes to the late response: nothing must be left over
+    t = np.linspace(25.0, 30.0, 400)
+    y = step_response(controller, WHEEL, dead_time, actuator=LAG, time=t).output - 1.0
+    modes = np.exp(np.outer(t - t[0], poles))
+    left = modes @ np.linalg.lstsq(modes, y.astype(complex), rcond=None)[0] - y
+    assert np.max(np.abs(left)) < 1e-8 * np.max(np.abs(y))
+
+
+def test_superposition_and_the_impulse_as_an_initial_state():
+    t = np.linspace(0, 6, 200)
+    options = {"actuator": LAG, "time": t}
+    together = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, reference=2.0, disturbance=30.0, noise=0.2, **options)
+    parts = [
+        closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, **{name: height}, **options)
+        for name, height in (("reference", 2.0), ("disturbance", 30.0), ("noise", 0.2))
+    ]
+    for name in ("output", "control", "plant_input", "error", "control_rate"):
+        total = sum(getattr(part, name) for part in parts)
+        assert getattr(together, name) == pytest.approx(total, abs=1e-10 * np.max(np.abs(total)))
+    # the response to an impulse of 1 N*m*s is the derivative of the one to a step of 1 N*m
+    kick = closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, initial_plant_state=realise(WHEEL).b, **options)
+    h = 1e-5
+    ahead, behind = (disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t + 1 + s) for s in (h, -h))
+    kick_later = closed_loop_response(
+        PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t + 1, initial_plant_state=realise(WHEEL).b
+    )
+    # central difference: h^2 of the third derivative and rounding over h
+    assert (ahead.output - behind.output) / (2 * h) == pytest.approx(kick_later.output, abs=1e-8)
+    assert kick.output[0] == pytest.approx(0.43 / 60.35, rel=1e-14)
+
+
+def test_control_rate_is_the_derivative_of_control():
+    t, h = np.linspace(0.5, 4, 100), 1e-5
+    signal = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t)
+    ahead, behind = (disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t + s) for s in (h, -h))
+    assert (ahead.control - behind.control) / (2 * h) == pytest.approx(signal.control_rate, abs=1e-6)
+    assert signal.largest_control_rate == np.max(np.abs(signal.control_rate))
+
+
+def test_splitting_the_lag_off_the_plant_changes_the_load_response_only():
+    t = np.linspace(0, 5, 100)
+    apart = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t).output
+    together = step_response(PI_LEAD, LAG * WHEEL, DEAD_TIME, time=t).output
+    assert apart == pytest.approx(together, abs=1e-12)
+    load = disturbance_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, time=t).output
+    assert np.max(np.abs(load - disturbance_response(PI_LEAD, LAG * WHEEL, DEAD_TIME, time=t).output)) > 1e-4
+
+
+@pytest.mark.parametrize("dead_time", [1e-3, 0.15, 3.0, 50.0, 1e9])
+def test_any_dead_time_and_any_times_give_the_same_curve(dead_time):
+    # asked for in one piece or at single points, beyond the dead time or not
+    t = np.array([0.0, 0.4, 1.0, 1.0, 2.5])
+    whole = step_response(PI_LEAD, WHEEL, dead_time, actuator=LAG, time=t).output
+    single = [step_response(PI_LEAD, WHEEL, dead_time, actuator=LAG, time=[x]).output[0] for x in t]
+    assert whole == pytest.approx(single, abs=1e-13)
+
+
+def test_small_dead_time_tends_to_none():
+    t = np.linspace(0, 3, 40)
+    none = step_response(PI_LEAD, WHEEL, 0.0, actuator=LAG, time=t).output
+    gaps = [
+        np.max(np.abs(step_response(PI_LEAD, WHEEL, tau, actuator=LAG, time=t).output - none)) for tau in (2e-3, 1e-3)
+    ]
+    assert gaps[0] / gaps[1] == pytest.approx(2.0, abs=0.05)  # first order in the dead time
+
+
+def test_a_time_that_is_a_multiple_of_the_dead_time_but_for_rounding_is_after_the_jump():
+    # 0.3/0.1 = 2.9999999999999996; the load path is off, so the plant's input is the delayed command alone
+    found = step_response(ONE, ONE, 0.1, time=[0.1, 0.3])
+    assert found.output == pytest.approx([1.0, 1.0], abs=1e-15)
+
+
+def test_overshoot_and_settling_time():
+    t = np.arange(5.0)
+    y = np.array([0.0, 2.6, 1.8, 2.02, 2.0])
+    response = TimeResponse(t, y, y, y, y, y, 0.1, reference=2.0, disturbance=0.0, noise=0.0)
+    assert response.overshoot == pytest.approx(0.3)
+    assert response.settling_time(2.0, 0.05) == 3.0
+    assert response.settling_time(2.0, 5.0) == 0.0
+    assert response.settling_time(0.0, 0.05) == math.inf
+    assert response.largest_output == 2.6
+    none = TimeResponse(t, y, y, y, y, y, 0.1, reference=0.0, disturbance=1.0, noise=0.0)
+    assert math.isnan(none.overshoot)
+
+
+def test_thirty_seconds_take_far_less_than_a_second():
+    step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, final_time=30.0)
+    begin = clock.process_time()
+    found = step_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, final_time=30.0)
+    assert clock.process_time() - begin < 1.0  # a few ms; the bound only catches a change of order
+    assert (found.time.size, found.time[0], found.time[-1]) == (1001, 0.0, 30.0)
+
+
+# --- refusals --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "give either the times or the final time"),
+        ({"time": [0, 1], "final_time": 1.0}, "give either the times or the final time"),
+        ({"final_time": 0.0}, "final time: 0.0 s is not allowed"),
+        ({"final_time": math.inf}, "final time: inf s is not allowed"),
+        ({"time": [1.0, 0.5]}, "ascending"),
+        ({"time": [-1.0]}, ">= 0"),
+        ({"time": []}, "not allowed"),
+        ({"time": [math.nan]}, "finite"),
+        ({"final_time": 1.0, "reference": math.nan}, "steps: .* not finite"),
+        ({"final_time": 1.0, "initial_plant_state": [1.0]}, "give 2 finite numbers"),
+        ({"final_time": 1e6}, "at most 200000"),
+        ({"final_time": 1e300}, "at most 200000"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        closed_loop_response(PI_LEAD, WHEEL, DEAD_TIME, actuator=LAG, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dead_time", [-0.1, math.nan, math.inf])
+def test_bad_dead_time_is_refused(dead_time):
+    with pytest.raises(InputError, match="dead time"):
+        step_response(ONE, INTEGRATOR, dead_time, final_time=1.0)
+
+
+def test_algebraic_loop_is_refused():
+    with pytest.raises(InputError, match="algebraic loop"):
+        step_response(Rational(np.array([]), np.array([]), -1.0), rational([1, 2], [1, 5]), 0.0, final_time=1.0)
+
+
+def test_a_response_beyond_the_largest_number_is_refused():
+    with pytest.raises(InputError, match="overflows"):
+        step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0)

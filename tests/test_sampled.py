@@ -1,0 +1,450 @@
+"""The sampled design: difference equations, anti-windup, the exact sampled loop and its margins."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import control as ct
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.sampled import (
+    Rule,
+    SampledController,
+    continuous_equivalent,
+    sampled_loop,
+    sampled_margins,
+    suggested_period,
+)
+from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+
+ACTUATOR = PARK2008.actuator
+LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
+PLAIN = PIController(PIGains(kp=190.0, ki=5.0))
+INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
+
+
+def gain(value: float) -> Rational:
+    return Rational(np.array([]), np.array([]), value)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    """The wheel on dry rail, 100 km/h, at the published slip: unstable pole at +0.82 1/s."""
+    law = published_law("bristle", Rail.DRY)
+    return linearize(operating_point(law, PARK2008, 100 / 3.6, law.reference_slip(Rail.DRY), rail=Rail.DRY))
+
+
+# --- difference equations --------------------------------------------------------------------------------------------
+
+CONTROLLERS = {
+    "PI, Tustin": SampledController(PLAIN, 0.02),
+    "PI, backward": SampledController(PLAIN, 0.02, rule=Rule.BACKWARD),
+    "PI-lead, Tustin": SampledController(LEAD, 0.02),
+    "PI-lead, backward": SampledController(LEAD, 0.02, rule=Rule.BACKWARD),
+    "P": SampledController(PIController(PIGains(kp=190.0, ki=0.0)), 0.02),
+    "I": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02),
+    "I, backward": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02, rule=Rule.BACKWARD),
+    "filtered P": SampledController(PIController(PIGains(kp=190.0, ki=0.0), lead_filter=0.1), 0.02),
+    "filtered PI, backward": SampledController(PIController(PLAIN.gains, lead_filter=0.1), 0.02, rule=Rule.BACKWARD),
+}
+
+
+def run(controller: SampledController, errors: np.ndarray, **start: float) -> np.ndarray:
+    state, torques = controller.initial_state(**start), []
+    for error in errors:
+        state, torque = controller.step(state, float(error))
+        torques.append(torque)
+    return np.array(torques)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_steps_equal_the_transfer_function_on_random_errors(name):
+    controller = CONTROLLERS[name]
+    errors = np.random.default_rng(3).normal(size=400)
+    numerator, denominator = controller.coefficients
+    expected = lfilter(numerator, denominator, errors)
+    assert run(controller, errors) == pytest.approx(expected, abs=1e-12 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_transfer_function_is_the_continuous_one_at_low_frequency(name):
+    controller = CONTROLLERS[name]
+    omega = np.array([0.01, 0.1])
+    ratio = controller.transfer_function(np.exp(1j * omega * 0.02)) / controller.design.transfer_function(1j * omega)
+    order = 1 if controller.rule is Rule.BACKWARD else 2
+    assert np.all(np.abs(ratio - 1) < 2 * (omega * 0.02) ** order)
+
+
+def test_tustin_is_the_one_of_python_control():
+    c = LEAD.transfer_function
+    expected = ct.sample_system(ct.zpk(c.zeros, c.poles, c.gain), 0.02, "tustin")
+    z = np.exp(1j * np.array([0.1, 1.0, 30.0]))
+    assert CONTROLLERS["PI-lead, Tustin"].transfer_function(z) == pytest.approx(expected(z), rel=1e-9)
+
+
+def test_steps_are_pure():
+    controller = CONTROLLERS["PI-lead, Tustin"]
+    state = controller.initial_state(torque=1000.0, error=0.1)
+    assert controller.step(state, 0.3) == controller.step(state, 0.3)
+    assert state == controller.initial_state(torque=1000.0, error=0.1)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_set_up_gives_the_asked_torque_at_once_and_holds_it_without_error(name):
+    controller = dataclasses.replace(CONTROLLERS[name], torque_low=0.0, torque_high=10_000.0)
+    assert run(controller, [0.4], torque=4787.0, error=0.4)[0] == pytest.approx(4787.0, rel=1e-14)
+    assert run(controller, np.zeros(50), torque=4787.0) == pytest.approx(4787.0, rel=1e-14)
+
+
+def test_change_of_gains_makes_no_bump():
+    old = SampledController(LEAD, 0.02)
+    new = SampledController(dataclasses.replace(LEAD, gains=PIGains(kp=100.0, ki=20.0)), 0.02)
+    state = old.initial_state(torque=3000.0, error=0.2)
+    for error in (0.25, 0.21, 0.2, 0.2, 0.2):
+        state, before = old.step(state, error)
+    taken = new.take_over(state)
+    # the lead still settles after the last change of error: what remains is that and one period of integration
+    filtered = new.step(taken, 0.2)[0].filtered_error - state.filtered_error
+    bump = new.step(taken, 0.2)[1] - before
+    assert bump == pytest.approx(100.0 * filtered + 20.0 * 0.02 * 0.2, rel=0.02)
+    assert new.step(taken._replace(error=0.0, filtered_error=0.0, integral=before), 0.0)[1] == before
+
+
+# --- limits and anti-windup ------------------------------------------------------------------------------------------
+
+
+def limited_run(controller: SampledController, reference: float, samples: int) -> np.ndarray:
+    """y' = 0.2 torque from rest, by its exact sampled form; y and the integral part at the samples."""
+    y, state, found = 0.0, controller.initial_state(), []
+    for _ in range(samples):
+        state, torque = controller.step(state, reference - y)
+        found.append((y, state.integral))
+        y += 0.2 * controller.period * torque
+    return np.array(found).T
+
+
+FAST_PI = PIController(PIGains(kp=3.0, ki=1.0))
+
+
+def test_anti_windup_recovers_from_saturation_without_overshoot():
+    limits = {"torque_low": -1.0, "torque_high": 1.0}
+    guarded, integral = limited_run(SampledController(FAST_PI, 0.05, **limits), 10.0, 4000)
+    wound, wound_integral = limited_run(SampledController(FAST_PI, 0.05, **limits, tracking_time=math.inf), 10.0, 4000)
+    assert guarded.max() < 10.0 * 1.05
+    assert wound.max() > 10.0 * 1.5
+    # the integral part that balances the back-calculation is the limit less kp e, here 1 - 30; it cannot leave that
+    assert np.all(np.abs(integral) <= 30.0 + 1.0)
+    assert wound_integral.max() > 100.0
+    assert guarded[-1] == pytest.approx(10.0, abs=1e-6)
+
+
+def test_back_calculation_holds_the_integral_where_the_limit_is_the_integral_with_tracking_time_kp_over_ki():
+    # steady: ki e = (unlimited - torque)/Tt = (kp e + I - limit)/Tt, so I = limit when Tt = kp/ki
+    controller = SampledController(FAST_PI, 0.05, torque_low=-1.0, torque_high=1.0)
+    state = controller.initial_state()
+    for _ in range(4000):
+        state, torque = controller.step(state, 5.0)
+    assert torque == 1.0
+    assert controller.effective_tracking_time == 3.0
+    assert state.integral == pytest.approx(1.0, rel=1e-9)
+
+
+def test_limits_outside_the_controller_count_through_the_torque_applied():
+    inside = SampledController(FAST_PI, 0.05, torque_low=-1.0, torque_high=1.0)
+    outside = SampledController(FAST_PI, 0.05)
+    errors = np.random.default_rng(5).normal(size=300) + 0.3
+    state, other, accepted = inside.initial_state(), outside.initial_state(), None
+    for error in errors:
+        state, torque = inside.step(state, error)
+        other, command = outside.step(other, error, accepted)
+        accepted = float(np.clip(command, -1.0, 1.0))
+        assert accepted == torque
+    assert other.integral == state.integral
+
+
+def test_proportional_control_has_nothing_to_wind_up():
+    controller = dataclasses.replace(CONTROLLERS["P"], torque_low=-1.0, torque_high=1.0)
+    assert controller.effective_tracking_time == math.inf
+    assert run(controller, [5.0, 5.0, 0.0, -1e-3]) == pytest.approx([1.0, 1.0, 0.0, -0.19])
+
+
+# --- the exact sampled loop ------------------------------------------------------------------------------------------
+
+
+def test_integrator_with_proportional_control_closed_form():
+    # y+ = (1 - K h) y is stable for 0 < K h < 2; one period later z^2 - z + K h for K h < 1
+    m = SampledLoop(gain(0.7), INTEGRATOR, 0.0, 0.5).margins()
+    assert m.gain_increase == pytest.approx(2 / 0.35, rel=1e-12)
+    assert m.gain_increase_frequency == pytest.approx(2 * np.pi, rel=1e-14)
+    m = SampledLoop(gain(0.7), INTEGRATOR, 0.5, 0.5).margins()
+    assert m.gain_increase == pytest.approx(1 / 0.35, rel=1e-12)
+    assert m.gain_increase_frequency == pytest.approx(np.pi / 3 / 0.5, rel=1e-11)  # z = exp(j pi/3)
+    assert m.gain_decrease == 0.0
+
+
+@pytest.mark.parametrize("k", [1.1, 1.5, 1.9])
+def test_delay_margin_of_the_sampled_integrator_closed_form(k):
+    # z^2 + (k (1 - f) - 1) z + k f, f the added share of a period: a pair leaves the circle at k f = 1
+    period = 0.4
+    m = SampledLoop(gain(k / period), INTEGRATOR, 0.0, period).margins()
+    assert m.delay_s == pytest.approx(period / k, rel=1e-9)
+    assert np.cos(m.delay_frequency * period) == pytest.approx((2 - k) / 2, abs=1e-8)  # -(k (1 - f) - 1)/2
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.25, 0.999])
+@pytest.mark.parametrize("periods", [0, 3])
+def test_pulse_transfer_function_of_the_delayed_integrator(periods, fraction):
+    period = 0.1
+    loop = SampledLoop(gain(2.0), INTEGRATOR, (periods + fraction) * period, period)
+    omega = np.array([0.01, 1.0, 10.0, 31.0])
+    z = np.exp(1j * omega * period)
+    expected = 2.0 * period * ((1 - fraction) * z + fraction) / (z * (z - 1)) / z**periods
+    assert loop.frequency_response(omega) == pytest.approx(expected, rel=1e-12)
+
+
+def test_zero_order_hold_is_the_one_of_python_control(plant):
+    controller = SampledController(LEAD, 0.05)
+    loop = sampled_loop(controller, plant, ACTUATOR)  # 0.15 s are three periods
+    wheel = ct.ss(plant.A, plant.B, [[1.0, 0.0]], 0.0) * ct.ss(ct.tf([1], [0.6, 1]))
+    z = np.exp(1j * 0.05 * np.array([0.1, 1.0, 20.0, 60.0]))
+    expected = ct.sample_system(wheel, 0.05, "zoh")(z) * controller.transfer_function(z) / z**3
+    assert loop.frequency_response(np.array([0.1, 1.0, 20.0, 60.0])) == pytest.approx(expected, rel=1e-9)
+
+
+def test_response_slope_is_the_derivative(plant):
+    loop = sampled_loop(SampledController(LEAD, 0.04), plant, ACTUATOR)
+    omega, h = np.array([0.3, 2.0, 20.0, 70.0]), 1e-6
+    ahead, behind = np.log(loop.frequency_response(omega + h)), np.log(loop.frequency_response(omega - h))
+    assert loop.response_and_slope(omega)[1] == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)
+
+
+def simulate(controller: SampledController, plant: Rational, dead_time: float, samples: int) -> np.ndarray:
+    """y at the samples from an initial state, reference 0, the plant integrated exactly from event to event."""
+    r, h = realise(plant), controller.period
+    periods = int(dead_time / h)
+    late = dead_time - periods * h
+
+    def transition(time: float) -> np.ndarray:
+        block = np.zeros((r.order + 1,) * 2)
+        block[:-1, :-1], block[:-1, -1] = r.a * time, r.b * time
+        return expm(block)[:-1]
+
+    first, second = transition(late), transition(h - late)
+    x, state, found = np.ones(r.order), controller.initial_state(), []
+    torques = [0.0] * (periods + 1)
+    for _ in range(samples):
+        y = float(r.c @ x)
+        found.append(y)
+        state, torque = controller.step(state, -y)
+        torques.append(torque)
+        # until `late` the command of one sample earlier still acts
+        x = first @ np.append(x, torques[-periods - 2])
+        x = second @ np.append(x, torques[-periods - 1])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
+@pytest.mark.parametrize("dead_time", [0.0, 0.03, 0.15, 0.166])
+def test_step_by_step_simulation_follows_the_closed_loop_matrix(plant, design, dead_time):
+    controller = SampledController(design, 0.04)
+    actuated = Rational(plant.zeros, plant.poles, plant.gain) * Rational.from_polynomials([1], [0.6, 1])
+    loop = SampledLoop(controller.transfer_function, actuated, dead_time, 0.04)
+    found = simulate(controller, actuated, dead_time, 400)
+    state = np.zeros(loop.closed_loop_matrix.shape[0])
+    state[: actuated.poles.size] = 1.0
+    expected = []
+    for _ in range(400):
+        expected.append(realise(actuated).c @ state[: actuated.poles.size])
+        state = loop.closed_loop_matrix @ state
+    assert found == pytest.approx(np.array(expected), abs=1e-9 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize("period", [0.02, 0.07, 0.11])
+def test_simulation_grows_beyond_the_delay_margin_and_decays_before_it(plant, period):
+    controller = SampledController(LEAD, period)
+    loop = sampled_loop(controller, plant, ACTUATOR)
+    actuated = Rational(plant.zeros, plant.poles, plant.gain) * Rational.from_polynomials([1], [0.6, 1])
+    margin = loop.margins().delay_s
+    for share in (0.95, 1.05):
+        dead_time = ACTUATOR.dead_time + share * margin
+        y = simulate(controller, actuated, dead_time, round(60 / period))
+        half = y.size // 2
+        late, later = np.max(np.abs(y[half : half + half // 2])), np.max(np.abs(y[half + half // 2 :]))
+        radius = loop.delayed(share * margin).spectral_radius
+        assert (radius < 1) == (share < 1)
+        # the slow pole of the integral action stays; what the margin is about is the pair that oscillates
+        assert (later < late) == (share < 1)
+    assert loop.delayed(margin * (1 - 1e-9)).is_stable()
+    assert not loop.delayed(margin * (1 + 1e-9)).is_stable()
+
+
+@pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
+@pytest.mark.parametrize("period", [0.01, 0.03, 0.09])
+def test_gain_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):
+    loop = sampled_loop(SampledController(design, period), plant, ACTUATOR)
+    m = loop.margins()
+    for limit in (m.gain_increase, m.gain_decrease):
+        outward = 1 + 1e-8 if limit > 1 else 1 - 1e-8
+        assert not loop.scaled(limit * outward).is_stable()
+        assert loop.scaled(limit / outward).is_stable()
+    assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.0125])
+def test_delay_margin_over_many_periods_is_confirmed_by_eigenvalues(plant, period):
+    # found from L = -1 there; 0.15 s are 15 and 12 periods
+    loop = sampled_loop(SampledController(LEAD, period), plant, ACTUATOR)
+    margin = loop.margins().delay_s
+    assert loop.delayed(margin * (1 - 1e-8)).is_stable()
+    assert not loop.delayed(margin * (1 + 1e-8)).is_stable()
+
+
+def test_peaks_and_phase_margin_against_a_fine_grid(plant):
+    loop = sampled_loop(SampledController(LEAD, 0.05), plant, ACTUATOR)
+    m = loop.margins()
+    response = loop.frequency_response(np.geomspace(1e-3, loop.nyquist_frequency, 200_000))
+    assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-7)
+    assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-7)
+    assert 1 / m.disk == pytest.approx(np.max(np.abs(1 / (1 + response) - 0.5)), rel=1e-7)
+    at = loop.frequency_response(m.gain_crossovers)
+    assert np.abs(at) == pytest.approx(1.0, abs=1e-12)
+    assert np.angle(-at, deg=True) == pytest.approx(m.phase_margins_deg, abs=1e-10)
+
+
+FIELDS = ("ms", "mt", "phase_deg", "delay_s", "gain_increase", "gain_decrease", "disk")
+
+
+@pytest.mark.parametrize("computation", [0.0, 0.004])
+def test_short_periods_converge_to_the_continuous_margins(plant, computation):
+    # the hold costs h/2: order 1 against the continuous design, order 2 against the equivalent with that delay
+    records = [
+        sampled_margins(SampledController(LEAD, h), plant, ACTUATOR, computation=computation)
+        for h in (0.04, 0.02, 0.01, 0.005)
+    ]
+    without = continuous_equivalent(SampledController(LEAD, 1e-12), plant, ACTUATOR, computation=computation).margins()
+    for name in FIELDS:
+        exact = np.array([getattr(r.exact, name) for r in records])
+        equivalent = np.array([getattr(r.equivalent, name) for r in records])
+        losses = np.log2(np.abs(exact - getattr(without, name)))
+        assert losses[:-1] - losses[1:] == pytest.approx([1.0, 1.0, 1.0], abs=0.1), name
+        gaps = np.log2(np.abs(exact - equivalent)[1:])  # the longest period is not yet in the asymptotic range
+        assert gaps[:-1] - gaps[1:] == pytest.approx([2.0, 2.0], abs=0.2), name
+
+
+def test_continuous_record_is_the_unsampled_design(plant):
+    record = sampled_margins(SampledController(LEAD, 0.05), plant, ACTUATOR, computation=0.01)
+    expected = wheel_slip_loop(plant, LEAD, ACTUATOR).margins()
+    assert (record.continuous.ms, record.continuous.delay_s) == (expected.ms, expected.delay_s)
+    assert record.exact.ms > record.continuous.ms
+    assert (record.period, record.computation) == (0.05, 0.01)
+
+
+def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plant):
+    controller = SampledController(LEAD, 0.05)
+    wild = sampled_loop(controller, plant, ACTUATOR).scaled(20.0)
+    low, high = wild.stabilizing_gain_range
+    held = sampled_loop(controller, plant, ACTUATOR).margins()
+    assert (20 * low, 20 * high) == pytest.approx((held.gain_decrease, held.gain_increase), rel=1e-9)
+    with pytest.raises(UnstableLoopError, match="unstable with 2 pole") as caught:
+        wild.margins()
+    assert caught.value.stabilizing_gain_range == (low, high)
+    slow = SampledController(LEAD, 0.05)
+    record = sampled_margins(slow, plant, ACTUATOR, computation=2.0)
+    assert record.exact is None
+    assert record.equivalent is None
+    with pytest.raises(UnstableLoopError, match="no factor on the loop gain"):
+        sampled_loop(slow, plant, ACTUATOR, computation=2.0).margins()
+
+
+def test_loop_without_crossover_has_unbounded_margins():
+    m = SampledLoop(gain(0.5), Rational(np.array([]), np.array([-1.0]), 1.0), 0.3, 0.1).margins()
+    assert (m.phase_deg, m.delay_s, m.gain_decrease) == (math.inf, math.inf, 0.0)
+    assert m.ms < 2  # |L| <= 1/2
+
+
+def test_proportional_control_of_an_unstable_lag_needs_gain_1_sampled_or_not():
+    # 1/(s - 1) with gain K: a pole leaves through z = 1 at K = 1 whatever the period
+    m = SampledLoop(gain(3.0), Rational(np.array([]), np.array([1.0]), 1.0), 0.07, 0.02).margins()
+    assert m.gain_decrease == pytest.approx(1 / 3, rel=1e-12)
+    assert m.gain_decrease_frequency == 0.0
+
+
+# --- period ----------------------------------------------------------------------------------------------------------
+
+
+def test_suggested_period_takes_its_share_of_the_delay_margin(plant):
+    margins = wheel_slip_loop(plant, PLAIN, ACTUATOR).margins()
+    period = suggested_period(margins, share=0.1, computation=0.005)
+    assert period / 2 + 0.005 == pytest.approx(0.1 * 0.23715801, rel=1e-7)
+    # and that is what the sampled loop has left, to the order of the period squared
+    record = sampled_margins(SampledController(PLAIN, period), plant, ACTUATOR, computation=0.005)
+    assert record.exact.delay_s == pytest.approx(0.9 * 0.23715801, rel=1e-3)
+
+
+def test_suggested_period_refuses_what_it_cannot_serve(plant):
+    margins = wheel_slip_loop(plant, PLAIN, ACTUATOR).margins()
+    for share in (0.0, 1.0, math.nan):
+        with pytest.raises(InputError, match="share"):
+            suggested_period(margins, share=share)
+    with pytest.raises(InputError, match=r"computation: 0.05 s .* less than 0.0237"):
+        suggested_period(margins, computation=0.05)
+    unbounded = DeadTimeLoop(Rational(np.array([]), np.array([-1.0]), 0.5), 0.1).margins()
+    with pytest.raises(InputError, match="unbounded"):
+        suggested_period(unbounded)
+
+
+@pytest.mark.parametrize("period", [0.0, -0.1, math.nan, math.inf])
+def test_bad_periods_are_refused(period):
+    with pytest.raises(InputError, match=r"period: .* s is not allowed; give a finite value > 0"):
+        SampledController(PLAIN, period)
+    with pytest.raises(InputError, match=r"period: .* s is not allowed; give a finite value > 0"):
+        SampledLoop(gain(1.0), INTEGRATOR, 0.0, period)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"design": LEAD, "period": 0.13}, r"period: 0.13 s .* lead filter of 0.06 s; give a value <= 0.12"),
+        ({"torque_low": 1.0, "torque_high": 1.0}, "give low < high"),
+        ({"torque_high": math.nan}, "give low < high"),
+        ({"tracking_time": 0.01}, r"tracking time: 0.01 s .* >= the period 0.02"),
+        ({"rule": "euler"}, r"rule: 'euler' is not allowed; give tustin or backward"),
+    ],
+)
+def test_bad_controllers_are_refused_in_one_line(options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        SampledController(**{"design": PLAIN, "period": 0.02, **options})
+    assert "\n" not in str(caught.value)
+
+
+def test_backward_rule_takes_the_period_that_tustin_refuses():
+    assert SampledController(LEAD, 0.13, rule="backward").rule is Rule.BACKWARD
+
+
+def test_initial_torque_outside_the_limits_is_refused():
+    with pytest.raises(InputError, match="initial torque: -5"):
+        SampledController(PLAIN, 0.02, torque_low=0.0).initial_state(torque=-5.0)
+
+
+def test_bad_sampled_loops_are_refused(plant):
+    with pytest.raises(InputError, match="strictly proper"):
+        SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1)
+    with pytest.raises(InputError, match="gain 0"):
+        SampledLoop(gain(0.0), INTEGRATOR, 0.1, 0.1)
+    with pytest.raises(InputError, match="dead time: -1"):
+        SampledLoop(gain(1.0), INTEGRATOR, -1.0, 0.1)
+    with pytest.raises(InputError, match=r"period: 1e-05 s .* give a value >= 0.0003"):
+        sampled_loop(SampledController(PLAIN, 1e-5), plant, ACTUATOR).margins()
+    with pytest.raises(InputError, match="computation: -1"):
+        sampled_loop(SampledController(PLAIN, 0.01), plant, ACTUATOR, computation=-1.0)
