@@ -367,3 +367,63 @@ def test_output_survives_a_closed_pipe_and_a_plain_terminal():
     assert (done.returncode, done.stderr) == (0, b"")
     piped = subprocess.run(["sh", "-c", f"{' '.join(command)} | head -1"], capture_output=True, check=True)
     assert piped.stderr == b""
+
+
+def test_tune_json_has_the_contract_s_keys_and_the_issue_s_numbers(railslip):
+    family = ["--speed", 20, "--speed", 60, "--speed", 100, "--mass", 3517, "--mass", 5276]
+    status, out, err = railslip("tune", *family, "--structure", "pi-lead", "--minimise-ms", "--ki-min", 5, "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert (found["feasible"], found["reason"]) == (True, "")
+    assert found["ki_si"] == 5
+    assert found["worst"]["ms"] == pytest.approx(1.4291, abs=5.1e-5)
+    assert len(found["cases"]) == 12
+    assert {c["mass_kg"] for c in found["cases"]} == {3517, 5276}
+    assert [c["rail"] for c in found["cases"]] == ["dry"] * 6 + ["wet"] * 6
+    assert max(c["ms"] for c in found["cases"]) == pytest.approx(found["worst"]["ms"], rel=1e-12)
+    assert found["worst"]["case"]["rail"] == "dry"
+
+
+def test_tune_maximises_ki_under_ms_max(railslip):
+    status, out, _ = railslip("tune", "--rail", "dry", "--structure", "pi-lead", "--ms-max", "1.8", "--json")
+    found = json.loads(out)
+    assert status == 0
+    assert found["ms_max_asked"] == 1.8
+    assert found["worst"]["ms"] == pytest.approx(1.8, rel=1e-9)
+
+
+def test_tune_infeasible_is_exit_1_with_the_reason_and_what_can_be_had(railslip):
+    status, out, _ = railslip("tune", "--ms-max", "2", "--json")
+    found = json.loads(out)
+    assert (status, found["feasible"], found["kp_si"], found["worst"]) == (1, False, None, None)
+    assert "Ms <= 2 is asked for" in found["reason"]
+    status, out, _ = railslip("tune", "--ms-max", "2")
+    assert status == 1
+    assert "infeasible" in out
+
+
+def test_tune_readable(railslip):
+    status, out, _ = railslip("tune", "--ms-max", "7", "--phase-min", "8")
+    assert status == 0
+    for text in ("maximise ki, Ms <= 7, phase margin >= 8 deg", "N·m/(m/s)", "Verdict: worst Ms"):
+        assert text in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "--ms-max"),
+        (("--ms-max", "1"), "> 1"),
+        (("--ms-max", "2", "--ki-min", "5"), "--minimise-ms"),
+        (("--minimise-ms",), "--ki-min"),
+        (("--ms-max", "2", "--structure", "pdf"), "pi, pi-lead, pid"),
+        (("--ms-max", "2", "--lead", "0.6"), "lead"),
+        (("--ms-max", "nan"), "nan"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_tune_bad_input(railslip, arguments, told):
+    status, out, err = railslip("tune", *arguments, "--json")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert told in err

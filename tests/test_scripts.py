@@ -6,8 +6,10 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.parameters import Rail
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,3 +59,87 @@ def test_pi_wet_needs_the_dry_gains_when_the_rail_dries(capsys):
     assert design.holding.worst_ms == pytest.approx(5.502, abs=5.1e-4)
     module.main()
     assert "One PI for both rails" in capsys.readouterr().out
+
+
+def test_pi_robust(tmp_path, capsys, monkeypatch):
+    module = script("designs/pi_robust.py")
+    result = module.run()
+    assert result.design.worst.ms == pytest.approx(5.42, abs=5.1e-3)
+    assert result.design.kp == pytest.approx(211, abs=0.6)
+    assert result.least_without_integral == pytest.approx(4.69, abs=5.1e-3)
+    assert result.region.contains(result.design.kp, result.design.ki)
+    inside = np.isfinite(result.grid.ms)
+    assert np.nanmin(result.grid.ms) >= result.least_without_integral * (1 - 1e-6)
+    assert 0.5 < inside.mean() < 1.0
+    assert not result.robustness.suffices(2.0)
+    assert result.robustness.worst.axes["rail"] == "dry"
+    monkeypatch.setattr(sys, "argv", ["pi_robust.py", str(tmp_path)])
+    monkeypatch.setattr(module, "run", lambda: result)
+    module.main()
+    assert (tmp_path / "pi_robust_region.png").exists()
+    assert "fragile at its best" in capsys.readouterr().out
+
+
+def test_pi_lead(tmp_path, capsys, monkeypatch):
+    module = script("designs/pi_lead.py")
+    result = module.run()
+    assert result.design.worst.ms == pytest.approx(1.4291, abs=5.1e-5)
+    assert result.design.kp == pytest.approx(229, abs=0.6)
+    ms = [d.worst.ms for d in result.by_filter.values()]
+    assert ms == sorted(ms)  # a slower filter always costs robustness
+    assert result.sampled.continuous.ms < result.sampled.exact.ms < 1.6
+    assert result.speed_sweep.margins["PI-lead"].ms.max() < 1.5
+    assert result.speed_sweep.margins["PI (190, 5)"].ms.max() > 5
+    # through the peak the slip pole changes sign and the lead design does not mind
+    assert result.slip_sweep.pole.min() < 0 < result.slip_sweep.pole.max()
+    assert result.slip_sweep.margins["PI-lead"].ms.max() < 1.65
+    monkeypatch.setattr(sys, "argv", ["pi_lead.py", str(tmp_path)])
+    monkeypatch.setattr(module, "run", lambda: result)
+    module.main()
+    assert (tmp_path / "pi_lead_sweeps.png").exists()
+    assert "worst Ms 1.4291" in capsys.readouterr().out
+
+
+def test_pi_scheduled(tmp_path, capsys, monkeypatch):
+    module = script("designs/pi_scheduled.py")
+    result = module.run()
+    assert all(e.worst_ms == pytest.approx(1.8, rel=1e-9) for e in result.schedule.entries)
+    assert min(e.gains.ki for e in result.schedule.entries) > 25 * 5  # the single set has ki = 5
+    assert not result.single_suffices
+    assert result.single.worst_ms == pytest.approx(1.997, abs=5.1e-4)
+    assert (result.lowest_pi, result.lowest_lead) == pytest.approx((14.314, 4.017), abs=1e-3)
+    assert result.lowest_lead < result.lowest_single < result.lowest_pi
+    file = tmp_path / "schedule.json"
+    monkeypatch.setattr(sys, "argv", ["pi_scheduled.py", str(file)])
+    monkeypatch.setattr(module, "run", lambda: result)
+    module.main()
+    assert GainSchedule.from_json(file.read_text()) == result.schedule
+    assert "does not suffice" in capsys.readouterr().out
+
+
+def test_pade_order(capsys):
+    module = script("analysis/pade_order.py")
+    result = module.run()
+    for table in (result.gain_increase, result.phase, result.ms):
+        for row in table.values():
+            assert np.all(np.abs(row[1:3]) < 0.05 * np.abs(row[:2]))  # each order is worth more than a digit
+    assert result.gain_increase["PI-lead"][0] == pytest.approx(0.096, abs=5.1e-4)
+    assert result.largest_kp[0.15][0] == pytest.approx(9.1e-3, abs=5.1e-5)
+    module.main()
+    assert "largest kp" in capsys.readouterr().out
+
+
+def test_margin_map(tmp_path, capsys, monkeypatch):
+    module = script("analysis/margin_map.py")
+    result = module.run()
+    lead, pi = result.results["PI-lead 229/5"], result.results["PI 211/5"]
+    assert len(lead.cases) == len(pi.cases) == 6804
+    assert lead.stable_share > pi.stable_share
+    assert lead.by_axis()["adhesion"]["bristle"] == (1.0, pytest.approx(2.089, abs=5.1e-4))
+    assert lead.worst.axes["adhesion"] == "curve"
+    assert lead.worst.axes["speed, km/h"] == pytest.approx(5.0)
+    monkeypatch.setattr(sys, "argv", ["margin_map.py", str(tmp_path)])
+    monkeypatch.setattr(module, "run", lambda: result)
+    module.main()
+    assert len(list(tmp_path.glob("*.png"))) == 3
+    assert "worst case" in capsys.readouterr().out

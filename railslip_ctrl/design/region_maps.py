@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from railslip_ctrl.errors import InputError
 
+from .families import family_margins
 from .intervals import Intervals
 from .stabilizing import Region
 
@@ -97,15 +99,19 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
         Grid lines; ki = 0 is P control. Raises InputError if one is not finite.
     """
     columns, rows = np.atleast_1d(np.asarray(kp, dtype=float)), np.atleast_1d(np.asarray(ki, dtype=float))
-    ms, phase, delay = (np.full((columns.size, rows.size), np.nan) for _ in range(3))
-    for i, x in enumerate(columns.tolist()):
-        for j, y in enumerate(rows.tolist()):
-            if region.contains(x, y):
-                margins = [loop.margins() for loop in region.loops(x, y)]
-                ms[i, j] = max(m.ms for m in margins)
-                phase[i, j] = min(m.phase_deg for m in margins)
-                delay[i, j] = min(m.delay_s for m in margins)
-    return MarginGrid(columns, rows, ms, phase, delay)
+    if not (np.isfinite(columns).all() and np.isfinite(rows).all()):
+        raise InputError("margin grid: a gain is not finite; give finite kp and ki")
+    members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]
+    shape = (columns.size, rows.size, len(members[0]) if members else 1)
+    margins = family_margins([loop for loops in members for loop in loops])
+    inside = margins.stable.reshape(shape).all(axis=2) & (rows >= 0)
+
+    def worst(values: Floats, reduce: Callable[..., Any]) -> Floats:
+        return np.asarray(np.where(inside, reduce(values.reshape(shape), axis=2), np.nan))
+
+    return MarginGrid(
+        columns, rows, worst(margins.ms, np.max), worst(margins.phase_deg, np.min), worst(margins.delay_s, np.min)
+    )
 
 
 def _columns(region: Region, count: int) -> Floats:

@@ -139,10 +139,12 @@ class Robustness:
 
     @cached_property
     def worst_index(self) -> int:
-        """The worst case: the most unstable poles if any loop is unstable, else the largest Ms."""
-        if not self.margins.stable.all():
-            return int(np.argmax(self.margins.unstable_poles))
-        return int(np.argmax(self.margins.ms))
+        """The worst case: of unstable loops the one whose plant pole is fastest against its actuator, p (tau + T);
+        if all are stable the one of largest Ms."""
+        if self.margins.stable.all():
+            return int(np.argmax(self.margins.ms))
+        products = np.array([c.plant.poles.real.max() * (c.actuator.dead_time + c.actuator.lag) for c in self.cases])
+        return int(np.argmax(np.where(self.margins.stable, -np.inf, products)))
 
     @property
     def worst(self) -> RangeCase:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .deadtime import DeadTimeLoop
+from .rational import Rational
 
 _POINTS = 4000  # a smooth line in print, the turns of the dead time included
 
@@ -32,3 +33,25 @@ def frequency_curve(loop: DeadTimeLoop, low: float, high: float) -> FrequencyCur
     inside = crossovers[(crossovers > low) & (crossovers < high)]
     omega = np.union1d(np.geomspace(low, high, _POINTS), inside)
     return FrequencyCurve(omega, loop.frequency_response(omega), np.degrees(loop.phase(omega)))
+
+
+@dataclass(frozen=True)
+class GangOfFour:
+    """The four closed-loop responses that matter ([Astrom2021] 12.1), complex, on one grid of omega (rad/s).
+
+    S = 1/(1 + C P), T = C P/(1 + C P), PS = P/(1 + C P) (load to output), CS = C/(1 + C P) (noise to control).
+    """
+
+    omega: NDArray[np.float64]
+    s: NDArray[np.complex128]
+    t: NDArray[np.complex128]
+    ps: NDArray[np.complex128]
+    cs: NDArray[np.complex128]
+
+
+def gang_of_four(controller: Rational, plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
+    """The gang of four between two frequencies, rad/s; `plant` is P with its dead time, exact."""
+    omega = np.geomspace(low, high, _POINTS)
+    p, c = plant.frequency_response(omega), controller(1j * omega)
+    s = 1 / (1 + c * p)
+    return GangOfFour(omega, np.asarray(s), np.asarray(c * p * s), np.asarray(p * s), np.asarray(c * s))

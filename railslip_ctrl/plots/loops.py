@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
@@ -16,16 +14,10 @@ from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve
 
-# Dark to light with a line style each, so that a grey print still tells them apart.
-_COLORS = ("#08306b", "#d94801", "#238b45", "#6a51a3", "#525252")
-_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+from .style import legend_below, line_style, new_figure
+
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 11, "markeredgewidth": 1.8, "linestyle": "none"}
 _COLUMN_WIDTH = 4.1  # inches; three columns fill A4 across
-
-
-def line_style(i: int) -> dict[str, Any]:
-    """Colour and dash of line number i; 30 lines before a pair repeats, as the two cycles differ in length."""
-    return {"color": _COLORS[i % len(_COLORS)], "linestyle": _DASHES[i % len(_DASHES)]}
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
@@ -39,18 +31,10 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     )
 
 
-def _legend_below(ax: Any, drop: float = 0.2) -> None:
-    """A legend under the axes, where it hides nothing."""
-    ax.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -drop), frameon=False)
-
-
 def _new_figure(groups: tuple[ControllerGroup, ...], height: float) -> Figure:
     columns = len(groups)
     height += 0.16 * max(len(group.assessments) for group in groups)
-    figure = Figure(figsize=(max(_COLUMN_WIDTH * columns, 6.0), height), layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(_title(groups), fontsize=9)
-    return figure
+    return new_figure(max(_COLUMN_WIDTH * columns, 6.0), height, _title(groups))
 
 
 def _label(assessment: Assessment) -> str:
@@ -81,7 +65,7 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
         magnitude.set_title(_wrapped(group.title), fontsize=9)
         phase.set_xlabel("Frequency ω (rad/s)")
-        _legend_below(phase)
+        legend_below(phase)
         for ax in (magnitude, phase):
             ax.grid(True, which="major", color="0.85")
     axes[0, 0].set_ylabel("Magnitude |L| (dB)")
@@ -129,8 +113,8 @@ def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         _decorate_whole(whole)
         _decorate_near(near)
         whole.set_title(_wrapped(group.title), fontsize=9)
-        _legend_below(whole)
-        _legend_below(near)
+        legend_below(whole)
+        legend_below(near)
     axes[0, 0].set_ylabel("Im, radius |L|/(1 + |L|)")
     axes[1, 0].set_ylabel("Im L")
     return figure
@@ -243,12 +227,6 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         ax.set_title(_wrapped(group.title), fontsize=9)
         ax.set_xlabel("Phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=8)
         ax.grid(True, color="0.9")
-        _legend_below(ax)
+        legend_below(ax)
     axes[0, 0].set_ylabel("Magnitude |L| (dB)")
     return figure
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; the format follows the path's suffix, and the same figure gives the same bytes."""
-    metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    figure.savefig(path, dpi=150, metadata=metadata)

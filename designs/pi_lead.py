@@ -1,0 +1,97 @@
+"""A PI with a lead that cancels most of the actuator's lag: one gain set, Ms below 1.5 at twelve operating points.
+
+The pneumatic lag of 0.6 s is what makes a PI alone fragile. A lead (0.6 s + 1)/(0.06 s + 1) trades a tenfold gain at
+high frequency for it. The filter's time constant is the design knob: how much robustness does it buy, and what does it
+cost in noise at the torque?
+
+    python designs/pi_lead.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.sampled import SampledController, SampledMargins, sampled_margins, suggested_period
+from railslip_ctrl.design.schedule import plant_at
+from railslip_ctrl.design.sweeps import MarginSweep, sweep_slip, sweep_speed
+from railslip_ctrl.design.tuning import PIDesign, tune_pi
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+
+ACTUATOR = PARK2008.actuator
+KI_MIN = 5.0  # N*m/m
+FILTERS = (0.02, 0.06, 0.12, 0.2, 0.3)  # s
+
+
+@dataclass(frozen=True)
+class LeadDesign:
+    """The optimum at the published filter, over the filter, sampled, and swept."""
+
+    design: PIDesign
+    controller: PIController
+    by_filter: dict[float, PIDesign]
+    period: float  # s, suggested
+    sampled: SampledMargins  # at the worst point
+    speed_sweep: MarginSweep
+    slip_sweep: MarginSweep
+
+
+def tune(lead_filter: float) -> PIDesign:
+    """The least worst Ms over the twelve points with a lead on the actuator's lag."""
+    plants = [
+        actuated_plant(plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed), ACTUATOR)
+        for rail in Rail
+        for speed in (20.0, 60.0, 100.0)
+        for mass in (3517.0, 5276.0)
+    ]
+    lead = PIController(PIGains(kp=1.0, ki=0.0), ACTUATOR.lag, lead_filter).transfer_function
+    return tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=lead)
+
+
+def run() -> LeadDesign:
+    """Optimum, design knob, sampled implementation, sweeps."""
+    by_filter = {lead_filter: tune(lead_filter) for lead_filter in FILTERS}
+    design = by_filter[0.06]
+    controller = PIController(PIGains(kp=design.kp, ki=design.ki), ACTUATOR.lag, 0.06)
+    worst = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
+    period = suggested_period(design.margins[design.worst.delay_member], share=0.05)
+    controllers = {"PI-lead": controller, "PI (190, 5)": PIController(PIGains(kp=190.0, ki=5.0))}
+    return LeadDesign(
+        design=design,
+        controller=controller,
+        by_filter=by_filter,
+        period=period,
+        sampled=sampled_margins(SampledController(controller, period), worst, ACTUATOR),
+        speed_sweep=sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
+        slip_sweep=sweep_slip(controllers, [0.01 * i for i in range(2, 41)]),
+    )
+
+
+def main() -> None:
+    """Print the design; with a folder, draw margins against speed and slip."""
+    result = run()
+    print(
+        f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:g}: worst Ms {result.design.worst.ms:.5g}"
+    )
+    for lead_filter, design in result.by_filter.items():
+        gain = design.kp * ACTUATOR.lag / lead_filter
+        print(f"  filter {lead_filter:5.2f} s: worst Ms {design.worst.ms:.4g}, noise gain {gain:.4g} N*m/(m/s)")
+    assert result.sampled.exact is not None
+    print(f"sampled every {1000 * result.period:.0f} ms: Ms {result.sampled.exact.ms:.4g} at dry, 100 km/h, empty")
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def draw(result: LeadDesign, folder: Path) -> None:
+    """Margins against speed and against slip through the peak."""
+    from railslip_ctrl.plots import save_figure, sweep_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = sweep_figure([result.speed_sweep, result.slip_sweep], title="PI-lead and PI: margins over speed and slip")
+    save_figure(figure, folder / "pi_lead_sweeps.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""Does one gain set suffice, or do the gains have to follow speed and rail?
+
+A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8, written out as a schedule, and compared
+with the single gain set of least worst Ms over the same range. And below which speed can the loop not be held at all?
+
+    python designs/pi_scheduled.py [FILE.json for the schedule]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.robustness import OperatingRange, Robustness, robustness
+from railslip_ctrl.design.schedule import (
+    GainSchedule,
+    lowest_held_speed,
+    lowest_stabilisable_speed,
+    plant_at,
+    schedule_gains,
+)
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+
+SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
+MS_MAX = 1.8
+LEAD, LEAD_FILTER = 0.6, 0.06  # s
+SINGLE = PIController(PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # of designs/pi_lead.py
+RANGE = OperatingRange(speeds_kmh=SPEEDS_KMH, slip_factors=(0.75, 0.9, 1.0, 1.1), laws=("bristle",))
+
+
+@dataclass(frozen=True)
+class ScheduledDesign:
+    """The schedule, how the single gain set does on the same range, and the lowest speeds."""
+
+    schedule: GainSchedule
+    single: Robustness
+    single_suffices: bool
+    lowest_pi: float  # km/h, any PI, falling curve, dry
+    lowest_lead: float  # km/h, any PI behind the lead
+    lowest_single: float  # km/h, this gain set
+
+
+def run() -> ScheduledDesign:
+    """Tune, check, and look for the lowest speed on the curve, whose slope in time grows as 1/v."""
+    schedule = schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
+    single = robustness(SINGLE, RANGE)
+    actuator = PARK2008.actuator
+
+    def dry_curve(speed_kmh: float):  # type: ignore[no-untyped-def]
+        return plant_at("curve", PARK2008, Rail.DRY, speed_kmh)
+
+    return ScheduledDesign(
+        schedule=schedule,
+        single=single,
+        single_suffices=single.suffices(MS_MAX),
+        lowest_pi=lowest_stabilisable_speed(dry_curve, actuator),
+        lowest_lead=lowest_stabilisable_speed(dry_curve, actuator, lead=LEAD, lead_filter=LEAD_FILTER),
+        lowest_single=lowest_held_speed(dry_curve, SINGLE, actuator),
+    )
+
+
+def main() -> None:
+    """Print the schedule and the verdicts; with a file name, write the schedule."""
+    result = run()
+    print("rail  speed   kp N*m/(m/s)   ki N*m/m   worst Ms")
+    for e in result.schedule.entries:
+        print(f"{e.rail:4s}  {e.speed_kmh:5.0f}   {e.gains.kp:12.1f}   {e.gains.ki:8.1f}   {e.worst_ms:8.3f}")
+    word = "suffices" if result.single_suffices else "does not suffice"
+    print(f"\nOne gain set (kp 229.4, ki 5) {word} for Ms <= {MS_MAX}: worst Ms {result.single.worst_ms:.4g}.")
+    print("The schedule buys integral action: the same Ms at many times the ki.")
+    print(f"Dry, static curve: any PI holds the loop down to {result.lowest_pi:.3g} km/h, any PI behind the lead to")
+    print(
+        f"{result.lowest_lead:.3g} km/h, this gain set to {result.lowest_single:.3g} km/h; cut slip control out below."
+    )
+    if len(sys.argv) > 1:
+        Path(sys.argv[1]).write_text(result.schedule.to_json() + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
