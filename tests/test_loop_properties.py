@@ -59,7 +59,7 @@ def delay_operator_eigenvalues(loop: DeadTimeLoop, points: int) -> np.ndarray:
     return np.linalg.eigvals(generator)
 
 
-@settings(max_examples=1500, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=2500, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 def test_exact_root_count_equals_the_discretised_delay_operator(loop):
     fine, finer = (delay_operator_eigenvalues(loop, n) for n in (16, 22))
