@@ -9,7 +9,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .design import PIController, wheel_slip_loop
+from .design import PIController, actuated_plant, wheel_slip_loop
+from .design.limits import Limits, fundamental_limits
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
@@ -27,32 +28,6 @@ class Verdict(StrEnum):
     UNSTABLE = "unstable"
     FRAGILE = "stable but fragile"
     ROBUST = "robust"
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the rightmost plant pole p and the actuator (dead time tau, lag T) leave to any controller.
-
-    Attributes
-    ----------
-    unstable_pole : float
-        p, 1/s; 0 if the plant is stable.
-    doubling_time : float
-        ln 2/p, s; inf if the plant is stable.
-    actuator_product : float
-        p (tau + T). A PI can stabilise k/(s - p) behind lag and dead time only if it is < 1: necessary, and with
-        further plant poles not sufficient.
-    mt_bound : float
-        exp(p tau): no controller gets Mt below it, as T(p) = 1 through the dead time ([Astrom2021] 14).
-    ms_bound : float
-        max(1, exp(p tau) - 1): no controller gets Ms below it, as |S| >= |T| - 1.
-    """
-
-    unstable_pole: float
-    doubling_time: float
-    actuator_product: float
-    mt_bound: float
-    ms_bound: float
 
 
 @dataclass(frozen=True)
@@ -104,17 +79,8 @@ class Assessment:
 
 
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
-    """Limits set by the plant's rightmost pole and the actuator."""
-    p = max(float(plant.poles.real.max()), 0.0)
-    exponent = p * actuator.dead_time
-    mt = math.exp(exponent) if exponent < 700 else math.inf  # beyond the range of a double
-    return Limits(
-        unstable_pole=p,
-        doubling_time=math.log(2) / p if p > 0 else math.inf,
-        actuator_product=p * (actuator.dead_time + actuator.lag),
-        mt_bound=mt,
-        ms_bound=max(1.0, mt - 1.0),
-    )
+    """What the plant and the actuator leave to any controller; see `design.limits`."""
+    return fundamental_limits(actuated_plant(plant, actuator), actuator.dead_time, lag=actuator.lag)
 
 
 def assess(

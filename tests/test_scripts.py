@@ -143,3 +143,32 @@ def test_margin_map(tmp_path, capsys, monkeypatch):
     module.main()
     assert len(list(tmp_path.glob("*.png"))) == 3
     assert "worst case" in capsys.readouterr().out
+
+
+def test_compare_designs(tmp_path, capsys, monkeypatch):
+    module = script("designs/compare_designs.py")
+    result = module.run()
+    limits = result.limits[Rail.DRY]
+    assert limits.pi.ms_bound == pytest.approx(4.67, abs=5.1e-3)
+    pi, lead = result.row("best PI", Rail.DRY), result.row("PI-lead", Rail.DRY)
+    # the best PI is within a fifth of what no PI can beat; a lead leaves both behind
+    assert limits.pi.ms_bound < pi.margins.ms < 1.2 * limits.pi.ms_bound
+    assert pi.margins.phase_deg < limits.pi.phase_deg
+    assert lead.margins.ms == pytest.approx(1.43, abs=5.1e-3)
+    assert lead.margins.ms > limits.pi_lead.ms_bound > 1
+    assert lead.effort.noise_gain > 10 * pi.effort.noise_gain  # and this is its price
+    for rail in Rail:
+        assert "2 poles" in result.row("published PI (Table 4)", rail).reason
+        assert "hidden modes" in result.row("Smith predictor", rail).reason
+        assert "unstable pole" in result.row("SIMC rule", rail).reason
+        for name in ("filtered Smith predictor", "observer with prediction"):
+            assert result.row(name, rail).margins.ms < 1.5
+    assert result.row("observer with prediction", Rail.DRY).effort.noise_gain < lead.effort.noise_gain
+    assert np.abs(result.load["PI-lead"].output).max() < np.abs(result.load["best PI"].output).max()
+    monkeypatch.setattr(sys, "argv", ["compare_designs.py", str(tmp_path)])
+    monkeypatch.setattr(module, "run", lambda: result)
+    module.main()
+    assert len(list(tmp_path.glob("*.png"))) == 2
+    out = capsys.readouterr().out
+    assert out.count("observer with prediction") == 2
+    assert "no controller gets Ms or Mt below 1.13" in out

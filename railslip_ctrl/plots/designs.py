@@ -123,7 +123,7 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
     axes = figure.subplots(2, 2, sharex=True)
     panels = (
         (axes[0, 0], "s", "|S|, sensitivity (-)"),
-        (axes[0, 1], "ps", "|PS|, load torque to slip velocity ((m/s)/(N·m))"),
+        (axes[0, 1], "ps", "|PS|, disturbance of the command to slip velocity ((m/s)/(N·m))"),
         (axes[1, 0], "cs", "|CS|, noise to torque (N·m/(m/s))"),
         (axes[1, 1], "t", "|T|, complementary sensitivity (-)"),
     )

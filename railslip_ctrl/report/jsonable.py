@@ -8,6 +8,7 @@ from typing import Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
@@ -129,10 +130,20 @@ def margins_json(assessment: Assessment) -> dict[str, Any]:
             "pole_times_dead_time_and_lag": limits.actuator_product,
             "mt_lower_bound": number(limits.mt_bound),
             "ms_lower_bound": number(limits.ms_bound),
+            **_structure_limits(limits),
         },
         "pade": [_pade_json(row) for row in assessment.pade],
         "verdict": assessment.verdict.value,
     }
+
+
+def _structure_limits(limits: Limits) -> dict[str, Any]:
+    """What a PI, and a PI with a lead on the lag, may hope for; null where the theorem does not apply."""
+    found: dict[str, Any] = {}
+    for name, structure in (("pi", limits.pi), ("pi_lead", limits.pi_lead)):
+        found[f"{name}_phase_margin_upper_bound_deg"] = None if structure is None else number(structure.phase_deg)
+        found[f"{name}_ms_lower_bound"] = None if structure is None else number(structure.ms_bound)
+    return found
 
 
 def vehicle_json(vehicle: Vehicle) -> dict[str, Any]:

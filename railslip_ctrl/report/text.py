@@ -162,12 +162,20 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
 def _limits(assessment: Assessment) -> str:
     limits = assessment.limits
     against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI holds it"
-    return (
+    text = (
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}; "
-        f"for any controller Mt >= exp(p·dead time) = {fixed(limits.mt_bound, 4)}"
-        + (f", Ms >= {fixed(limits.ms_bound, 4)}" if limits.ms_bound > 1 else "")
+        f"no controller gets Ms or Mt below {fixed(limits.ms_bound, 4)}"
     )
+    for structure in (limits.pi, limits.pi_lead):
+        if structure is None:
+            continue
+        name = "a PI" if structure.structure == "PI" else "a PI with lead on the lag"
+        if structure.feasible:
+            text += f"; {name}: phase margin <= {structure.phase_deg:.3g} deg, Ms >= {structure.ms_bound:.3g}"
+        else:
+            text += f"; {name} cannot stabilise it"
+    return text
 
 
 def _decibel(factor: float) -> str:

@@ -1,0 +1,211 @@
+"""Published PI, best PI, known rules, PI-lead, Smith predictors and an observer, side by side.
+
+Dry and wet rail, 100 km/h, bristle model, SI, the published actuator with its dead time exact. For each design its true
+margins (of the plant, not of the model inside a predictor), what it costs in noise and torque rate, and what no
+controller can beat. Designs that do not hold are in the table too, with the reason.
+
+    python designs/compare_designs.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.compensators import (
+    Compensator,
+    filtered_smith_predictor,
+    observer_compensator,
+    smith_predictor,
+)
+from railslip_ctrl.design.effort import Effort, control_effort
+from railslip_ctrl.design.limits import Limits, fundamental_limits
+from railslip_ctrl.design.rules import RuleTuning, rotstein_lewin, simc_pi
+from railslip_ctrl.design.schedule import plant_at
+from railslip_ctrl.design.tuning import tune_pi
+from railslip_ctrl.errors import InputError, RailslipError
+from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop.curves import GangOfFour, gang_of_four
+from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
+from railslip_ctrl.parameters import PARK2008, TABLE4_PI, PIGains, Rail
+
+SPEED_KMH = 100.0
+KI_MIN = 5.0  # N*m/m
+ACTUATOR = PARK2008.actuator
+FEEDBACK_POLES = (-0.1, -1.0, -1.67, -8.6)  # 1/s: integrator, slip, actuator lag, bristles
+OBSERVER_POLES = (-30.0, -21.0, -8.6)
+RULE_TIME = 1.0  # s, closed-loop time constant asked of the Rotstein-Lewin rule
+KMH = 1 / 3.6
+
+
+@dataclass(frozen=True)
+class Row:
+    """One design on one rail; `margins` and `effort` are None where it does not hold, with the reason."""
+
+    design: str
+    rail: Rail
+    margins: Margins | None
+    effort: Effort | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The table, the limits by rail, and responses of the designs that are plain transfer functions, dry rail."""
+
+    rows: tuple[Row, ...]
+    limits: dict[Rail, Limits]
+    reference: dict[str, TimeResponse]
+    load: dict[str, TimeResponse]
+    gangs: dict[str, GangOfFour]
+
+    def row(self, design: str, rail: Rail) -> Row:
+        """One row by name."""
+        return next(row for row in self.rows if (row.design, row.rail) == (design, rail))
+
+
+def plants() -> dict[Rail, Rational]:
+    """From commanded torque to slip velocity, without the dead time."""
+    return {rail: actuated_plant(plant_at("bristle", PARK2008, rail, SPEED_KMH), ACTUATOR) for rail in Rail}
+
+
+def best(both: list[Rational], lead: float, lead_filter: float) -> PIController:
+    """The least worst Ms over both rails."""
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    tuned = tune_pi(both, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
+    return PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
+
+
+def fixed_designs(both: list[Rational]) -> dict[str, PIController]:
+    """The designs that are one transfer function for both rails."""
+    return {
+        "published PI (Table 4)": PIController(TABLE4_PI["bristle"]),
+        "best PI": best(both, 0.0, 0.0),
+        "PI-lead": best(both, ACTUATOR.lag, 0.06),
+    }
+
+
+def rows_for(rail: Rail, plant: Rational, fixed: dict[str, PIController]) -> list[Row]:
+    """Every design on one rail."""
+    tau = ACTUATOR.dead_time
+    rows = [plain_row(name, rail, plant, controller.transfer_function) for name, controller in fixed.items()]
+    lead = fixed["PI-lead"].transfer_function
+    made: dict[str, Callable[[], Compensator | RuleTuning]] = {
+        "SIMC rule": lambda: simc_pi(plant, tau),
+        "Rotstein-Lewin rule": lambda: rotstein_lewin(plant, tau, closed_loop_time=RULE_TIME),
+        "Smith predictor": lambda: smith_predictor(plant, tau, lead),
+        "filtered Smith predictor": lambda: filtered_smith_predictor(plant, tau, lead, filter_time=0.1),
+        "observer with prediction": lambda: observer_compensator(
+            plant, tau, feedback_poles=FEEDBACK_POLES, observer_poles=OBSERVER_POLES
+        ),
+    }
+    for name, make in made.items():
+        rows.append(tried(name, rail, lambda name=name, make=make: made_row(name, rail, plant, make())))
+    return rows
+
+
+def tried(name: str, rail: Rail, make: Callable[[], Row]) -> Row:
+    """A design's row, or the reason why there is none."""
+    try:
+        return make()
+    except (InputError, RailslipError) as error:
+        return Row(name, rail, None, None, str(error))
+
+
+def plain_row(name: str, rail: Rail, plant: Rational, controller: Rational) -> Row:
+    """A design that is a transfer function."""
+    loop = DeadTimeLoop(controller * plant, ACTUATOR.dead_time)
+    if not loop.is_stable():
+        return Row(
+            name, rail, None, None, f"unstable: {loop.unstable_closed_loop_poles:g} poles in the right half plane"
+        )
+    effort = control_effort(controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
+    return Row(name, rail, loop.margins(), effort, "")
+
+
+def made_row(name: str, rail: Rail, plant: Rational, design: Compensator | RuleTuning) -> Row:
+    """A rule's controller, or a dead-time compensator with the margins of the loop it really closes."""
+    if isinstance(design, RuleTuning):
+        return plain_row(name, rail, plant, design.transfer_function())
+    margins = design.margins()  # of an unstable one: UnstableLoopError with the reason
+    effort = control_effort(design.controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
+    return Row(name, rail, margins, effort, "")
+
+
+def run() -> Comparison:
+    """The table and the responses."""
+    by_rail = plants()
+    fixed = fixed_designs(list(by_rail.values()))
+    rows = [row for rail, plant in by_rail.items() for row in rows_for(rail, plant, fixed)]
+    limits = {r: fundamental_limits(p, ACTUATOR.dead_time, lag=ACTUATOR.lag) for r, p in by_rail.items()}
+    wheel = plant_at("bristle", PARK2008, Rail.DRY, SPEED_KMH)
+    bare = Rational(wheel.zeros, wheel.poles, wheel.gain)
+    lag = Rational(np.array([]), np.array([-1 / ACTUATOR.lag]), 1 / ACTUATOR.lag)
+    shown = {name: fixed[name].transfer_function for name in ("best PI", "PI-lead")}
+    tau = ACTUATOR.dead_time
+    return Comparison(
+        rows=tuple(rows),
+        limits=limits,
+        reference={n: step_response(c, bare, tau, final_time=30.0, actuator=lag, height=KMH) for n, c in shown.items()},
+        load={
+            n: disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, height=100.0) for n, c in shown.items()
+        },
+        gangs={n: gang_of_four(c, DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0) for n, c in shown.items()},
+    )
+
+
+def main() -> None:
+    """Print the table; with a folder, draw the responses and the gang of four."""
+    result = run()
+    for rail, limits in result.limits.items():
+        print(f"{rail} rail: unstable pole {limits.unstable_pole:.3g} 1/s; no controller gets Ms or Mt below", end=" ")
+        print(f"{limits.ms_bound:.3g}", end="")
+        for structure in (limits.pi, limits.pi_lead):
+            if structure is not None:
+                print(f"; {structure.structure}: phase margin <= {structure.phase_deg:.3g} deg", end="")
+                print(f", Ms >= {structure.ms_bound:.3g}", end="")
+        print(".")
+    print(f"\n{'design':26s} {'rail':4s} {'Ms':>6s} {'phase':>7s} {'delay':>7s} {'gain -':>7s} {'gain +':>7s}", end=" ")
+    print(f"{'noise':>8s} {'torque rate on 1 km/h':>22s}")
+    print(f"{'':26s} {'':4s} {'-':>6s} {'deg':>7s} {'s':>7s} {'-':>7s} {'-':>7s} {'N·m/(m/s)':>9s} {'N·m/s':>20s}")
+    for row in result.rows:
+        print(f"{row.design:26s} {row.rail:4s} {line(row)}")
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def line(row: Row) -> str:
+    """The numbers of a row, or its reason."""
+    if row.margins is None or row.effort is None:
+        return row.reason
+    m, e = row.margins, row.effort
+    return (
+        f"{m.ms:6.3g} {m.phase_deg:7.3g} {m.delay_s:7.3g} {m.gain_decrease:7.3g} {m.gain_increase:7.3g} "
+        f"{e.noise_gain:9.4g} {e.disturbance_rate:20.4g}"
+    )
+
+
+def draw(result: Comparison, folder: Path) -> None:
+    """Responses and gang of four of the plain designs, dry rail."""
+    from railslip_ctrl.plots import gang_of_four_figure, response_figure, save_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    title = "Bristle model, dry rail, 100 km/h, slip 0.132; dead time exact"
+    figure = response_figure(
+        result.reference,
+        result.load,
+        title=title,
+        reference_label="step of 1 km/h of the reference slip velocity",
+        load_label="step of 100 N·m of torque at the wheel",
+    )
+    save_figure(figure, folder / "compare_designs_responses.png")
+    save_figure(gang_of_four_figure(result.gangs, title=title), folder / "compare_designs_gang_of_four.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,280 @@
+"""Dead-time compensators, with the loop they really close: Smith predictors and the predictor-observer.
+
+All are for y -> u around the plant G(s) exp(-tau s), e = r - y, u = C(s) e, with G = N/D free of dead time (from
+commanded torque, N*m, to -e, m/s) and q = exp(-tau s). Each loop is a ratio of quasi-polynomials whose sum of numerator
+and denominator is the characteristic function of plant and controller as realised, hidden modes included; the margins
+are exact, and are those of a plant that differs from the model, since only the true plant is perturbed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.loop import Margins, Rational
+from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
+
+_LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has four digits
+
+
+@dataclass(frozen=True, eq=False)
+class Compensator:
+    """A dead-time compensator in its loop.
+
+    Attributes
+    ----------
+    structure : str
+        What it is, in words.
+    controller : DelayedRatio
+        C(s), N*m/(m/s). Removable singularities (of a finite-time integral) are left in it as common zeros.
+    loop : DelayedLoop
+        L = C G exp(-tau s).
+    hidden_unstable_poles : tuple of complex
+        Closed-loop poles right of or on the axis that L does not show and no gain moves, 1/s.
+    """
+
+    structure: str
+    controller: DelayedRatio
+    loop: DelayedLoop
+    hidden_unstable_poles: tuple[complex, ...] = ()
+
+    def is_stable(self) -> bool:
+        """True if the loop is stable inside as well as outside."""
+        return not self.hidden_unstable_poles and self.loop.is_stable()
+
+    @property
+    def reason(self) -> str:
+        """Why it is not stable inside; empty if no hidden mode forbids it."""
+        if not self.hidden_unstable_poles:
+            return ""
+        poles = ", ".join(f"{p.real:.4g}" if p.imag == 0 else f"{p:.4g}" for p in self.hidden_unstable_poles)
+        return (
+            f"the {self.structure} cancels the plant's pole(s) at {poles} 1/s, which stay in the closed loop as hidden "
+            "modes: any disturbance at the plant's input grows with them; use a filtered predictor or an observer"
+        )
+
+    def margins(self) -> Margins:
+        """Exact margins; see `Margins`. Raises UnstableLoopError, with the reason, where the loop is not stable."""
+        if self.hidden_unstable_poles:
+            raise UnstableLoopError(
+                f"margins are not defined: {self.reason}",
+                unstable_poles=self.loop.root_count.right,
+                stabilizing_gain_range=None,
+            )
+        return self._margins
+
+    @cached_property
+    def _margins(self) -> Margins:
+        return self.loop.margins()
+
+
+def smith_predictor(plant: Rational, dead_time: float, controller: Rational) -> Compensator:
+    """The classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), C0 designed without dead time.
+
+    With an unstable plant it is unstable inside whatever C0 is: C has a zero at each plant pole, and D itself divides
+    the characteristic function D (D0 D + N0 N). That is found and told (`reason`), not assumed.
+
+    Raises
+    ------
+    InputError
+        The dead time is negative or not finite, or C0 G is not strictly proper.
+    """
+    num, den, num0, den0 = _polynomials(plant, dead_time, controller)
+    forward, base = np.polymul(num0, num), np.polymul(den0, den)
+    inner = QuasiPolynomial([np.polyadd(base, forward), -forward], dead_time)
+    c = DelayedRatio(QuasiPolynomial([np.polymul(num0, den)], dead_time), inner)
+    # the plant's D and the model's D: what the controller cancels stays
+    loop = DelayedRatio(QuasiPolynomial([[0.0], np.polymul(forward, den)], dead_time), inner.times(den))
+    hidden = tuple(complex(p) for p in plant.poles if p.real >= 0)
+    return Compensator("Smith predictor", c, DelayedLoop(loop), hidden)
+
+
+def filtered_smith_predictor(
+    plant: Rational, dead_time: float, controller: Rational, *, filter_time: float, roll_off: int = 0
+) -> Compensator:
+    """The filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
+
+    F(s) = (1 + b_1 s + ... + b_m s^m)/(filter_time s + 1)^(m + roll_off), with F(p_i) = exp(p_i tau) at the m
+    plant poles right of the axis: then G (1 - F q) has none of them, and is realised without them (a finite-time
+    integral), so that the loop is stable inside. Nominally T = F q N0 N/(D0 D + N0 N).
+
+    Parameters
+    ----------
+    controller : Rational
+        C0, designed for G without dead time; the nominal poles are those of C0 G, of F, and the stable ones of G.
+    filter_time : float
+        s, > 0: a larger one gives more robustness and slower rejection of disturbances.
+    roll_off : int
+        Additional poles of F, >= 0, against noise.
+
+    Raises
+    ------
+    InputError
+        A number outside its range, C0 G not strictly proper, or several unstable poles that coincide.
+    """
+    if not (math.isfinite(filter_time) and filter_time > 0):
+        raise InputError(f"filter time: {filter_time} s is not allowed; give a finite value > 0")
+    if roll_off < 0:
+        raise InputError(f"roll-off: {roll_off} is not allowed; give a number of poles >= 0")
+    num, den, num0, den0 = _polynomials(plant, dead_time, controller)
+    num_f, den_f = _prediction_filter(plant.poles, dead_time, filter_time, roll_off)
+    forward, base = np.polymul(num0, num), np.polymul(den0, den)
+    inner = QuasiPolynomial(
+        [np.polymul(np.polyadd(base, forward), den_f), -np.polymul(forward, num_f)],
+        dead_time,
+    )
+    feedback = np.polymul(num0, num_f)
+    c = DelayedRatio(QuasiPolynomial([np.polymul(feedback, den)], dead_time), inner)
+    kept = np.real(np.poly(plant.poles[plant.poles.real < 0]))  # modes of the model that stay in the predictor
+    top = np.polymul(np.polymul(feedback, num), kept)
+    loop = DelayedRatio(QuasiPolynomial([[0.0], top], dead_time), inner.times(kept))
+    return Compensator("filtered Smith predictor", c, DelayedLoop(loop))
+
+
+def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
+    """Numerator and denominator of F, descending powers: F(0) = 1, F(p) = exp(p tau) at the poles right of the axis."""
+    unstable = poles[poles.real >= 0]
+    apart = np.abs(unstable[:, None] - unstable) + np.eye(unstable.size) * (1 + np.abs(unstable))
+    if np.any(apart <= 1e-6 * (1e-300 + np.abs(unstable))):
+        raise InputError("filtered Smith predictor: unstable poles that coincide are not supported; move one slightly")
+    unstable = unstable[unstable != 0]  # at the origin F(0) = 1 is the condition
+    m = unstable.size
+    den = np.atleast_1d(np.poly(np.full(m + roll_off, -1 / filter_time))) * filter_time ** (m + roll_off)
+    if m == 0:
+        return np.ones(1), den
+    powers = unstable[:, None] ** np.arange(1, m + 1)
+    b = np.linalg.solve(powers, np.polyval(den, unstable) * np.exp(dead_time * unstable) - 1).real
+    return np.append(b[::-1], 1.0), den
+
+
+def observer_compensator(
+    plant: Rational,
+    dead_time: float,
+    *,
+    feedback_poles: Sequence[complex],
+    observer_poles: Sequence[complex],
+) -> Compensator:
+    """State feedback through the dead time, with observer, prediction and integral action.
+
+    u(t) = -K [x^(t + tau); integral of y], where x^(t + tau) = exp(A tau) x^ + integral over 0..tau of
+    exp(A s) B u(t - s) ds is exact ([ManitiusOlbrot1979], [Artstein1982]; the integral state is predicted with it) and
+    x^' = A x^ + B u(t - tau) + Lo (y - C x^). The closed loop has finitely many poles: those asked for.
+
+    Parameters
+    ----------
+    feedback_poles : n + 1 numbers, 1/s
+        Closed-loop poles of plant (order n) and integrator; real or in conjugate pairs, left of the axis.
+    observer_poles : n numbers, 1/s
+        Poles of the observer, likewise.
+
+    Raises
+    ------
+    InputError
+        A wrong number of poles or one not left of the axis, or a plant that is not strictly proper, is not reachable
+        (a pole on a zero), or has a zero at the origin, which forbids integral action.
+    """
+    n = plant.poles.size
+    _check_dead_time(dead_time)
+    _check_poles("feedback poles", feedback_poles, n + 1)
+    _check_poles("observer poles", observer_poles, n)
+    if plant.relative_degree == 0:
+        raise InputError("observer design: the plant is not strictly proper; add the actuator's lag")
+    from scipy.linalg import expm
+
+    a, b, c = _realisation(plant)
+    extended = np.block([[a, np.zeros((n, 1))], [c, np.zeros((1, 1))]])
+    b_extended = np.vstack([b, [[0.0]]])
+    k = _placed(extended, b_extended, feedback_poles)
+    gain_o = _placed(a.T, c.T, observer_poles).T
+    ahead = expm(extended * dead_time)
+    k_ahead = k @ ahead
+    k_x, k_i = k_ahead[:, :n], float(k_ahead[0, n])
+    observer = a - gain_o @ c
+    # row (sI - M)^-1 column = (det(sI - M + column row) - det(sI - M))/det(sI - M)
+    den, den_o, den_e = np.poly(a), np.poly(observer), np.append(np.poly(a), 0.0)
+    now = _adjugate_form(extended, b_extended, k)
+    before = _adjugate_form(extended, ahead @ b_extended, k)
+    before[-1] = now[-1]  # the finite-time integral has no pole at the origin: equal but for rounding
+    model = _adjugate_form(observer, b, k_x)
+    measured = np.polyadd(np.append(_adjugate_form(observer, gain_o, k_x), 0.0), k_i * den_o)
+    num = np.real(np.poly(plant.zeros)) * plant.gain
+    inner = QuasiPolynomial(
+        [
+            np.polymul(np.polyadd(den_e, now), den_o),
+            np.polysub(np.polymul(den_e, model), np.polymul(before, den_o)),
+        ],
+        dead_time,
+    )
+    controller = DelayedRatio(QuasiPolynomial([np.polymul(measured, den)], dead_time), inner)
+    loop = DelayedRatio(QuasiPolynomial([[0.0], np.polymul(measured, num)], dead_time), inner)
+    return Compensator("observer with prediction", controller, DelayedLoop(loop))
+
+
+def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:
+    """N, D, N0, D0, descending powers, for a strictly proper C0 G."""
+    _check_dead_time(dead_time)
+    if plant.relative_degree + controller.relative_degree < 1:
+        raise InputError("Smith predictor: controller and plant together are not strictly proper; add a lag")
+    found = []
+    for system in (plant, controller):
+        found += [system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))]
+        found += [np.atleast_1d(np.real(np.poly(system.poles)))]
+    return found[0], found[1], found[2], found[3]
+
+
+def _check_dead_time(dead_time: float) -> None:
+    if not (math.isfinite(dead_time) and dead_time >= 0):
+        raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+
+
+def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
+    values = np.asarray(poles, dtype=complex)
+    if values.size != count:
+        raise InputError(f"{name}: {values.size} given; give {count}")
+    if not (np.isfinite(values).all() and np.all(values.real < 0)):
+        raise InputError(f"{name}: {list(poles)} are not all left of the imaginary axis; give negative real parts")
+    if np.abs(np.poly(values).imag).max() > 1e-9 * np.abs(np.poly(values)).max():
+        raise InputError(f"{name}: {list(poles)} are not in conjugate pairs; give both of each pair")
+
+
+def _realisation(plant: Rational) -> tuple[Floats, Floats, Floats]:
+    """Controllable canonical A (n, n), B (n, 1), C (1, n)."""
+    n = plant.poles.size
+    num = plant.gain * np.atleast_1d(np.real(np.poly(plant.zeros)))
+    a = np.eye(n, k=-1)
+    a[0] = -np.real(np.poly(plant.poles))[1:]
+    b, c = np.zeros((n, 1)), np.zeros((1, n))
+    b[0], c[0, n - num.size :] = 1.0, num
+    return a, b, c
+
+
+def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
+    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones."""
+    n = a.shape[0]
+    reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
+    scale = np.abs(reach).max(axis=0)
+    if not np.all(scale > 0) or np.linalg.cond(reach / scale) > _LARGEST_CONDITION:
+        raise InputError("observer design: the plant with its integrator is not reachable or observable; cancel the "
+                         "common poles and zeros (a zero at the origin forbids integral action)")  # fmt: skip
+    last = np.linalg.solve(reach.T, np.eye(n)[-1])
+    value = np.zeros((n, n))
+    for coefficient in np.real(np.poly(np.asarray(poles, dtype=complex))):
+        value = value @ a + coefficient * np.eye(n)
+    return np.asarray(last @ value).reshape(1, n)
+
+
+def _adjugate_form(matrix: Floats, column: Floats, row: Floats) -> Floats:
+    """row adj(sI - matrix) column as a polynomial of degree n - 1, descending powers."""
+    return np.asarray(np.real(np.poly(matrix - column @ row) - np.poly(matrix))[1:])

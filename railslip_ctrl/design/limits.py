@@ -1,0 +1,249 @@
+"""What no controller can beat: bounds that follow from the plant alone, before any tuning.
+
+Two kinds are kept apart. *Theorems* hold for every stabilising linear controller (or every one of a structure that is
+named); *rules of thumb* tell where a sensible crossover can lie.
+
+The peaks. S vanishes at the unstable poles p_i, and T carries the dead time and the right-half-plane zeros, so that
+S = B_p S~ and T = exp(-tau s) B_z T~ with all-pass B_p, B_z and S~, T~ stable. S + T = 1 then fixes T~ at the p_i, and
+the least peak is the Nevanlinna-Pick bound: gamma^2 is the largest eigenvalue of A^-1 W A W^* with
+A_ij = 1/(p_i + conj p_j), W = diag(exp(tau p_i)/B_z(p_i)). For one real pole that is exp(p tau) times |(z + p)/(z - p)|
+for each zero ([Astrom2021] 14.4). The same number bounds Ms: by commutant lifting ([Sarason1967]) each of the two least
+norms is 1/sin of the angle between the subspaces of H2 orthogonal to B_p H2 and to exp(-tau s) B_z H2, and an angle
+does not tell the two apart. So Ms >= exp(p tau) too, which is sharper than Mt - 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.crossings import Response, frequency_nodes
+from railslip_ctrl.loop.rootfinding import bracketed_roots
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
+
+# Unstable poles nearer than this, relative to their size, count once: fewer conditions bound less, never wrongly.
+_DISTINCT = 1e-3
+# Allowable phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
+_ALLOWED_LAG_DEG = 90.0
+
+
+@dataclass(frozen=True)
+class StructureLimit:
+    """What a PI behind a given phase can hope for. Theorem, for one unstable real pole and no zero right of the axis.
+
+    A PI only adds lag, so that its phase margin is at most the plant's largest phase above -180 deg, and
+    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover.
+
+    Attributes
+    ----------
+    structure : str
+        "PI", or "PI-lead" with the lag cancelled (filter time constant 0, the most a lead on the lag can give).
+    phase_deg, frequency : float
+        Bound on the phase margin, deg, <= 0 if nothing of the structure stabilises; and where it is met, rad/s (NaN
+        if the phase only falls).
+    ms_bound : float
+        Lower bound on Ms; inf if nothing of the structure stabilises.
+    """
+
+    structure: str
+    phase_deg: float
+    frequency: float
+    ms_bound: float
+
+    @property
+    def feasible(self) -> bool:
+        """False if no controller of the structure stabilises. True does not yet promise that one does."""
+        return self.phase_deg > 0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits set by a plant, its dead time tau (s) and its actuator lag T (s).
+
+    Attributes
+    ----------
+    unstable_poles, unstable_zeros : tuple of complex
+        Plant poles and zeros with positive real part, 1/s.
+    unstable_pole : float
+        Largest real part p among the poles, 1/s; 0 if the plant is stable.
+    doubling_time : float
+        ln 2/p, s; inf if the plant is stable.
+    actuator_product : float
+        p (tau + T). Theorem: a PI stabilises k/(s - p) behind lag and dead time only if it is < 1, as atan(omega/p)
+        must exceed atan(T omega) + tau omega somewhere; `StructureLimit` needs no such form.
+    mt_bound, ms_bound : float
+        No controller has a smaller Mt, Ms; theorem, see the module. At least 1.
+    bode_integral : float
+        Integral of ln|S| over omega from 0 to infinity, rad/s: pi times the sum of Re p_i. Theorem for L that falls
+        faster than 1/s, or as 1/s with dead time ([Astrom2021] 14.2).
+    crossover_range : tuple of float or None
+        Gain crossovers, rad/s, at which the all-pass part, 2 sum atan(p/omega) + tau omega + 2 sum atan(omega/z), costs
+        at most `allowed_lag_deg`; None if none. Rule of thumb: the gain crossover frequency inequality
+        ([Astrom2021] 14.3), whose 90 deg is a phase margin of 45 deg at slope -1/2. For one pole or dead time alone:
+        omega > p, omega < pi/(2 tau).
+    allowed_lag_deg : float
+        The lag that rule allows, deg.
+    pi, pi_lead : StructureLimit or None
+        None where that theorem says nothing: not one unstable real pole, or zeros right of the axis.
+    """
+
+    unstable_poles: tuple[complex, ...]
+    unstable_zeros: tuple[complex, ...]
+    dead_time: float
+    lag: float
+    unstable_pole: float
+    doubling_time: float
+    actuator_product: float
+    mt_bound: float
+    ms_bound: float
+    bode_integral: float
+    crossover_range: tuple[float, float] | None
+    allowed_lag_deg: float
+    pi: StructureLimit | None
+    pi_lead: StructureLimit | None
+
+
+def fundamental_limits(
+    plant: Rational, dead_time: float, *, lag: float = 0.0, allowed_lag_deg: float = _ALLOWED_LAG_DEG
+) -> Limits:
+    """Limits of a plant with dead time, for unity negative feedback.
+
+    Parameters
+    ----------
+    plant : Rational
+        From command to output without the dead time, actuator lag included; either sign of gain.
+    dead_time, lag : float
+        s, >= 0. A lag > 0 must be a pole -1/lag of `plant`: the one that a lead may cancel.
+    allowed_lag_deg : float
+        deg, in (0, 180): for the rule on the crossover.
+
+    Raises
+    ------
+    InputError
+        A number outside its range, or a lag that is not in the plant.
+    """
+    for name, value in (("dead time", dead_time), ("lag", lag)):
+        if not (math.isfinite(value) and value >= 0):
+            raise InputError(f"{name}: {value} s is not allowed; give a finite value >= 0")
+    if not 0 < allowed_lag_deg < 180:
+        raise InputError(f"allowed lag: {allowed_lag_deg} deg is not allowed; give a value between 0 and 180")
+    poles, zeros = plant.poles[plant.poles.real > 0], plant.zeros[plant.zeros.real > 0]
+    p = float(poles.real.max(initial=0.0))
+    peak = least_peak(poles, zeros, dead_time)
+    cancelled = _without_lag(plant, lag)
+    return Limits(
+        unstable_poles=tuple(complex(x) for x in poles),
+        unstable_zeros=tuple(complex(x) for x in zeros),
+        dead_time=float(dead_time),
+        lag=float(lag),
+        unstable_pole=p,
+        doubling_time=math.log(2) / p if p > 0 else math.inf,
+        actuator_product=p * (dead_time + lag),
+        mt_bound=peak,
+        ms_bound=peak,
+        bode_integral=math.pi * float(poles.real.sum()),
+        crossover_range=_crossover_range(poles, zeros, dead_time, math.radians(allowed_lag_deg)),
+        allowed_lag_deg=allowed_lag_deg,
+        pi=_phase_limit("PI", plant, dead_time),
+        pi_lead=_phase_limit("PI-lead", cancelled, dead_time),
+    )
+
+
+def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
+    """Least sup|S| and sup|T| over all stabilising controllers, >= 1: the Nevanlinna-Pick bound of the module.
+
+    `poles` and `zeros` are those right of the imaginary axis, 1/s, conjugates included. Poles that almost coincide
+    are counted once, which lowers the bound. inf if a pole meets a zero: that plant cannot be stabilised.
+    """
+    poles = _distinct(np.asarray(poles, dtype=complex))
+    if poles.size == 0:
+        return 1.0
+    distance = poles[:, None] - zeros
+    if np.any(distance == 0):
+        return math.inf
+    values = np.exp(dead_time * poles) * np.prod((poles[:, None] + np.conj(zeros)) / distance, axis=1)
+    from scipy.linalg import eigvalsh
+
+    gram = 1 / (poles[:, None] + poles.conj())
+    # scaled to a unit diagonal, which leaves the eigenvalues and helps their accuracy
+    scale = np.sqrt(2 * poles.real)
+    gram = gram * np.outer(scale, scale)
+    largest = float(eigvalsh(values[:, None] * gram * values.conj(), gram)[-1])
+    return max(1.0, math.sqrt(largest))
+
+
+def _distinct(poles: Complexes) -> Complexes:
+    kept: list[complex] = []
+    for pole in poles[np.argsort(-poles.real)]:
+        if all(abs(pole - other) > _DISTINCT * abs(pole) for other in kept):
+            kept.append(complex(pole))
+    return np.array(kept, dtype=complex)
+
+
+def _without_lag(plant: Rational, lag: float) -> Rational:
+    if lag == 0:
+        return plant
+    at = int(np.argmin(np.abs(plant.poles + 1 / lag))) if plant.poles.size else -1
+    if at < 0 or abs(plant.poles[at] + 1 / lag) > 1e-6 / lag:
+        raise InputError(f"lag: {lag:g} s is not in the plant (no pole at {-1 / lag:g} 1/s); give the plant's own lag")
+    if plant.relative_degree == 0:
+        return plant  # nothing left to cancel without leaving the proper ones
+    return Rational(plant.zeros, np.delete(plant.poles, at), plant.gain * lag)
+
+
+def _crossover_range(
+    poles: Complexes, zeros: Complexes, dead_time: float, allowed: float
+) -> tuple[float, float] | None:
+    """Widest interval round the frequency of least lag of the all-pass part."""
+
+    def lag_of(omega: Floats) -> Floats:
+        w = omega[..., None]
+        from_poles = np.sum(np.pi - 2 * np.arctan2(w - poles.imag, poles.real), axis=-1)
+        from_zeros = np.sum(2 * np.arctan2(w - zeros.imag, zeros.real), axis=-1)
+        return np.asarray(from_poles + from_zeros + dead_time * omega)
+
+    sizes = np.concatenate([np.abs(poles), np.abs(zeros), [1 / dead_time] if dead_time > 0 else []])
+    if sizes.size == 0:
+        return 0.0, math.inf
+    omega = np.geomspace(1e-4 * sizes.min(), 1e4 * sizes.max(), 4001)
+    excess = lag_of(omega) - allowed
+    best = int(np.argmin(excess))
+    if excess[best] > 0:
+        return None
+    below = np.flatnonzero(excess[:best] > 0)
+    above = best + np.flatnonzero(excess[best:] > 0)
+
+    def edge(i: int) -> float:
+        found = bracketed_roots(lambda w, _: lag_of(w) - allowed, omega[[i]], omega[[i + 1]])
+        return float(found[0])
+
+    return (edge(int(below[-1])) if below.size else 0.0), (edge(int(above[0]) - 1) if above.size else math.inf)
+
+
+def _phase_limit(structure: str, plant: Rational, dead_time: float) -> StructureLimit | None:
+    """The most phase above -180 deg that plant and dead time leave to a PI; None where that says nothing."""
+    unstable = plant.poles[plant.poles.real >= 0]
+    if unstable.size != 1 or unstable[0].real == 0 or np.any(plant.zeros.real >= 0) or plant.gain == 0:
+        return None
+    response = Response(Rational(plant.zeros, plant.poles, abs(plant.gain)), dead_time)
+    nodes = frequency_nodes(response)
+    phase, slope = response.phase(nodes)
+    if slope[0] <= 0 and np.all(phase + np.pi <= 1e-12):
+        return StructureLimit(structure, 0.0, math.nan, math.inf)
+    top = int(np.argmax(phase))
+    if top in (0, nodes.size - 1) or np.count_nonzero(np.diff(np.sign(phase[1:] + np.pi))) > 1:
+        return None  # the phase does not come down, or is positive over several bands
+    found = bracketed_roots(lambda w, _: response.phase(w)[1], nodes[[top - 1]], nodes[[top + 1]])
+    most = float(response.phase(found)[0][0]) + math.pi
+    bound = 1 / (2 * math.sin(min(most, math.pi) / 2)) if most > 0 else math.inf
+    return StructureLimit(structure, math.degrees(most), float(found[0]), max(1.0, bound))
