@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 # Unstable poles nearer than this, relative to their size, count once: fewer conditions bound less, never wrongly.
 _DISTINCT = 1e-3
+_FASTEST = 300.0  # unstable pole times dead time; exp(2 x 300) is still a double
 # Allowable phase lag of the all-pass part: phase margin 45 deg at a slope of -1/2 ([Astrom2021] 14.3).
 _ALLOWED_LAG_DEG = 90.0
 
@@ -171,14 +172,17 @@ def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
     distance = poles[:, None] - zeros
     if np.any(distance == 0):
         return math.inf
+    if dead_time * float(poles.real.max()) > _FASTEST:
+        return math.inf  # beyond the range of doubles, and of any controller
     values = np.exp(dead_time * poles) * np.prod((poles[:, None] + np.conj(zeros)) / distance, axis=1)
-    from scipy.linalg import eigvalsh
-
+    if poles.size == 1:
+        return max(1.0, float(np.abs(values[0])))
     gram = 1 / (poles[:, None] + poles.conj())
     # scaled to a unit diagonal, which leaves the eigenvalues and helps their accuracy
     scale = np.sqrt(2 * poles.real)
     gram = gram * np.outer(scale, scale)
-    largest = float(eigvalsh(values[:, None] * gram * values.conj(), gram)[-1])
+    root = np.linalg.inv(np.linalg.cholesky(gram))
+    largest = float(np.linalg.eigvalsh(root @ (values[:, None] * gram * values.conj()) @ root.conj().T)[-1])
     return max(1.0, math.sqrt(largest))
 
 
