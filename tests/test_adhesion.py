@@ -334,7 +334,7 @@ def test_wet_parameters_from_a_file(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         ('law = "lugre"', "", 'key "law"'),
-        ('law = "lugre"', 'law = "polach"', "'polach' is not a law"),
+        ('law = "lugre"', 'law = "hunt"', "'hunt' is not a law"),
         ('law = "lugre"', 'law = "lugre"\nspeed = 3', "unknown key 'speed'"),
         ('law = "lugre"', 'law = "lugre"\ncondition = "icy"', "'icy' is not allowed"),
         ("alpha = 2.0e4", "", "'parameters.alpha' is missing"),

@@ -231,13 +231,13 @@ def test_main_writes_what_is_committed(scratch_package: Path) -> None:
 # --- a law is one file ---------------------------------------------------------------------------------------------
 
 NEW_LAW = '''
-"""Burckhardt's curve, as an example of a law added by one file."""
+"""Burckhardt's curve under another name, as an example of a law added by one file."""
 from typing import ClassVar
 from railslip_ctrl.adhesion.base import AdhesionLaw, Statement
 from railslip_ctrl.units import quantity
 
-class Burckhardt(AdhesionLaw):
-    name: ClassVar[str] = "burckhardt"
+class NewLaw(AdhesionLaw):
+    name: ClassVar[str] = "new_law"
     title: ClassVar[str] = "Burckhardt curve, static"
     source: ClassVar[str] = "Burckhardt 1993"
     has_state: ClassVar[bool] = False
@@ -258,15 +258,15 @@ class Burckhardt(AdhesionLaw):
 
 @pytest.fixture
 def new_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[type]:
-    (tmp_path / "burckhardt.py").write_text(NEW_LAW)
+    (tmp_path / "new_law.py").write_text(NEW_LAW)
     monkeypatch.setattr(railslip_ctrl.adhesion, "__path__", [*railslip_ctrl.adhesion.__path__, str(tmp_path)])
     importlib.invalidate_caches()
-    yield law_class("burckhardt")
-    sys.modules.pop("railslip_ctrl.adhesion.burckhardt", None)
+    yield law_class("new_law")
+    sys.modules.pop("railslip_ctrl.adhesion.new_law", None)
 
 
 def test_adding_a_law_is_one_file(new_law: type) -> None:
-    assert "burckhardt" in law_names()
+    assert "new_law" in law_names()
     law = new_law(b1=0.86, b2=33.82, b3=0.35)
     assert numeric_plant(new_law).generated_in_memory
     found = peak(law, 20.0, 34_500.0)
