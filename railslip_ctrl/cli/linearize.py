@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.report import linear_plant_json, linearize_text
 
-from .options import case_options, chosen_points, chosen_vehicle
+from .options import CaseOptions, case_options
 from .output import print_json
 
 
@@ -17,15 +15,7 @@ from .output import print_json
 @case_options
 @click.option("--speed-state", is_flag=True, help="Keep the train speed as a state instead of freezing it.")
 def command(
-    adhesion: str,
-    rails: tuple[str, ...],
-    speeds: tuple[float, ...],
-    initial_speed: float,
-    slip: float | None,
-    vehicle: Path | None,
-    loaded: bool,
-    mass: float | None,
-    inertia_scale: float | None,
+    cases: CaseOptions,
     as_json: bool,
     speed_state: bool,
 ) -> None:
@@ -33,9 +23,7 @@ def command(
 
     Example: railslip linearize --rail dry --speed 100 --speed 40
     """
-    chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale)
-    points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
-    plants = [linearize(point, speed_state=speed_state) for point in points]
+    plants = [linearize(point, speed_state=speed_state) for point in cases.points()]
     if as_json:
         print_json({"cases": [linear_plant_json(plant) for plant in plants]})
     else:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from railslip_ctrl.assessment import assess
@@ -12,21 +10,12 @@ from railslip_ctrl.linearization import linearize
 from railslip_ctrl.parameters import table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 
-from .options import (
-    Quantity,
-    actuator_options,
-    case_options,
-    chosen_gains,
-    chosen_points,
-    chosen_vehicle,
-    gain_options,
-)
+from .options import CaseOptions, Quantity, case_options, chosen_gains, gain_options
 from .output import print_json
 
 
 @click.command()
 @case_options
-@actuator_options
 @gain_options
 @click.option(
     "--lead",
@@ -41,18 +30,8 @@ from .output import print_json
 @click.pass_context
 def command(
     ctx: click.Context,
-    adhesion: str,
-    rails: tuple[str, ...],
-    speeds: tuple[float, ...],
-    initial_speed: float,
-    slip: float | None,
-    vehicle: Path | None,
-    loaded: bool,
-    mass: float | None,
-    inertia_scale: float | None,
+    cases: CaseOptions,
     as_json: bool,
-    dead_time: float | None,
-    lag: float | None,
     kp: float | None,
     ki: float | None,
     lead: float,
@@ -63,15 +42,13 @@ def command(
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
     gains = chosen_gains(kp, ki)
-    chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag)
-    points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
     assessments = [
         assess(
             linearize(point),
             PIController(gains or table4_gains(point.adhesion), lead, lead_filter),
-            chosen.actuator,
+            point.vehicle.actuator,
         )
-        for point in points
+        for point in cases.points()
     ]
     if as_json:
         print_json({"cases": [margins_json(assessment) for assessment in assessments]})

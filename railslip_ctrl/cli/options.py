@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -49,20 +52,99 @@ class Quantity(click.ParamType[float]):
         return number
 
 
+@dataclass(frozen=True)
+class CaseOptions:
+    """What the common options say: a vehicle, and the operating points it is looked at in."""
+
+    adhesion: str
+    rails: tuple[str, ...]
+    speeds: tuple[float, ...]
+    initial_speed: float
+    slip: float | None
+    vehicle: Path | None
+    loaded: bool
+    masses: tuple[float, ...]
+    inertia_scale: float | None
+    dead_time: float | None
+    lag: float | None
+
+    @cached_property
+    def chosen_vehicle(self) -> Vehicle:
+        """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
+        chosen = PARK2008 if self.vehicle is None else _from_file("--vehicle", self.vehicle, load_vehicle)
+        for note in chosen.notes:
+            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+        if self.loaded:
+            chosen = chosen.loaded()
+        update: dict[str, object] = {}
+        if self.inertia_scale is not None:
+            update["inertia_scale"] = self.inertia_scale
+        actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
+        if actuator:
+            update["actuator"] = chosen.actuator.model_copy(update=actuator)
+        return _with_mass(chosen.model_copy(update=update), self.masses[0] if self.masses else None)
+
+    def points(self) -> list[OperatingPoint]:
+        """The operating points, in the order rail, mass, speed."""
+        vehicle = self.chosen_vehicle
+        found = []
+        for rail in self.chosen_rails():
+            law = _law(self.adhesion, rail, self.initial_speed, vehicle.wheel_load)
+            held = self.slip if self.slip is not None else law.reference_slip(rail)
+            if held is None:
+                raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
+            found += [
+                operating_point(
+                    law,
+                    _with_mass(vehicle, mass),
+                    speed * KMH,
+                    held,
+                    rail=rail,
+                    initial_speed_kmh=self.initial_speed,
+                )
+                for mass in self.masses or (None,)
+                for speed in self.speeds or (100.0,)
+            ]
+        return found
+
+    def chosen_rails(self) -> tuple[Rail, ...]:
+        """The rail conditions named, each once and in the order given; both if none is."""
+        for rail in self.rails:
+            if rail.lower() not in tuple(Rail):
+                raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
+        return tuple(dict.fromkeys(Rail(rail.lower()) for rail in self.rails)) or tuple(Rail)
+
+
+def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
+    if mass is None:
+        return vehicle
+    return vehicle.model_copy(update={"mass": mass, "mass_loaded": max(mass, vehicle.mass_loaded)})
+
+
 def case_options(function: F) -> F:
-    """The options that name a vehicle and its operating points; one mass."""
-    return _with_options(function, [*_POINT_OPTIONS, _mass_option(multiple=False)])
+    """The options that name a vehicle and its operating points, handed to the command as one `CaseOptions`."""
+    return _collected(function, multiple_masses=False)
 
 
 def family_options(function: F) -> F:
     """As `case_options`, with the mass repeatable too: every mass is combined with every rail and speed."""
-    return _with_options(function, [*_POINT_OPTIONS, _mass_option(multiple=True)])
+    return _collected(function, multiple_masses=True)
 
 
-def _with_options(function: F, options: list[Callable[[F], F]]) -> F:
+def _collected(function: F, *, multiple_masses: bool) -> F:
+    @functools.wraps(function)
+    def wrapped(**given: Any) -> Any:
+        if not multiple_masses:
+            mass = given.pop("mass")
+            given["masses"] = () if mass is None else (mass,)
+        cases = CaseOptions(**{field.name: given.pop(field.name) for field in fields(CaseOptions)})
+        return function(cases=cases, **given)
+
+    options = [*_point_options(), _mass_option(multiple=multiple_masses), *_actuator_options()]
+    command = cast(F, wrapped)
     for option in reversed(options):
-        function = option(function)
-    return function
+        command = option(command)
+    return command
 
 
 def _mass_option(*, multiple: bool) -> Any:
@@ -76,73 +158,71 @@ def _mass_option(*, multiple: bool) -> Any:
     )
 
 
-_POINT_OPTIONS: list[Any] = [
-    click.option(
-        "--adhesion",
-        default="bristle",
-        show_default=True,
-        metavar="LAW|FILE.toml",
-        help="Adhesion law by name, or a file with a law and its parameters.",
-    ),
-    click.option(
-        "--rail",
-        "rails",
-        multiple=True,
-        metavar="dry|wet",
-        help="Rail condition; repeatable.  [default: both]",
-    ),
-    click.option(
-        "--speed",
-        "speeds",
-        multiple=True,
-        type=Quantity("km/h", gt=0),
-        metavar="KMH",
-        help="Train speed, km/h; repeatable.  [default: 100]",
-    ),
-    click.option(
-        "--initial-speed",
-        default=INITIAL_SPEED_KMH,
-        show_default=True,
-        type=Quantity("km/h", gt=0),
-        metavar="KMH",
-        help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
-    ),
-    click.option(
-        "--slip",
-        type=Quantity("1", ge=0, lt=1),
-        metavar="X",
-        help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
-    ),
-    click.option(
-        "--vehicle",
-        type=click.Path(path_type=Path),
-        metavar="FILE",
-        help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
-    ),
-    click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
-    click.option(
-        "--inertia-scale",
-        type=Quantity("1", gt=0),
-        metavar="X",
-        help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
-    ),
-    click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
-]
+def _point_options() -> list[Any]:
+    return [
+        click.option(
+            "--adhesion",
+            default="bristle",
+            show_default=True,
+            metavar="LAW|FILE.toml",
+            help="Adhesion law by name, or a file with a law and its parameters.",
+        ),
+        click.option(
+            "--rail",
+            "rails",
+            multiple=True,
+            metavar="dry|wet",
+            help="Rail condition; repeatable.  [default: both]",
+        ),
+        click.option(
+            "--speed",
+            "speeds",
+            multiple=True,
+            type=Quantity("km/h", gt=0),
+            metavar="KMH",
+            help="Train speed, km/h; repeatable.  [default: 100]",
+        ),
+        click.option(
+            "--initial-speed",
+            default=INITIAL_SPEED_KMH,
+            show_default=True,
+            type=Quantity("km/h", gt=0),
+            metavar="KMH",
+            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
+        ),
+        click.option(
+            "--slip",
+            type=Quantity("1", ge=0, lt=1),
+            metavar="X",
+            help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
+        ),
+        click.option(
+            "--vehicle",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
+        ),
+        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
+        click.option(
+            "--inertia-scale",
+            type=Quantity("1", gt=0),
+            metavar="X",
+            help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
+    ]
 
 
-def actuator_options(function: F) -> F:
-    """The options that change the brake actuator."""
-    for option in (
-        click.option("--lag", type=Quantity("s", ge=0), metavar="S", help="Actuator lag, s.  [default: the vehicle's]"),
+def _actuator_options() -> list[Any]:
+    return [
         click.option(
             "--dead-time",
             type=Quantity("s", ge=0),
             metavar="S",
-            help="Actuator dead time, s.  [default: the vehicle's]",
+            help="Actuator dead time, s; it is in loops, not in the linearised plant.  [default: the vehicle's]",
         ),
-    ):
-        function = option(function)
-    return function
+        click.option("--lag", type=Quantity("s", ge=0), metavar="S", help="Actuator lag, s.  [default: the vehicle's]"),
+    ]
 
 
 def gain_options(function: F) -> F:
@@ -163,61 +243,6 @@ def gain_options(function: F) -> F:
     ):
         function = option(function)
     return function
-
-
-def chosen_vehicle(
-    vehicle: Path | None,
-    loaded: bool,
-    mass: float | None,
-    inertia_scale: float | None,
-    dead_time: float | None = None,
-    lag: float | None = None,
-) -> Vehicle:
-    """The vehicle the options name."""
-    chosen = PARK2008 if vehicle is None else _from_file("--vehicle", vehicle, load_vehicle)
-    for note in chosen.notes:
-        click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
-    if loaded:
-        chosen = chosen.loaded()
-    update: dict[str, object] = {}
-    if mass is not None:
-        update |= {"mass": mass, "mass_loaded": max(mass, chosen.mass_loaded)}
-    if inertia_scale is not None:
-        update["inertia_scale"] = inertia_scale
-    actuator = {k: v for k, v in (("dead_time", dead_time), ("lag", lag)) if v is not None}
-    if actuator:
-        update["actuator"] = chosen.actuator.model_copy(update=actuator)
-    return chosen.model_copy(update=update)
-
-
-def chosen_rails(rails: tuple[str, ...]) -> tuple[Rail, ...]:
-    """The rail conditions named, each once and in the order given; both if none is."""
-    for rail in rails:
-        if rail.lower() not in tuple(Rail):
-            raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
-    return tuple(dict.fromkeys(Rail(rail.lower()) for rail in rails)) or tuple(Rail)
-
-
-def chosen_points(
-    vehicle: Vehicle,
-    adhesion: str,
-    rails: tuple[str, ...],
-    speeds: tuple[float, ...],
-    initial_speed: float,
-    slip: float | None,
-) -> list[OperatingPoint]:
-    """The operating points the options name, in the order rail, speed."""
-    points = []
-    for rail in chosen_rails(rails):
-        law = _law(adhesion, rail, initial_speed, vehicle.wheel_load)
-        held = slip if slip is not None else law.reference_slip(rail)
-        if held is None:
-            raise InputError(f"--slip: adhesion {adhesion!r} has no reference slip; give --slip X")
-        points += [
-            operating_point(law, vehicle, speed * KMH, held, rail=rail, initial_speed_kmh=initial_speed)
-            for speed in speeds or (100.0,)
-        ]
-    return points
 
 
 def _from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:

@@ -12,7 +12,7 @@ import click
 from railslip_ctrl.design_check import DesignCheck, design_check
 from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
 
-from .options import actuator_options, case_options, chosen_gains, chosen_points, chosen_vehicle, gain_options
+from .options import CaseOptions, case_options, chosen_gains, gain_options
 from .output import print_json, progress
 
 _PICTURES = ("bode", "nyquist", "nichols")
@@ -20,7 +20,6 @@ _PICTURES = ("bode", "nyquist", "nichols")
 
 @click.command()
 @case_options
-@actuator_options
 @gain_options
 @click.option(
     "--out",
@@ -31,18 +30,8 @@ _PICTURES = ("bode", "nyquist", "nichols")
     help="Folder for report.txt, report.json and the pictures (PNG and SVG).",
 )
 def command(
-    adhesion: str,
-    rails: tuple[str, ...],
-    speeds: tuple[float, ...],
-    initial_speed: float,
-    slip: float | None,
-    vehicle: Path | None,
-    loaded: bool,
-    mass: float | None,
-    inertia_scale: float | None,
+    cases: CaseOptions,
     as_json: bool,
-    dead_time: float | None,
-    lag: float | None,
     kp: float | None,
     ki: float | None,
     out: Path,
@@ -54,9 +43,7 @@ def command(
     names = ["report.txt", "report.json", *(f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg"))]
     check_directory(out, names)  # before the work, not after it
     gains = chosen_gains(kp, ki)
-    chosen = chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag)
-    points = chosen_points(chosen, adhesion, rails, speeds, initial_speed, slip)
-    check = design_check(chosen, points, given=gains, progress=progress)
+    check = design_check(cases.chosen_vehicle, cases.points(), given=gains, progress=progress)
     text, content = design_check_text(check), design_check_json(check, names)
     progress("pictures")
     files = write_files(out, _writers(check, text, content))

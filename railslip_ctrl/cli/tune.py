@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from railslip_ctrl.design.tuning import Specification
@@ -12,13 +10,12 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
 
-from .options import Quantity, actuator_options, chosen_points, chosen_vehicle, family_options
+from .options import CaseOptions, Quantity, family_options
 from .output import print_json
 
 
 @click.command()
 @family_options
-@actuator_options
 @click.option("--structure", default="pi", show_default=True, metavar="pi|pi-lead|pid", help="Controller structure.")
 @click.option("--ms-max", type=Quantity("1", gt=1), metavar="X", help="Largest Ms allowed; ki is maximised.")
 @click.option("--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.")
@@ -32,18 +29,8 @@ from .output import print_json
 @click.pass_context
 def command(
     ctx: click.Context,
-    adhesion: str,
-    rails: tuple[str, ...],
-    speeds: tuple[float, ...],
-    initial_speed: float,
-    slip: float | None,
-    vehicle: Path | None,
-    loaded: bool,
-    masses: tuple[float, ...],
-    inertia_scale: float | None,
+    cases: CaseOptions,
     as_json: bool,
-    dead_time: float | None,
-    lag: float | None,
     structure: str,
     ms_max: float | None,
     phase_min: float | None,
@@ -61,19 +48,7 @@ def command(
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
         raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
-    points = [
-        point
-        for mass in masses or (None,)
-        for point in chosen_points(
-            chosen_vehicle(vehicle, loaded, mass, inertia_scale, dead_time, lag),
-            adhesion,
-            rails,
-            speeds,
-            initial_speed,
-            slip,
-        )
-    ]
-    points.sort(key=lambda point: (rails or ("dry", "wet")).index(point.rail.value))
+    points = cases.points()
     tuned = tune_cases(
         [linearize(point) for point in points],
         points[0].vehicle.actuator,
