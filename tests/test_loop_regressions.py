@@ -127,3 +127,15 @@ def test_count_must_be_a_whole_number(count):
 
 def test_response_at_a_pole_is_infinite():
     assert np.isinf(abs(DeadTimeLoop(1 / S, 0.1).frequency_response(0.0)))
+
+
+@pytest.mark.parametrize("kp", [229.42206153608234, 246.58224915670456])
+def test_poles_with_a_lead_that_cancels_the_lag_exactly(kp):
+    # D and N vanish together at -1/0.6: a hidden closed-loop pole, found once
+    zeros, poles = (
+        np.array([-5 / kp, -1 / 0.6, -7.81098]),
+        np.array([0.0, -1 / 0.06, -1 / 0.6, 0.82083763, -8.63596062]),
+    )
+    found = DeadTimeLoop(Rational(zeros, poles, 0.118 * kp / 229), 0.15).closed_loop_poles(6)
+    assert np.count_nonzero(np.abs(found + 1 / 0.6) < 1e-9) <= 1
+    assert np.all(np.abs(np.diff(np.sort_complex(found))) > 1e-9)

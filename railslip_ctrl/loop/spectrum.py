@@ -179,9 +179,11 @@ def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
     """Whether dQ/ds vanishes at a zero of Q, to the accuracy that a double zero has."""
     at = np.array([s])
     _q, slope, size = _quasi_polynomial(system, dead_time, at)
+    if size[0] == 0 or not np.isfinite(size[0]):
+        return bool(slope[0] == 0)  # on a hidden mode, where D and N both vanish
     roots = np.concatenate([system.zeros, system.poles])
     nearest = float(np.min(np.abs(roots - s), initial=np.inf))
-    scale = 1 / nearest if 0 < nearest < np.inf else 0.0
+    scale = 1 / nearest if 1e-300 < nearest < np.inf else 0.0
     return bool(np.abs(slope[0]) <= 1e-6 * size[0] * (scale + dead_time))
 
 
