@@ -87,6 +87,16 @@ SOURCES = MappingProxyType(
             "G. E. Rotstein, D. R. Lewin: Simple PI and PID tuning for open-loop unstable systems. Industrial and "
             "Engineering Chemistry Research 30(8), 1991, pp. 1864-1869."
         ),
+        "Utkin1992": "V. I. Utkin: Sliding Modes in Control and Optimization. Springer, Berlin, 1992.",
+        "Tsypkin1984": "Ya. Z. Tsypkin: Relay Control Systems. Cambridge University Press, 1984.",
+        "Gelb1968": (
+            "A. Gelb, W. E. Vander Velde: Multiple-Input Describing Functions and Nonlinear System Design. "
+            "McGraw-Hill, New York, 1968."
+        ),
+        "DahlehPearson1987": (
+            "M. A. Dahleh, J. B. Pearson: L1-optimal compensators for continuous-time systems. IEEE Transactions on "
+            "Automatic Control 32(10), 1987, pp. 889-895."
+        ),
         "railtoolkit": (
             "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "
             "https://github.com/railtoolkit/rolling-stock-data"

@@ -20,6 +20,7 @@ _COMMANDS = {
     "linearize": "operating point, A B C D, poles, zeros, transfer function",
     "margins": "stability-margin report of a PI loop, exact dead time",
     "tune": "PI gains from a specification, for one or many operating points",
+    "derive": "the sliding-mode law derived step by step; errata; generated code",
 }
 
 

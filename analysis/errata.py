@@ -1,0 +1,56 @@
+"""Which equations and numbers of [Park2008] follow from the paper's own statement, which do not, and by how much?
+
+Every equation and number that is in doubt is entered as printed and compared with what is derived or computed, for
+both references; the equations that do follow are in the table too.
+
+    python analysis/errata.py
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.errata import Erratum, errata
+
+
+@dataclass(frozen=True)
+class Errata:
+    """Rows by where they are, for the proportional reference, and whether the constant one gives the same verdicts."""
+
+    rows: dict[str, Erratum]
+    all_steps_checked: bool
+    same_for_constant_reference: bool
+
+    @property
+    def agreeing(self) -> tuple[str, ...]:
+        """Where the print follows from the statement."""
+        return tuple(where for where, row in self.rows.items() if row.agrees)
+
+    @property
+    def disagreeing(self) -> tuple[str, ...]:
+        """Where it does not."""
+        return tuple(where for where, row in self.rows.items() if not row.agrees)
+
+
+def run() -> Errata:
+    """Derive for both references and compare."""
+    derivations = [derive(reference=reference) for reference in ("proportional", "constant")]
+    proportional, constant = (errata(derivation) for derivation in derivations)
+    return Errata(
+        rows={row.where: row for row in proportional},
+        all_steps_checked=all(derivation.all_checked for derivation in derivations),
+        same_for_constant_reference=[row.agrees for row in proportional] == [row.agrees for row in constant],
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    result = run()
+    for where, row in result.rows.items():
+        print(f"{'agrees ' if row.agrees else 'DIFFERS'}  {where:30s}  {row.sign_and_size}")
+    print(f"{len(result.agreeing)} agree, {len(result.disagreeing)} do not")
+
+
+if __name__ == "__main__":
+    main()

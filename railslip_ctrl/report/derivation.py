@@ -1,0 +1,217 @@
+"""The derivation and the errata as text, Markdown, LaTeX and JSON; computes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from railslip_ctrl import __version__
+from railslip_ctrl.sliding.code import LawCode
+from railslip_ctrl.sliding.derivation import Derivation
+from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.symbols import latex, plain
+from railslip_ctrl.sources import SOURCES
+
+from .layout import facts, heading, render
+
+_TITLE = "The adaptive sliding-mode law, derived from the plant"
+
+
+def derivation_json(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> dict[str, Any]:
+    """The contract's keys, and beside them what was done and how each step was checked."""
+    return {
+        "reference": derivation.reference,
+        "adhesion": derivation.adhesion,
+        "all_checked": derivation.all_checked,
+        "steps": [
+            {
+                "name": step.name,
+                "statement": step.statement,
+                "done": step.done,
+                "equation_latex": step.equation_latex,
+                "source": step.source,
+                "checked": step.checked,
+                "check": step.check,
+            }
+            for step in derivation.steps
+        ],
+        "law": {"latex": f"T_b = {latex(derivation.law_in_adhesion)}", "python": code.python, "c": code.c},
+        "errata": [
+            {
+                "where": row.where,
+                "printed_latex": row.printed_latex,
+                "derived_latex": row.derived_latex,
+                "difference_latex": row.difference_latex,
+                "agrees": row.agrees,
+                "how": row.how,
+                "sign_and_size": row.sign_and_size,
+                "explanation": row.explanation,
+            }
+            for row in errata
+        ],
+    }
+
+
+def _case(derivation: Derivation) -> str:
+    torque = (
+        "Ta measured or estimated" if derivation.adhesion is None else f"Ta of the adhesion law {derivation.adhesion}"
+    )
+    return f"{derivation.reference} reference, {torque}"
+
+
+def _outcome(derivation: Derivation) -> str:
+    failed = [step.name for step in derivation.steps if not step.checked]
+    if failed:
+        return f"{len(failed)} of {len(derivation.steps)} steps FAIL their check: {', '.join(failed)}"
+    return f"all {len(derivation.steps)} steps hold their machine check"
+
+
+def _verdict(row: Erratum) -> str:
+    return "agrees" if row.agrees else "does not agree"
+
+
+def _mark(checked: bool) -> str:
+    return "checked" if checked else "CHECK FAILS"
+
+
+# --- text ----------------------------------------------------------------------------------------------------------
+
+
+def derivation_text(derivation: Derivation, errata: Sequence[Erratum]) -> str:
+    """Plain text, 110 columns."""
+    parts: list[RenderableType] = [
+        heading(_TITLE),
+        Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
+    ]
+    for number, step in enumerate(derivation.steps, 1):
+        parts += [
+            heading(f"{number}. {step.name}   {step.source}   {_mark(step.checked)}", "-"),
+            Text(step.statement),
+            Padding(Text(step.equation_text), (1, 0, 1, 4)),
+            facts([("done", step.done), ("check", step.check)]),
+            Text(""),
+        ]
+    parts += [
+        heading("Law", "-"),
+        Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4)),
+        heading("Errata: as printed, and as derived", "="),
+    ]
+    for row in errata:
+        parts += [
+            heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
+            facts(
+                [
+                    ("printed", row.printed),
+                    ("derived", row.derived),
+                    ("size", row.sign_and_size),
+                    ("", row.explanation),
+                ]
+            ),
+            Text(""),
+        ]
+    parts.append(Text(_sources_line()))
+    return render(parts)
+
+
+def _sources_line() -> str:
+    return f"[Park2008] {SOURCES['Park2008']}"
+
+
+# --- Markdown ------------------------------------------------------------------------------------------------------
+
+
+def derivation_markdown(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
+    """Markdown with LaTeX formulas."""
+    lines = [f"# {_TITLE}", "", f"{_case(derivation)}; {_outcome(derivation)}.".capitalize(), ""]
+    for number, step in enumerate(derivation.steps, 1):
+        lines += [
+            f"## {number}. {step.name}",
+            "",
+            f"{_markdown(step.statement)} *{step.source}*",
+            "",
+            f"$$ {step.equation_latex} $$",
+            "",
+            f"- done: {_markdown(step.done)}",
+            f"- {_mark(step.checked)}: {_markdown(step.check)}",
+            "",
+        ]
+    lines += ["## Law", "", f"$$ T_b = {latex(derivation.law_in_adhesion)} $$", "", "## Errata", ""]
+    for row in errata:
+        lines += [
+            f"### {row.where}: {_verdict(row)}",
+            "",
+            f"$$ \\text{{printed: }} {row.printed_latex} $$",
+            "",
+            f"$$ \\text{{derived: }} {row.derived_latex} $$",
+            "",
+            _markdown(f"{row.sign_and_size}. {row.explanation}"),
+            "",
+        ]
+    lines += ["## Code", "", "```python", code.python.rstrip(), "```", "", "```c", code.c.rstrip(), "```", ""]
+    return "\n".join([*lines, _sources_line(), ""])
+
+
+def _markdown(text: str) -> str:
+    return "".join("\\" + letter if letter in "*_|<>`" else letter for letter in text)
+
+
+# --- LaTeX ---------------------------------------------------------------------------------------------------------
+
+_PREAMBLE = r"""\documentclass[a4paper]{article}
+\usepackage[T1]{fontenc}
+\usepackage[utf8]{inputenc}
+\usepackage{amsmath}
+\usepackage{graphicx}
+\usepackage[margin=25mm]{geometry}
+\newcommand{\formula}[1]{\begin{center}\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}%
+{$\displaystyle #1$}\end{center}}
+\begin{document}
+"""
+
+_ESCAPES = {
+    **{letter: "\\" + letter for letter in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+}
+
+
+def derivation_latex(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
+    """A LaTeX document that needs amsmath, graphicx and geometry; a formula too wide for the page is made to fit."""
+    lines = [
+        _PREAMBLE + rf"\section*{{{_escape(_TITLE)}}}",
+        _escape(f"{_case(derivation)}; {_outcome(derivation)}."),
+        r"\section{Steps}",
+    ]
+    for step in derivation.steps:
+        lines += [
+            rf"\subsection{{{_escape(step.name)}}}",
+            _escape(f"{step.statement} ({step.source})"),
+            rf"\formula{{{step.equation_latex}}}",
+            _escape(f"Done: {step.done} {_mark(step.checked).capitalize()}: {step.check}."),
+        ]
+    lines += [r"\section{Law}", rf"\formula{{T_b = {latex(derivation.law_in_adhesion)}}}", r"\section{Errata}"]
+    for row in errata:
+        lines += [
+            rf"\subsection*{{{_escape(f'{row.where}: {_verdict(row)}')}}}",
+            rf"\formula{{\text{{printed: }} {row.printed_latex}}}",
+            rf"\formula{{\text{{derived: }} {row.derived_latex}}}",
+            _escape(f"{row.sign_and_size}. {row.explanation}"),
+        ]
+    lines += [r"\section{Code}", r"{\footnotesize", *_verbatim(code.python), *_verbatim(code.c), "}"]
+    return "\n".join([*lines, _escape(_sources_line()), r"\end{document}", ""])
+
+
+def _verbatim(text: str) -> list[str]:
+    return [r"\begin{verbatim}", text.rstrip(), r"\end{verbatim}"]
+
+
+def _escape(text: str) -> str:
+    return "".join(_ESCAPES.get(letter, letter) for letter in text)

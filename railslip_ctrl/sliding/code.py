@@ -1,0 +1,186 @@
+"""The derived law as a program: a sampled controller, in Python and in C99, printed from the derivation.
+
+Sampling, with period h: the integral of e and the filter s/(tau s + 1) that estimates v' by backward Euler (it cannot
+ring, whatever h/tau is), the adhesion state of a dynamic law too; the estimates theta_hat by forward Euler, used from
+the next sample on. Each update is solved from its differential equation. sgn s is s/boundary, held to -1 .. 1, where
+`boundary` > 0. The torque is held to torque_min .. torque_max; integral and adaptation go on while it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+
+import sympy as sp
+
+from railslip_ctrl import plant
+from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.notation import NOTATION
+
+from .derivation import Derivation
+from .symbols import SLIDING_NOTATION, sliding_symbol
+
+PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
+SWITCHING = sp.Symbol("switching", real=True)
+"""What stands for sgn s."""
+
+_V_FILTERED = sp.Symbol("v_filtered", real=True)
+_OWN_MEANINGS = {
+    "period": ("s", "sampling period, > 0"),
+    "filter_time": ("s", "time constant of the filter of v', > 0"),
+    "boundary": ("m/s", "half width of the boundary layer; 0: sgn"),
+    "torque_min": ("N*m", "least torque"),
+    "torque_max": ("N*m", "largest torque"),
+    "v_filtered": ("m/s", "state of the filter of v'"),
+}
+_LIMITS = ("boundary", "torque_min", "torque_max", "period")
+PREFIX = "adhesion_"
+"""Before the names of an adhesion law's parameters."""
+
+Assignment = tuple[str, sp.Expr]
+
+
+@dataclass(frozen=True)
+class SampledLaw:
+    """The law as assignments in order, before it is printed in a language.
+
+    Attributes
+    ----------
+    measured : tuple of str
+        Arguments of a step: v, omega, and Ta where no adhesion law is put in.
+    parameters, states : tuple of str
+        Names, in order. A state starts at 0, `v_filtered` at v.
+    prepare : tuple of assignments
+        From measured values and states to e, e_integral, v_rate, Ta; what is a state is its new value.
+    surface : Expr
+        s.
+    control : tuple of assignments
+        torque, theta1_hat_rate, theta2_hat_rate, with `SWITCHING` for sgn s.
+    control_arguments : tuple of str
+        What the continuous law is a function of, besides the parameters.
+    note : str
+        What the reader must know of Ta.
+    """
+
+    measured: tuple[str, ...]
+    parameters: tuple[str, ...]
+    states: tuple[str, ...]
+    prepare: tuple[Assignment, ...]
+    surface: sp.Expr
+    control: tuple[Assignment, ...]
+    control_arguments: tuple[str, ...]
+    note: str
+
+
+@dataclass(frozen=True)
+class LawCode:
+    """Source texts of the law, and what they name."""
+
+    law: SampledLaw
+    python: str
+    c: str
+
+
+@cache
+def generate(derivation: Derivation) -> LawCode:
+    """The law of a derivation as Python and C99 source."""
+    from .code_c import c_source
+    from .code_python import python_source
+
+    law = sampled_law(derivation)
+    return LawCode(law, python_source(law), c_source(law))
+
+
+@cache
+def python_law(derivation: Derivation) -> ModuleType:
+    """The generated Python, ready to call: `Parameters`, `State`, `start`, `control`, `step`.
+
+    `control` is the continuous law: a pure function of what is measured, the estimates and the parameters, to
+    (torque, s, theta1_hat_rate, theta2_hat_rate). `step(state, v, omega[, Ta], p)` gives (torque, s, new state).
+    """
+    module = ModuleType("railslip_asmc")
+    exec(compile(generate(derivation).python, "<generated sliding-mode law>", "exec"), module.__dict__)
+    return module
+
+
+def sampled_law(derivation: Derivation) -> SampledLaw:
+    """The derivation's law with its integrals and filters made discrete."""
+    own = _own_expressions(derivation)
+    torque = derivation.adaptive_law_control.replace(sp.sign, lambda _: SWITCHING)
+    control = (
+        ("torque", torque),
+        *zip(("theta1_hat_rate", "theta2_hat_rate"), derivation.adaptation_matrix, strict=True),
+    )
+    used = set().union(*(e.free_symbols for _, e in (*own.prepare, *control))) | derivation.s.free_symbols
+    names = {str(symbol) for symbol in used}
+    order = ("J", "r", "Mn", "Bn", "lambda_d", "sigma_d", "rho", "D", "K", "k1", "k2", "filter_time", "N")
+    plain = tuple(name for name in order if name in names)
+    adhesion = tuple(sorted(name for name in names if name.startswith(PREFIX)))
+    arguments = ("e", "e_integral", "omega", "Ta", "v_rate", "theta1_hat", "theta2_hat")
+    return SampledLaw(
+        measured=("v", "omega") if own.has_torque else ("v", "omega", "Ta"),
+        parameters=(*plain, *adhesion, *_LIMITS),
+        states=(*own.states, "theta1_hat", "theta2_hat"),
+        prepare=own.prepare,
+        surface=derivation.s,
+        control=control,
+        control_arguments=tuple(name for name in arguments if name != "v_rate" or plant.v_rate in torque.free_symbols),
+        note=own.note,
+    )
+
+
+@dataclass(frozen=True)
+class _Own:
+    prepare: tuple[Assignment, ...]
+    states: tuple[str, ...]
+    has_torque: bool
+    note: str
+
+
+def _own_expressions(derivation: Derivation) -> _Own:
+    """Assignments up to what the continuous law takes."""
+    sigma = plant.SLIP_VELOCITY.rhs
+    error = derivation.error.subs(plant.sigma, sigma)
+    e, integral = sliding_symbol("e"), sliding_symbol("e_integral")
+    prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
+    states = ["e_integral"]
+    if plant.v_rate in derivation.adaptive_law_control.free_symbols:
+        low_pass = (plant.v - _V_FILTERED) / FILTER  # v_filtered' ; it is also v' seen through s/(filter_time s + 1)
+        prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
+        states.append("v_filtered")
+    if derivation.adhesion is None or derivation.adhesion_torque is None:
+        return _Own(tuple(prepare), tuple(states), False, "Ta is an argument: an observer's or a model's estimate.")
+    law = law_class(derivation.adhesion)
+    if law.statement().functions:
+        note = f"Ta is an argument: the adhesion law {law.name!r} has no closed form; evaluate it outside."
+        return _Own(tuple(prepare), tuple(states), False, note)
+    renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
+    if derivation.adhesion_state_rate is not None:
+        # the slip velocity of the moment; z' is linear in z for every law here, so the implicit step is solved for z
+        rate = derivation.adhesion_state_rate.xreplace(renamed)
+        prepare += [("sigma", sigma), ("z", _backward_euler(plant.z, rate))]
+        states.append("z")
+    else:
+        prepare.append(("sigma", sigma))
+    torque = derivation.adhesion_torque.xreplace(renamed)
+    note = f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain."
+    return _Own((*prepare, ("Ta", torque)), tuple(states), True, note)
+
+
+def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
+    """The new value of a state: x_new = x + h rate(x_new), solved; the rate must be linear in the state."""
+    slope = sp.diff(rate, state)
+    constant = rate.subs(state, 0)
+    return (state + PERIOD * constant) / (1 - PERIOD * slope)
+
+
+def meaning(name: str) -> str:
+    """Unit and meaning of a parameter, state or argument."""
+    if name in _OWN_MEANINGS:
+        unit, text = _OWN_MEANINGS[name]
+        return f"{text}, {unit}"
+    if name.startswith(PREFIX):
+        return f"{name.removeprefix(PREFIX)} of the adhesion law, SI"
+    entry = SLIDING_NOTATION.get(name) or NOTATION[name]
+    return f"{entry.meaning}, {entry.unit}"

@@ -1,0 +1,205 @@
+"""A fine simulation of a slip controller, the brake actuator and the nonlinear wheel, to check predictions by.
+
+Fixed steps that divide the dead time: classical Runge-Kutta for wheel and lag between samples, the command a list that
+is read one dead time later. A relay's switch is seen at the next sample, so that instants are good to one step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.parameters import Actuator
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+_LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
+
+
+class Controller(Protocol):
+    """What the simulation asks for a command."""
+
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """Torque commanded now, N*m, and s, m/s, from speed (m/s), slip velocity (m/s), v' (m/s^2); advances by
+        `step`, s."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Signals of a run, arrays of one shape: s, m/s, m/s, m/s, N*m (commanded), N*m (acting)."""
+
+    time: Floats
+    speed: Floats
+    sigma: Floats
+    surface: Floats
+    command: Floats
+    torque: Floats
+
+    def after(self, start: float) -> Run:
+        """The part from a time, s, on."""
+        kept = self.time >= start
+        return Run(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+
+
+def holding_torque(point: OperatingPoint) -> float:
+    """Torque, N*m, at which sigma' = 0 with the speed frozen; `point.brake_torque` has lambda' = 0 instead."""
+    p = plant_parameters(point.law, point.vehicle)
+    state = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque)
+    sigma_rate = float(numeric_plant(type(point.law)).rates(*state, 0.0, 0.0, p)[1])
+    return point.brake_torque - sigma_rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius
+
+
+def simulate(
+    point: OperatingPoint,
+    controller: Controller,
+    actuator: Actuator,
+    *,
+    duration: float,
+    step: float = 1e-3,
+    disturbance: Callable[[float], float] | None = None,
+    offset: float = 0.0,
+    frozen: bool = True,
+) -> Run:
+    """Run from an operating point, held until t = 0 by its own torque.
+
+    Parameters
+    ----------
+    controller : Controller
+        Called once a step; holds its own state.
+    duration, step : float
+        s; the step is made smaller so that it divides the dead time.
+    disturbance : callable
+        Torque at the wheel, N*m, as a function of time, s; adds to the brake's.
+    offset : float
+        Initial slip velocity above the point's, m/s.
+    frozen : bool
+        Whether the speed is held; else it falls as it brakes.
+
+    Raises
+    ------
+    InputError
+        A duration or step that is not positive and finite.
+    DomainError
+        The wheel left the adhesion law's domain (locked, or not a number), with the time.
+    """
+    if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
+        raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
+    delay = math.ceil(actuator.dead_time / step - 1e-9)
+    h = actuator.dead_time / delay if delay else step
+    count = math.ceil(duration / h)
+    hold = holding_torque(point) if frozen else point.brake_torque
+    rates = _rates(point, actuator, frozen)
+    state = (point.speed, point.sigma + offset, point.adhesion_state or 0.0, hold)
+    log = np.empty((count, 6))
+    commands = [hold] * delay
+    load = disturbance or _nothing
+    for n in range(count):
+        t = n * h
+        v, sigma, _, torque = state
+        if not 0.0 <= sigma < v:
+            raise DomainError(f"simulation: slip velocity {sigma:.4g} m/s at {t:.3f} s is outside 0 to v = {v:.4g} m/s")
+        command, surface = controller.command(v, sigma, rates(state, 0.0, load(t))[0], h)
+        commands.append(command)
+        acting = torque if actuator.lag > 0 else commands[n]
+        log[n] = (t, v, sigma, surface, command, acting)
+        # the delayed command over the step: both its ends are known if there is a dead time
+        now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
+        state = _advance(rates, state, now, (load(t), load(t + 0.5 * h), load(t + h)), h)
+    return Run(*log.T)
+
+
+_State = tuple[float, float, float, float]
+
+
+def _nothing(_t: float) -> float:
+    return 0.0
+
+
+def _rates(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[[_State, float, float], _State]:
+    functions, p = numeric_plant(type(point.law)).rates, plant_parameters(point.law, point.vehicle)
+    lag = actuator.lag
+
+    def rates(state: _State, command: float, load: float) -> _State:
+        v, sigma, z, torque = state
+        acting = torque if lag > 0 else command
+        v_rate, sigma_rate, z_rate = functions(v, sigma, z, acting, load, 0.0, p)
+        return (
+            0.0 if frozen else float(v_rate),
+            float(sigma_rate),
+            float(z_rate),
+            (command - torque) / lag if lag > 0 else 0.0,
+        )
+
+    return rates
+
+
+def _advance(
+    rates: Callable[[_State, float, float], _State],
+    state: _State,
+    command: float,
+    load: tuple[float, float, float],
+    h: float,
+) -> _State:
+    k1 = rates(state, command, load[0])
+    k2 = rates(_moved(state, k1, 0.5 * h), command, load[1])
+    k3 = rates(_moved(state, k2, 0.5 * h), command, load[1])
+    k4 = rates(_moved(state, k3, h), command, load[2])
+    mean = tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+    return _moved(state, (mean[0], mean[1], mean[2], mean[3]), h)
+
+
+def _moved(state: _State, rate: _State, h: float) -> _State:
+    return (state[0] + h * rate[0], state[1] + h * rate[1], state[2] + h * rate[2], state[3] + h * rate[3])
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """Measured cycle: period, s; half of peak to peak of s and sigma, m/s, and of the acting torque, N*m; mean of s.
+
+    `drift` is the relative change of the amplitude of s over the two halves measured: near 0 once it has settled.
+    """
+
+    period: float
+    surface_amplitude: float
+    sigma_amplitude: float
+    torque_amplitude: float
+    surface_mean: float
+    drift: float
+
+
+def measure_oscillation(run: Run) -> Oscillation:
+    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
+
+    DomainError where s does not cross zero upwards at least three times.
+    """
+    s = run.surface
+    up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
+    if up.size < _LEAST_CROSSINGS:
+        raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
+    share = -s[up] / (s[up + 1] - s[up])
+    instants = run.time[up] + share * (run.time[up + 1] - run.time[up])
+    whole = slice(int(up[0]), int(up[-1]))
+    middle = int(up[up.size // 2])
+    first, last = _half_range(s[up[0] : middle]), _half_range(s[middle : up[-1]])
+    return Oscillation(
+        period=float((instants[-1] - instants[0]) / (up.size - 1)),
+        surface_amplitude=_half_range(s[whole]),
+        sigma_amplitude=_half_range(run.sigma[whole]),
+        torque_amplitude=_half_range(run.torque[whole]),
+        surface_mean=float(s[whole].mean()),
+        drift=last / first - 1.0,
+    )
+
+
+def _half_range(values: Floats) -> float:
+    return float(0.5 * (values.max() - values.min()))

@@ -1,0 +1,382 @@
+"""The sliding-mode law derived from the plant: against (45), the plant in numbers, and broken plants."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from sample_laws import ALL_LAWS, sample_law
+from test_scripts import script
+
+import railslip_ctrl
+from railslip_ctrl import plant
+from railslip_ctrl.adhesion import law_class, law_names
+from railslip_ctrl.cli import main
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.numeric import numeric_plant
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.identities import agree_at_random_points, identical, vanishes
+from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
+
+REFERENCES = ("proportional", "constant")
+STATES = 100_000
+
+
+def own(*names: str) -> list[sp.Symbol]:
+    return [sliding_symbol(name) for name in names]
+
+
+# --- the derived law, symbolically ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_every_step_is_checked(reference: str) -> None:
+    derivation = derive(reference=reference)
+    assert [step.name for step in derivation.steps if not step.checked] == []
+    assert len({step.name for step in derivation.steps}) == len(derivation.steps) >= 18
+    for step in derivation.steps:
+        assert step.statement
+        assert step.done
+        assert step.source
+        assert step.check
+        assert isinstance(step.equation, sp.Eq)
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_law_is_45_with_theta_corrected(reference: str) -> None:
+    """[Park2008] (45), typed here from the paper, sigma_d' as the reference has it; theta from the masses."""
+    derivation = derive(reference=reference)
+    s, e, rho, D, K, Mn, Mp, Bn, Bp, th1, th2, lambda_d = own(
+        *("s", "e", "rho", "D", "K", "Mn", "Mp", "Bn", "Bp", "theta1_hat", "theta2_hat", "lambda_d")
+    )
+    r, J, Ta, omega = plant.r, plant.J, plant.Ta, plant.omega
+    sigma_d_rate = lambda_d * plant.v_rate if reference == "proportional" else 0
+    bracket = sigma_d_rate + (1 / (r * Mn) + r / J) * Ta - r * Bn / J * omega + th1 * Ta + th2 * omega + rho * e
+    printed = J / r * bracket + D * s + K * sp.sign(s)
+    assert sp.simplify(derivation.adaptive_law_control - printed) == 0
+    assert sp.simplify(derivation.theta[0] - (1 / (Mn + Mp) - 1 / Mn) / r) == 0
+    assert sp.simplify(derivation.theta[1] + r * Bp / J) == 0
+
+
+def test_adaptation_is_solved_for_and_v_rate_has_r_over_j() -> None:
+    derivation = derive()
+    s, k, k1, k2, D, K = own("s", "k", "k1", "k2", "D", "K")
+    assert derivation.adaptation == (k * s * plant.Ta, k * s * plant.omega)
+    assert derivation.adaptation_matrix == (k1 * s * plant.Ta, k2 * s * plant.omega)
+    expected = -plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
+    assert sp.simplify(derivation.V_rate_final - expected) == 0
+    assert sp.simplify(derivation.V_rate_disturbed - expected - s * derivation.disturbance_perturbed) == 0
+
+
+def test_constant_reference_needs_no_acceleration() -> None:
+    assert derive(reference="constant").reference_rate == 0
+    assert not derive(reference="constant").adaptive_law_control.has(plant.v_rate)
+    assert derive(reference="proportional").adaptive_law_control.has(plant.v_rate)
+
+
+@pytest.mark.parametrize("name", law_names())
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_each_adhesion_law(name: str, reference: str) -> None:
+    derivation = derive(reference=reference, law=name)
+    assert derivation.all_checked
+    assert derivation.steps[-1].name == "adhesion law"
+    assert not derivation.law_in_adhesion.has(plant.Ta)
+    assert (derivation.adhesion_state_rate is not None) == law_class(name).has_state
+
+
+def test_unknown_reference_and_law_are_refused() -> None:
+    with pytest.raises(InputError, match="choose one of proportional, constant"):
+        derive(reference="falling")
+    with pytest.raises(InputError, match="is not a law"):
+        derive(law="glue")
+
+
+def test_every_symbol_of_the_results_is_in_the_tables() -> None:
+    known = {str(symbol) for symbol in SLIDING_NOTATION} | set(plant.ARGUMENTS) | {"Ta", "Fr", "omega", "v_rate"}
+    known |= set(plant.VEHICLE_PARAMETERS)
+    derivation = derive()
+    for field in dataclasses.fields(derivation):
+        value = getattr(derivation, field.name)
+        for expression in value if isinstance(value, tuple) else (value,):
+            if isinstance(expression, sp.Expr):
+                assert {str(symbol) for symbol in expression.free_symbols} <= known, field.name
+
+
+# --- the checks themselves -----------------------------------------------------------------------------------------
+
+
+def test_identities_tell_true_from_false() -> None:
+    x, a = sp.Symbol("x", real=True), sp.Symbol("a", positive=True)
+    assert identical(x * sp.sign(x), sp.Abs(x))
+    assert not vanishes(x * sp.sign(x) - x)
+    assert vanishes(sp.sign(x) ** 3 - sp.sign(x))
+    assert not vanishes(sp.sign(x) ** 2 - 1)  # at x = 0
+    assert vanishes(sp.sign(x - a) ** 2 * (x - a) - (x - a))
+    assert not agree_at_random_points(x, a)
+    assert vanishes(sp.exp(x) * a - a * sp.exp(x))
+
+
+# --- in numbers ----------------------------------------------------------------------------------------------------
+
+
+def _random_values(generator: np.random.Generator) -> dict[str, np.ndarray]:
+    def draw(low: float, high: float) -> np.ndarray:
+        return generator.uniform(low, high, STATES)
+
+    v = draw(1.0, 40.0)
+    Mn = draw(1500.0, 9000.0)
+    return {
+        **{"v": v, "sigma": v * draw(0.005, 0.5), "z": draw(0.0, 0.6), "Td": draw(-400.0, 400.0)},
+        **{"Tr": draw(-600.0, 600.0), "Mn": Mn, "Mp": Mn * draw(-0.5, 1.0), "J": draw(20.0, 200.0)},
+        **{"Bn": draw(0.0, 1.0), "Bp": draw(-1.0, 1.0), "r": draw(0.3, 0.6), "N": draw(2e4, 6e4)},
+        **{"Fr0": draw(0.0, 100.0), "Fr1": draw(0.0, 10.0), "Fr2": draw(0.0, 2.0), "rho": draw(0.1, 5.0)},
+        **{"lambda_d": draw(0.02, 0.3), "sigma_d": draw(0.1, 5.0), "e_integral": draw(-3.0, 3.0)},
+        **{"D": draw(0.1, 500.0), "K": draw(1.0, 3000.0), "k": 10.0 ** draw(-10.0, -6.0)},
+        **{"theta1_hat": draw(-3e-4, 3e-4), "theta2_hat": draw(-0.01, 0.01)},
+    }
+
+
+def _evaluate(expression: sp.Expr, values: dict[str, np.ndarray]) -> np.ndarray:
+    symbols = sorted(expression.free_symbols, key=str)
+    return sp.lambdify(symbols, expression, "numpy")(*(values[str(symbol)] for symbol in symbols))
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_closed_loop_of_the_numeric_plant_is_the_derived_one(name: str, reference: str) -> None:
+    """s' and V' from the plant's numeric right-hand side under the law, at 1e5 states and parameters.
+
+    Relative to the largest term of each, 1e-10: rounding of some twenty operations on terms of that size.
+    """
+    derivation, law = derive(reference=reference), sample_law(name)
+    values = _random_values(np.random.default_rng(45))
+    if name == "curve":  # costs a quadrature a point, and has a domain
+        values = {key: value[:20_000] for key, value in values.items()}
+    rates, force = numeric_plant(type(law)).rates, numeric_plant(type(law)).force
+    M, B = values["Mn"] + values["Mp"], values["Bn"] + values["Bp"]
+    p = (M, values["J"], B, *(values[key] for key in ("r", "Fr0", "Fr1", "Fr2", "N")), *law.parameters())
+    at = [values[key] for key in ("v", "sigma", "z")]
+    inside = np.isfinite(force(*at, 0.0, 0.0, 0.0, p))
+    assert inside.mean() > 0.9
+    values["v_rate"] = rates(*at, 0.0, values["Td"], values["Tr"], p)[0]  # v' does not depend on Tb
+    values["omega"] = (values["v"] - values["sigma"]) / values["r"]
+    values["Ta"] = values["r"] * force(*at, 0.0, 0.0, 0.0, p)
+    values["Fr"] = _evaluate(plant.RESISTANCE.rhs, values)
+    values["e"] = _evaluate(derivation.error, values)
+    values["s"] = _evaluate(derivation.s, values)
+    values["Tb"] = _evaluate(derivation.adaptive_law_control, values)
+    for i, theta in enumerate(derivation.theta, 1):
+        values[f"theta{i}_tilde"] = _evaluate(theta, values) - values[f"theta{i}_hat"]
+
+    v_rate, sigma_rate, _ = rates(*at, values["Tb"], values["Td"], values["Tr"], p)
+    slope = values["lambda_d"] if reference == "proportional" else 0.0
+    s_rate = slope * v_rate - sigma_rate + values["rho"] * values["e"]
+    size = np.abs(values["r"] / values["J"] * values["Tb"]) + np.abs(sigma_rate) + np.abs(values["rho"] * values["e"])
+    size += np.abs(values["r"] * values["Ta"] / values["J"])
+    derived = _evaluate(derivation.error_dynamics, values)
+    assert np.max(np.abs(s_rate - derived)[inside] / size[inside]) < 1e-10
+
+    hat_rates = [_evaluate(rate, values) for rate in derivation.adaptation]
+    parts = [values["s"] * s_rate, *(-values[f"theta{i}_tilde"] * hat_rates[i - 1] / values["k"] for i in (1, 2))]
+    derived = _evaluate(derivation.V_rate_disturbed, values)
+    size = np.abs(values["s"]) * size + sum(np.abs(part) for part in parts)
+    assert np.max(np.abs(sum(parts) - derived)[inside] / size[inside]) < 1e-10
+
+
+# --- broken plants -------------------------------------------------------------------------------------------------
+
+PROBE = """
+import json
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.errata import errata
+d = derive()
+print(json.dumps({
+    "law": str(d.adaptive_law_control),
+    "disturbance": str(d.disturbance),
+    "failed": [step.name for step in d.steps if not step.checked],
+    "disagree": [row.where for row in errata(d) if not row.agrees],
+}))
+"""
+
+MUTATIONS = {
+    "Ta drives the wheel backwards": ("-B * omega + Ta - Tb", "-B * omega - Ta - Tb"),
+    "B accelerates": ("-B * omega + Ta", "B * omega + Ta"),
+    "no travelling resistance": ("-Fa - Fr - Tr / r)", "-Fa - Tr / r)"),
+    "random torque with the other sign": ("- Tb - Td + Tr)", "- Tb - Td - Tr)"),
+    "r lost in the adhesion torque": ("sp.Eq(Ta, r * Fa)", "sp.Eq(Ta, Fa)"),
+    "r lost in the random force": ("- Fr - Tr / r)", "- Fr - Tr)"),
+    "adhesion pushes the train": ("sp.Eq(M * v_rate, -Fa - Fr", "sp.Eq(M * v_rate, Fa - Fr"),
+    "brake drives": ("+ Ta - Tb - Td", "+ Ta + Tb - Td"),
+    "slip of the other sign": ("sp.Eq(sigma, v - r * omega)", "sp.Eq(sigma, v + r * omega)"),
+}
+
+
+def _probe(directory: Path) -> dict:
+    done = subprocess.run([sys.executable, "-c", PROBE], cwd=directory, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory) -> tuple[Path, dict]:
+    """A copy of the package, and what it gives unbroken."""
+    directory = tmp_path_factory.mktemp("scratch")
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(railslip_ctrl.__file__).parent, directory / "railslip_ctrl", ignore=ignore)
+    return directory, _probe(directory)
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_broken_plant_is_noticed(name: str, scratch: tuple[Path, dict]) -> None:
+    """Each changes the law or the disturbance, fails a check of the derivation, and (35)-(45) agree no longer."""
+    directory, sound = scratch
+    assert sound["failed"] == []
+    file = directory / "railslip_ctrl" / "plant.py"
+    text = file.read_text()
+    before, after = MUTATIONS[name]
+    assert text.count(before) == 1
+    try:
+        file.write_text(text.replace(before, after))
+        broken = _probe(directory)
+    finally:
+        file.write_text(text)
+    assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"])
+    assert broken["failed"]
+    assert set(broken["disagree"]) > set(sound["disagree"])
+    assert "(35)" in broken["disagree"]
+
+
+# --- the command ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def railslip(capsys):
+    """Run the command in this process; gives (exit status, standard output, standard error)."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(["derive", *map(str, arguments)])
+        captured = capsys.readouterr()
+        return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.mark.parametrize("arguments", [(), ("--reference", "constant", "--adhesion", "bristle")])
+def test_json_has_the_contract_s_keys(railslip, arguments) -> None:
+    status, out, err = railslip(*arguments, "--json")
+    assert (status, err) == (0, "")
+    content = json.loads(out)
+    assert {"steps", "law", "errata"} <= set(content)
+    assert set(content["law"]) == {"latex", "python", "c"}
+    for step in content["steps"]:
+        assert {"name", "equation_latex", "source", "checked"} <= set(step)
+        assert step["checked"] is True
+    for row in content["errata"]:
+        assert {"where", "printed_latex", "derived_latex", "agrees"} <= set(row)
+
+
+def test_text_and_markdown_name_every_step_and_row(railslip) -> None:
+    derivation = derive()
+    for form in ("text", "markdown"):
+        status, out, _ = railslip("--format", form)
+        assert status == 0
+        assert f"all {len(derivation.steps)} steps hold" in out
+        for step in derivation.steps:
+            assert step.name in out
+        assert "invariant set" in out
+    assert "FAIL" not in out
+
+
+def test_a_failed_check_is_said(monkeypatch, railslip) -> None:
+    sound = derive()
+    failed = dataclasses.replace(sound.steps[3], checked=False)
+    broken = dataclasses.replace(sound, steps=(*sound.steps[:3], failed, *sound.steps[4:]))
+    monkeypatch.setattr("railslip_ctrl.cli.derive.derive", lambda **_: broken)
+    status, out, _ = railslip()
+    assert status == 0
+    assert f"1 of {len(sound.steps)} steps FAIL their check: rate of s" in " ".join(out.split())
+    assert "CHECK FAILS" in out
+
+
+@pytest.mark.parametrize("law", [None, "beam", "bristle"])
+def test_latex_is_a_document(railslip, tmp_path, law) -> None:
+    file = tmp_path / "derivation.tex"
+    status, out, err = railslip("--format", "latex", "--out", file, *(() if law is None else ("--adhesion", law)))
+    assert (status, out) == (0, "")
+    assert "wrote" in err
+    text = file.read_text(encoding="utf-8")
+    compiler = shutil.which("pdflatex") or shutil.which("tectonic")
+    if compiler is not None:
+        halt = ["-interaction=nonstopmode", "-halt-on-error"] if compiler.endswith("pdflatex") else []
+        done = subprocess.run([compiler, *halt, file.name], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout[-2000:]
+        assert file.with_suffix(".pdf").stat().st_size > 10_000
+    _check_structure(text)
+
+
+def _check_structure(text: str) -> None:
+    """Environments nest, braces and \\left/\\right balance in each formula, nothing outside ASCII."""
+    assert text.isascii()
+    assert text.startswith(r"\documentclass")
+    assert text.rstrip().endswith(r"\end{document}")
+    body = "".join(part.split(r"\end{verbatim}")[-1] for part in text.split(r"\begin{verbatim}"))
+    stack = []
+    for piece in body.replace(r"\end{", "\0end{").replace(r"\begin{", "\0begin{").split("\0")[1:]:
+        name = piece[piece.index("{") + 1 : piece.index("}")]
+        if piece.startswith("begin"):
+            stack.append(name)
+        else:
+            assert stack.pop() == name
+    assert stack == []
+    for line in body.splitlines():
+        bare = line.replace(r"\{", "").replace(r"\}", "")
+        if line.startswith(r"\formula"):
+            assert bare.count("{") == bare.count("}"), line
+            assert line.count(r"\left") == line.count(r"\right"), line
+
+
+def test_code_alone(railslip) -> None:
+    assert railslip("--format", "c")[1].startswith("/* Adaptive sliding-mode")
+    compile(railslip("--format", "python")[1], "law", "exec")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--reference", "falling"), "--reference"),
+        (("--adhesion", "__import__('os').getcwd()"), "--adhesion"),
+        (("--format", "pdf"), "--format"),
+        (("--format", "c", "--json"), "--format"),
+        (("--out", "."), "--out"),
+        (("--frob",), "--frob"),
+        (("extra",), "extra"),
+    ],
+)
+def test_bad_options_are_one_line_and_exit_2(railslip, arguments, named) -> None:
+    status, out, err = railslip(*arguments)
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert named in err
+
+
+# --- the script ----------------------------------------------------------------------------------------------------
+
+
+def test_errata_script(capsys) -> None:
+    module = script("analysis/errata.py")
+    result = module.run()
+    assert result.all_steps_checked
+    assert result.same_for_constant_reference
+    for where in ("(35)", "(36)", "(37)", "(43)", "(45)", "(28) = (27)", "(24) with brackets"):
+        assert where in result.agreeing
+    assert "(44), theta_1" in result.disagreeing
+    assert (len(result.agreeing), len(result.disagreeing)) == (12, 18)
+    module.main()
+    assert "12 agree, 18 do not" in capsys.readouterr().out

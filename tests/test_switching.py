@@ -1,0 +1,476 @@
+"""What the actuator does to the sliding-mode law: loop around s, limit cycles, adaptation, the layered design."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_scripts import script
+
+from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
+from railslip_ctrl.linearization import linearize
+from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.switching import (
+    FeedForward,
+    LayeredDesign,
+    SlidingGains,
+    actuator_effect,
+    conclusion,
+    critical_gains,
+    cycle_table,
+    exact_limit_cycle,
+    ideal_adaptation,
+    induced_gains,
+    largest_adaptation,
+    largest_relay,
+    layer_bound,
+    layer_loop,
+    predict_limit_cycle,
+    published_loop,
+    smallest_layer,
+    survivors,
+)
+from railslip_ctrl.switching.adaptation import first_limit, survivable_excursion, without_actuator
+from railslip_ctrl.switching.limit_cycle import layer_describing_function, predict_layer_cycle, tsypkin_locus
+from railslip_ctrl.switching.simulate import holding_torque, measure_oscillation, simulate
+from railslip_ctrl.switching.stepped import LayeredLaw, PublishedLaw
+
+ACTUATOR = PARK2008.actuator
+IDEAL = Actuator(dead_time=0.0, lag=0.0)
+READINGS = [(rail, scale) for scale in (1.0, 3.6) for rail in Rail]
+
+
+# --- the loop around s ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rail", "scale"), READINGS)
+def test_ideal_actuator_leaves_the_published_first_order_lag(rail, scale):
+    loop = without_actuator(published_loop(rail, inertia_scale=scale))
+    omega = np.geomspace(0.01, 100, 50)
+    s, gain = 1j * omega, loop.plant.gain
+    # rounding of the adhesion that cancels
+    np.testing.assert_allclose(loop.surface_response(omega), gain / (s + gain * loop.gains.D), rtol=1e-10)
+
+
+@pytest.mark.parametrize("feed_forward", FeedForward)
+@pytest.mark.parametrize("rail", Rail)
+def test_response_of_the_loop_solves_the_equations_of_the_law(feed_forward, rail):
+    # wheel, model, law and actuator as separate linear equations, solved together at each frequency
+    loop = published_loop(rail, feed_forward=feed_forward)
+    point, A = loop.plant.point, loop.plant.A
+    vehicle, law = point.vehicle, point.law
+    M, J, r, B = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius, 0.25
+    for omega in (0.3, 1.5, 6.0, 40.0):
+        s = 1j * omega
+        if feed_forward is FeedForward.OFF:
+            model = 0.0
+        elif feed_forward is FeedForward.REST:
+            model = -1 / law.beta  # Fa = (gamma - sigma)/beta
+        else:
+            model = law.alpha * A[1, 0] / (s - A[1, 1])
+        # unknowns: sigma, z, q, command; the relay's output is 1
+        surface = -(1 + loop.gains.rho / s)
+        command = J / r * ((1 / M + r**2 / J) * model + B / J - loop.gains.rho) + loop.gains.D * surface
+        ga = np.exp(-ACTUATOR.dead_time * s) / (ACTUATOR.lag * s + 1)
+        matrix = np.array(
+            [
+                [s - A[0, 0], -A[0, 1], -r / J, 0],
+                [-A[1, 0], s - A[1, 1], 0, 0],
+                [0, 0, 1, -ga],
+                [-command, 0, 0, 1],
+            ]
+        )
+        sigma, _, torque, _ = np.linalg.solve(matrix, [0, 0, 0, 1])
+        assert loop.slip_response(omega) == pytest.approx(sigma, rel=1e-9)
+        assert loop.surface_response(omega) == pytest.approx(-surface * sigma, rel=1e-9)
+        assert loop.torque_response(omega) == pytest.approx(torque, rel=1e-9)
+
+
+@pytest.mark.parametrize(("dead_time", "lag", "degree"), [(0.0, 0.0, 1), (0.0, 0.6, 2), (0.15, 0.0, 1), (0.15, 0.6, 2)])
+def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
+    loop = replace(published_loop(Rail.DRY), actuator=Actuator(dead_time=dead_time, lag=lag))
+    existence = loop.sliding_existence()
+    assert existence.exists == (dead_time == lag == 0)
+    assert existence.relative_degree == degree
+    omega = 1e6
+    size = abs(complex(loop.surface_response(omega))) * omega**degree
+    assert size == pytest.approx(existence.high_frequency_gain, rel=1e-4)
+    assert existence.reason
+
+
+def test_relay_slides_with_an_ideal_actuator_and_cycles_with_the_real_one():
+    loop = published_loop(Rail.WET)
+    swing = {}
+    for actuator in (IDEAL, ACTUATOR):
+        law = PublishedLaw(loop.plant.point, replace(loop.gains, k=0.0))
+        run = simulate(loop.plant.point, law, actuator, duration=30.0, step=1e-3, offset=0.2)
+        swing[actuator.lag] = float(np.abs(run.after(20.0).surface).max())
+    assert swing[0.0] < 2e-3  # one step of the fastest s': (r/J)(K + load) 1 ms, and s' left of the step before
+    assert swing[0.6] > 0.5
+
+
+@pytest.mark.parametrize(("rail", "scale"), READINGS)
+def test_critical_relay_gain_is_confirmed_by_the_exact_root_count(rail, scale):
+    loop = published_loop(rail, inertia_scale=scale)
+    first = critical_gains(loop)[0]
+    assert first.stable_below
+    assert loop.linear_loop(relay_gain=first.gain * (1 - 1e-6)).unstable_closed_loop_poles == 0
+    assert loop.linear_loop(relay_gain=first.gain * (1 + 1e-6)).unstable_closed_loop_poles == 2
+    assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
+
+
+# --- limit cycles ----------------------------------------------------------------------------------------------------
+
+CYCLES = [(Rail.DRY, 3.6, K) for K in (70.0, 200.0, 400.0)] + [(Rail.WET, 1.0, K) for K in (30.0, 50.0, 70.0)]
+CYCLES += [(Rail.WET, 3.6, 70.0), (Rail.DRY, 1.0, 25.0)]
+
+
+@pytest.mark.parametrize(("rail", "scale", "K"), CYCLES)
+def test_limit_cycle_against_the_nonlinear_wheel(rail, scale, K):
+    loop = published_loop(rail, inertia_scale=scale)
+    exact = exact_limit_cycle(loop, K=K, load=loop.load)
+    predicted = predict_limit_cycle(loop, K=K, load=loop.load)
+    law = PublishedLaw(loop.plant.point, replace(loop.gains, K=K, k=0.0))
+    run = simulate(loop.plant.point, law, ACTUATOR, duration=80.0, step=2e-3, offset=0.5 * exact.sigma_amplitude)
+    measured = measure_oscillation(run.after(50.0))
+    # the exact cycle of the linear wheel: what is left is the wheel's nonlinearity, and 2 ms
+    assert exact.period == pytest.approx(measured.period, rel=0.005)
+    for name in ("surface_amplitude", "sigma_amplitude", "torque_amplitude", "surface_mean"):
+        assert getattr(exact, name) == pytest.approx(getattr(measured, name), rel=0.02), name
+    # the describing function: within 10 % wherever K is at least twice the load
+    assert predicted.period == pytest.approx(measured.period, rel=0.05)
+    if 2 * loop.load < K:
+        assert predicted.surface_amplitude == pytest.approx(measured.surface_amplitude, rel=0.1)
+        assert predicted.sigma_amplitude == pytest.approx(measured.sigma_amplitude, rel=0.1)
+
+
+@pytest.mark.parametrize("feed_forward", [FeedForward.REST, FeedForward.OFF])
+def test_limit_cycle_with_other_feed_forward(feed_forward):
+    loop = published_loop(Rail.WET, feed_forward=feed_forward)
+    exact = exact_limit_cycle(loop, load=loop.load)
+    law = PublishedLaw(loop.plant.point, replace(loop.gains, k=0.0), feed_forward=feed_forward)
+    run = simulate(loop.plant.point, law, ACTUATOR, duration=60.0, step=2e-3, offset=0.3)
+    measured = measure_oscillation(run.after(35.0))
+    assert exact.period == pytest.approx(measured.period, rel=0.01)
+    assert exact.surface_amplitude == pytest.approx(measured.surface_amplitude, rel=0.02)
+
+
+def test_integrator_with_dead_time_has_the_textbook_cycle():
+    # s' = (r/J) u(t - tau): period 4 tau, amplitude (r/J) K tau
+    base = published_loop(Rail.DRY, adhesion="curve")
+    wheel = PARK2008.wheel.model_copy(update={"viscous_friction": 0.0})
+    point = replace(base.plant.point, vehicle=PARK2008.model_copy(update={"wheel": wheel}))
+    plant = replace(base.plant, point=point, A=np.zeros((1, 1)))
+    loop = replace(base, plant=plant, gains=SlidingGains(K=70.0, D=0.0, rho=0.0), feed_forward=FeedForward.OFF)
+    loop = replace(loop, actuator=Actuator(dead_time=0.15, lag=0.0))
+    cycle = exact_limit_cycle(loop)
+    assert cycle.period == pytest.approx(0.6, rel=1e-6)
+    assert cycle.surface_amplitude == pytest.approx(plant.gain * 70 * 0.15, rel=2e-3)  # the series of a triangle
+    # the describing function's own closed form: W = b exp(-j w tau)/(j w) is real at w = pi/(2 tau)
+    assert predict_limit_cycle(loop).surface_amplitude == pytest.approx(4 / math.pi * plant.gain * 70 * 0.3 / math.pi)
+
+
+def test_exact_cycle_without_load_lies_on_tsypkins_locus():
+    loop = published_loop(Rail.WET)
+    cycle = exact_limit_cycle(loop)
+    locus = tsypkin_locus(loop, cycle.frequency)
+    assert locus.real < 0
+    assert abs(locus.imag) < 1e-6 * abs(locus.real)
+    assert cycle.surface_mean == pytest.approx(0.0, abs=1e-9)
+    assert exact_limit_cycle(loop, K=140.0).surface_amplitude == pytest.approx(2 * cycle.surface_amplitude, rel=1e-9)
+
+
+def test_boundary_layer_removes_the_cycle_from_its_critical_width_on():
+    loop = published_loop(Rail.WET)
+    width = smallest_layer(loop)
+    assert predict_layer_cycle(loop, 1.001 * width) is None
+    cycle = predict_layer_cycle(loop, 0.5 * width)
+    assert layer_describing_function(cycle.surface_amplitude, 70.0, 0.5 * width) == pytest.approx(cycle.relay_gain)
+    assert layer_describing_function(0.1 * width, 70.0, width) == 70.0 / width
+    swing = {}
+    for factor in (0.5, 1.3):
+        law = PublishedLaw(loop.plant.point, replace(loop.gains, k=0.0), layer=factor * width)
+        run = simulate(loop.plant.point, law, ACTUATOR, duration=80.0, step=2e-3, offset=0.3).after(60.0)
+        swing[factor] = 0.5 * float(np.ptp(run.surface))
+    assert swing[0.5] == pytest.approx(cycle.surface_amplitude, rel=0.1)
+    assert swing[1.3] < 0.02 * cycle.surface_amplitude
+
+
+# --- the adaptation --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rail", "scale"), READINGS)
+def test_ideal_adaptation_is_an_oscillator_that_only_D_damps(rail, scale):
+    loop = published_loop(rail, inertia_scale=scale)
+    ideal = ideal_adaptation(loop)
+    assert ideal.damping_ratio < 0.06
+    poles = without_actuator(loop).linear_loop(adaptation=loop.gains.k).closed_loop_poles(6)
+    for root in np.roots([1.0, ideal.damping, ideal.stiffness]):
+        assert np.abs(poles - root).min() < 1e-6
+    # published units: s, omega in km/h, Ta in N*m
+    point = loop.plant.point
+    Ta, omega = 0.43 * point.adhesion_force, 3.6 * (point.speed - point.sigma) / 0.43
+    assert ideal.stiffness == pytest.approx(2.1e-8 * (Ta**2 + omega**2), rel=1e-12)
+
+
+def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without():
+    loop = published_loop(Rail.DRY)
+    k = loop.gains.k
+    assert without_actuator(loop).is_stable(adaptation=k)
+    for relay_gain in np.linspace(0.0, 20.0, 11):
+        assert loop.linear_loop(relay_gain=relay_gain, adaptation=k).unstable_closed_loop_poles == 2
+    assert survivable_excursion(loop) == 0.0
+    # on the static curve, as published, it is unstable where the relay is small beside s
+    curve = published_loop(Rail.DRY, inertia_scale=3.6, adhesion="curve")
+    assert not curve.is_stable(adaptation=k)
+    assert without_actuator(curve).is_stable(adaptation=k)
+    limit = survivable_excursion(curve)
+    gain = 4 * 70 / (math.pi * limit)
+    assert curve.is_stable(relay_gain=1.001 * gain, adaptation=k)
+    assert not curve.is_stable(relay_gain=0.999 * gain, adaptation=k)
+
+
+def test_published_adaptation_grows_in_the_simulation_only_with_the_actuator():
+    loop = published_loop(Rail.DRY)
+    growth = {}
+    for actuator in (IDEAL, ACTUATOR):
+        law = PublishedLaw(loop.plant.point, replace(loop.gains, K=0.0))
+        run = simulate(loop.plant.point, law, actuator, duration=16.0, step=2e-3, offset=0.05)
+        early, late = run.sigma[run.time < 8.0], run.sigma[run.time >= 8.0]
+        growth[actuator.lag] = float(np.ptp(late) / np.ptp(early))
+    assert growth[0.0] < 1
+    assert growth[0.6] > 2
+
+
+@pytest.mark.parametrize(("rail", "scale"), READINGS)
+def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
+    loop = published_loop(rail, inertia_scale=scale)
+    found = survivors(loop)
+    assert found.stable
+    assert loop.is_stable(adaptation=found.k * (1 - 1e-6))
+    assert loop.linear_loop(adaptation=found.k * (1 + 1e-6)).unstable_closed_loop_poles == 2
+    # independently: at the limit a pole is on the axis
+    assert abs(loop.linear_loop(adaptation=found.k).closed_loop_poles(2)[0].real) < 1e-6
+    for name, value in (("rho", found.rho), ("D", found.D)):
+        assert loop.with_gains(**{name: value * (1 - 1e-6)}).is_stable()
+        assert not loop.with_gains(**{name: value * (1 + 1e-6)}).is_stable()
+    assert exact_limit_cycle(loop, K=found.K).slip_amplitude == pytest.approx(0.02, rel=1e-6)
+    assert found.k_any_relay >= found.k
+    assert found.relay_gain == pytest.approx(critical_gains(loop)[0].gain, rel=1e-9)
+
+
+def test_largest_k_in_numbers():
+    # SI, dry: half of the printed 2.1e-8 survives; as published all but 5 % more does
+    assert largest_adaptation(published_loop(Rail.DRY)) == pytest.approx(1.032e-8, rel=1e-3)
+    assert largest_adaptation(published_loop(Rail.DRY, inertia_scale=3.6)) == pytest.approx(2.202e-8, rel=1e-3)
+    assert largest_relay(published_loop(Rail.DRY), 0.02) == pytest.approx(9.617, rel=1e-3)
+    fast = published_loop(Rail.DRY, gains=SlidingGains(K=70.0, D=0.0, rho=10.0))
+    assert largest_adaptation(fast) == 0.0
+    assert survivors(published_loop(Rail.WET)).excursion == math.inf
+
+
+# --- the conclusion --------------------------------------------------------------------------------------------------
+
+
+def test_conclusion_is_made_from_the_numbers():
+    effects = [actuator_effect(published_loop(rail)) for rail in Rail]
+    text, table = conclusion(effects), cycle_table(effects)
+    for effect in effects:
+        cycle, left = effect.cycles[0].exact, effect.survivors
+        for number in (
+            f"{cycle.period:.2f} s",
+            f"{cycle.slip_amplitude:.4f}",
+            f"K <= {left.K:.1f} N*m",
+            f"{left.layer:.3f} m/s",
+            f"rho <= {left.rho:.3g}",
+            f"D <= {left.D:.4g}",
+        ):
+            assert number in text
+        assert effect.unstable_ideal == 0
+        assert all(abs(pair.period_error) < 0.1 and abs(pair.amplitude_error) < 0.1 for pair in effect.cycles)
+        for pair in effect.cycles:
+            assert f"{pair.exact.period:.3f}" in table
+    lost = [pair for e in effects for pair in e.cycles if pair.exact.sigma_amplitude >= e.loop.plant.point.sigma]
+    assert table.count("lost") == len(lost) > 0
+    assert "unstable whatever the relay does" in text
+    assert f"k <= {effects[0].survivors.k:.3g} survives" in text
+    assert "the wheel is not held" in text
+    assert "no ideal sliding mode exists" in text
+    assert f"{min(e.survivors.relay_gain for e in effects):.1f} N*m/(m/s)" in text
+    with pytest.raises(DomainError, match="at least one"):
+        conclusion([])
+
+
+def test_conclusion_without_adaptation():
+    gains = SlidingGains(K=70.0, D=5.508, rho=1.54)
+    assert "adaptation would be stable up to" in conclusion([actuator_effect(published_loop(Rail.WET, gains=gains))])
+
+
+# --- the layered design ----------------------------------------------------------------------------------------------
+
+
+def test_induced_gain_of_a_first_order_loop_in_closed_form():
+    # P control, lead = its own filter, ideal actuator, static law: y = b exp(-(kp b - p) t)
+    plant = published_loop(Rail.DRY, adhesion="curve").plant
+    design = LayeredDesign(kp=300.0, ki=0.0, lead=0.1, lead_filter=0.1, K=100.0)
+    rate = 300.0 * plant.gain - float(plant.A[0, 0])
+    gains = induced_gains(design, plant, IDEAL)
+    assert gains.error == pytest.approx(plant.gain / rate, rel=1e-4)  # quadrature
+    assert gains.surface == pytest.approx(gains.error, rel=1e-12)
+    assert gains.command == pytest.approx(300.0 * plant.gain / rate, rel=1e-4)
+
+
+def test_asmc_robust_script(capsys):
+    module = script("designs/asmc_robust.py")
+    result = module.run()
+    for name, found in result.items():
+        target = module.TARGETS[name]
+        for rail in Rail:
+            bound, offset = found.at_rest[rail], found.from_offset[rail]
+            assert bound.layer_kept
+            assert offset.layer_kept
+            plant = published_loop(rail, inertia_scale=target.inertia_scale).plant
+            assert bound.margins.ms == pytest.approx(layer_loop(found.design, plant, ACTUATOR).margins().ms)
+            assert bound.margins.ms < 1.7
+            # every simulated disturbance stays within the bound, and the worst shows that it is not idle
+            for error, command in found.simulated[rail].values():
+                assert error <= bound.error
+                assert command <= bound.command
+            assert found.simulated[rail]["worst case"][0] > 0.8 * bound.error
+            assert bound.slip_error(plant.point.speed) < 0.008
+    si = {effect.name: effect for effect in result["SI"].published}
+    assert si["bristle dry, inertia x 1"].adaptation_hopeless
+    assert not si["bristle dry, inertia x 1"].holds_the_wheel
+    # beside the published law: its own cycle, without any disturbance, against the bound with one
+    assert si["bristle wet, inertia x 1"].cycles[0].exact.sigma_amplitude > 4 * result["SI"].at_rest[Rail.WET].error
+    monkey = capsys
+    module.run = lambda: result
+    module.main()
+    out = monkey.readouterr().out
+    assert "THE LAYERED LAW" in out
+    assert f"{result['SI'].at_rest[Rail.DRY].error:.3f} m/s" in out
+
+
+DESIGN = LayeredDesign(kp=312.3, ki=100.0, lead=0.6, lead_filter=0.06, K=450.0)
+
+
+@pytest.mark.parametrize("offset", [-0.1, 0.1])
+@pytest.mark.parametrize("rail", Rail)
+def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
+    plant = published_loop(rail).plant
+    bound = layer_bound(DESIGN, plant, ACTUATOR, 20.0, offset=0.1)
+    point, hold = plant.point, holding_torque(plant.point)
+    run = simulate(
+        point,
+        LayeredLaw(point.slip, hold, design=DESIGN),
+        ACTUATOR,
+        duration=20.0,
+        step=2e-3,
+        disturbance=lambda t: math.copysign(20.0, math.sin(1.7 * t)),
+        offset=offset,
+    )
+    error = np.abs(run.sigma - point.sigma)
+    assert error.max() <= bound.largest_error
+    assert error[run.time >= bound.reaching_time].max() <= bound.error + 0.01 * 0.1
+    assert np.abs(run.command - hold).max() <= bound.command <= DESIGN.K
+
+
+def test_layered_law_holds_the_slip_while_the_speed_falls():
+    plant = published_loop(Rail.DRY).plant
+    point = plant.point
+    law = LayeredLaw(point.slip, point.brake_torque, design=DESIGN)
+    run = simulate(point, law, ACTUATOR, duration=6.0, step=2e-3, frozen=False)
+    assert run.speed[-1] < 10.0
+    slip = run.sigma / run.speed
+    # not part of the bound, which has the speed frozen: it errs towards less slip, so the wheel is not locked
+    assert slip.max() < point.slip + 0.005
+    assert slip.min() > 0.5 * point.slip
+
+
+def test_static_law_has_its_own_remainder():
+    plant = published_loop(Rail.WET, adhesion="curve").plant
+    small, large = (layer_bound(DESIGN, plant, ACTUATOR, d) for d in (5.0, 10.0))
+    # the remainder is of second order, so it grows about four times when the disturbance doubles
+    assert 3.0 < large.remainder / small.remainder < 8.0
+    assert small.error < large.error
+
+
+# --- errors ----------------------------------------------------------------------------------------------------------
+
+
+def test_gains_that_are_refused():
+    with pytest.raises(InputError, match="rho: -1"):
+        SlidingGains(K=70.0, D=1.0, rho=-1.0)
+    with pytest.raises(InputError, match="lead_filter: 0"):
+        replace(DESIGN, lead_filter=0.0)
+
+
+def test_operating_points_that_are_refused():
+    loop = published_loop(Rail.DRY)
+    with_speed = linearize(loop.plant.point, speed_state=True)
+    with pytest.raises(InputError, match="speed frozen"):
+        replace(loop, plant=with_speed)
+    with pytest.raises(InputError, match="speed frozen"):
+        layer_loop(DESIGN, with_speed, ACTUATOR)
+
+
+def test_cycles_that_do_not_exist():
+    loop = published_loop(Rail.WET)
+    with pytest.raises(DomainError, match="does not carry the load"):
+        predict_limit_cycle(loop, K=10.0, load=19.4)
+    with pytest.raises(DomainError, match="no stable limit cycle"):
+        predict_limit_cycle(without_actuator(loop))
+    assert smallest_layer(without_actuator(loop)) == 0.0
+    fast = loop.with_gains(rho=10.0)
+    with pytest.raises(DomainError, match="unstable at every relay gain"):
+        smallest_layer(fast)
+    with pytest.raises(InputError, match="layer: 0"):
+        predict_layer_cycle(loop, 0.0)
+    heavy = published_loop(Rail.DRY, inertia_scale=3.6)
+    with pytest.raises(DomainError, match="two switches a period"):
+        exact_limit_cycle(heavy, K=19.6, load=heavy.load)  # the load takes all but 1 % of K
+    run = simulate(
+        loop.plant.point, PublishedLaw(loop.plant.point, loop.gains, layer=5.0), ACTUATOR, duration=2.0, step=5e-3
+    )
+    with pytest.raises(DomainError, match="simulate longer"):
+        measure_oscillation(run)
+
+
+def test_searches_that_are_refused():
+    with pytest.raises(InputError, match="start: 0"):
+        first_limit(lambda value: True, 0.0)
+    with pytest.raises(UnstableLoopError, match="where the search starts"):
+        first_limit(lambda value: False, 1.0)
+    assert first_limit(lambda value: True, 1.0) == math.inf
+    with pytest.raises(InputError, match="slip amplitude"):
+        largest_relay(published_loop(Rail.WET), 0.0)
+
+
+def test_bounds_that_do_not_exist():
+    plant = published_loop(Rail.DRY).plant
+    with pytest.raises(InputError, match="disturbance: -1"):
+        layer_bound(DESIGN, plant, ACTUATOR, -1.0)
+    with pytest.raises(InfeasibleDesignError, match="outgrows"):
+        layer_bound(DESIGN, plant, ACTUATOR, 200.0)
+    with pytest.raises(InfeasibleDesignError, match="do not stabilise"):
+        induced_gains(replace(DESIGN, kp=5000.0), plant, ACTUATOR)
+    weak = replace(DESIGN, K=50.0)
+    assert not layer_bound(weak, plant, ACTUATOR, 20.0).layer_kept
+
+
+def test_simulations_that_are_refused():
+    point = published_loop(Rail.DRY).plant.point
+    law = PublishedLaw(point, SlidingGains(K=70.0, D=5.5, rho=1.54), feed_forward=FeedForward.REST)
+    with pytest.raises(InputError, match="finite values > 0"):
+        simulate(point, law, ACTUATOR, duration=0.0)
+    with pytest.raises(DomainError, match="outside 0 to v"):
+        simulate(point, law, ACTUATOR, duration=20.0, step=5e-3, disturbance=lambda t: 4000.0)
+
+
+def test_a_law_without_reference_slip_is_refused(monkeypatch):
+    without = published_loop(Rail.DRY).plant.point.law.model_copy(update={"reference": None})
+    monkeypatch.setattr("railslip_ctrl.switching.effects.published_law", lambda *_args, **_kwargs: without)
+    with pytest.raises(InputError, match="no reference slip"):
+        published_loop(Rail.DRY)
