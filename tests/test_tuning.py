@@ -103,11 +103,13 @@ def test_crossover_bounds_are_kept():
 
 
 def test_infeasible_specification_says_what_can_be_had():
-    with pytest.raises(InfeasibleDesignError, match=r"Ms <= 2 is asked for.*about 4\.69"):
+    with pytest.raises(InfeasibleDesignError, match=r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"):
         tune_pi(twelve_points(), 0.15, ms_max=2.0)
     with pytest.raises(InfeasibleDesignError, match="no PI stabilises"):
         tune_pi(1 / (S - 5), 2.4, ms_max=3.0)
-    with pytest.raises(InfeasibleDesignError, match="ki >= 1e"):
+    with pytest.raises(
+        InfeasibleDesignError, match=r"ki >= 1e\+06 holds all plants; the largest ki that does is about"
+    ):
         tune_pi(twelve_points()[4], 0.15, minimise_ms=True, ki_min=1e6)
 
 
@@ -188,3 +190,43 @@ def test_structures_check_their_options(structure, extra, match):
             specification=Specification(ms_max=2.0),
             **extra,
         )
+
+
+FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("plants", "dead_times", "asked", "found_by_brute_force"),
+    [
+        (FAMILY, DEAD_TIMES, {"ms_max": 2.5, "phase_min_deg": 30, "delay_min_s": 0.1}, 1.2210),
+        (FAMILY, DEAD_TIMES, {"phase_min_deg": 40}, 1.0605),
+        (0.908 / (S - 0.3193), 0.2808, {"phase_min_deg": 30}, 1.5315),
+    ],
+)
+def test_several_bounds_together_are_searched_to_their_corners(plants, dead_times, asked, found_by_brute_force):
+    assert tune_pi(plants, dead_times, **asked).ki >= found_by_brute_force
+
+
+@pytest.mark.parametrize("ms_max", [1.015, 1.001])
+def test_a_stable_plant_meets_every_ms_above_1(ms_max):
+    assert tune_pi(1 / (S + 1), 1.0, ms_max=ms_max).worst.ms == pytest.approx(ms_max, rel=1e-9)
+
+
+def test_least_ms_keeps_ms_max_too():
+    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms is 1\.366"):
+        tune_pi(FAMILY, DEAD_TIMES, minimise_ms=True, ki_min=0.1, ms_max=1.2)
+
+
+def test_the_best_that_can_be_had_is_of_what_was_asked():
+    with pytest.raises(InfeasibleDesignError, match=r"largest phase margin 12\.\d+ deg"):
+        tune_pi(twelve_points()[4], 0.15, phase_min_deg=20)
+    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms 1\.27\d"):
+        tune_pi(FAMILY, DEAD_TIMES, ms_max=1.1)
+
+
+@pytest.mark.parametrize(
+    ("plant", "asked"), [(1 / S, {"ms_max": 2.0}), (1 / (S + 1), {"ms_max": 2.0}), (1 / S, {"phase_min_deg": 60})]
+)
+def test_unbounded_gains_are_said_to_be_so(plant, asked):
+    with pytest.raises(InfeasibleDesignError, match="no largest value"):
+        tune_pi(plant, 0.0, **asked)
