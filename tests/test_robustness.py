@@ -158,3 +158,39 @@ def test_lowest_speed_of_a_given_controller():
     with pytest.raises(InfeasibleDesignError, match="does not hold the loop at 100"):
         lowest_held_speed(plant, PIController(PIGains(kp=1e6, ki=1.0)), PARK2008.actuator)
     assert lowest_held_speed(plant, PI_LEAD, Actuator(dead_time=0.0, lag=0.0), low_kmh=60.0) == 60.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ('"speed_kmh": 40.0', '"speed_kmh": NaN'),
+        ('"speed_kmh": 40.0', '"speed_kmh": -40.0'),
+        ('"speed_kmh": 40.0', '"speed_kmh": 100.0'),
+        ('"lead_s": 0.6', '"lead_s": -3'),
+        ('"kp_si": 3', '"kp_si": "3'),
+        ('"worst_ms": 1.', '"worst_ms": 0.'),
+        ('"lowest_speed_kmh": ', '"lowest_speed_kmh": -1'),
+    ],
+)
+def test_schedule_refuses_nonsense_in_one_line(schedule, change):
+    text = schedule.to_json()
+    assert change[0] in text
+    with pytest.raises(InputError, match=r"gain schedule|lead") as caught:
+        GainSchedule.from_json(text.replace(*change))
+    assert "\n" not in str(caught.value)
+    assert "http" not in str(caught.value)
+
+
+def test_schedule_s_lowest_speed_is_its_own_and_the_gains_between_are_checked():
+    made = schedule_gains((60.0, 100.0), law="curve", rails=(Rail.DRY,), ms_max=1.8, lead=0.6, lead_filter=0.06)
+    for offset, stable in ((1e-3, True), (-1e-3, False)):
+        speed = made.lowest_speed_kmh + offset
+        controller = made.controller(speed / 3.6, Rail.DRY)
+        loops = [
+            wheel_slip_loop(plant_at("curve", vehicle, Rail.DRY, speed), controller, PARK2008.actuator)
+            for vehicle in (PARK2008, PARK2008.loaded())
+        ]
+        assert all(loop.is_stable() for loop in loops) is stable
+    assert made.worst_ms == pytest.approx(1.8, rel=0.05)
+    with pytest.raises(InputError, match="no entries"):
+        schedule_gains((), ms_max=1.8)

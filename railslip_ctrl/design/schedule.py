@@ -8,18 +8,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import ValidationError
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
+from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
+from railslip_ctrl.parameters.validation import one_line
 from railslip_ctrl.units import KMH
 
 from .controllers import PIController, actuated_plant, wheel_slip_loop
+from .families import family_margins
 from .stabilizing import stabilizing_pi
 from .tuning import tune_pi
 
 _SPEED_TOLERANCE_KMH = 1e-6
+_LOWEST_KMH = 0.5  # km/h; slower, nobody controls slip
+_BETWEEN = 25  # speeds at which interpolated gains are checked
 
 
 @dataclass(frozen=True)
@@ -37,13 +43,36 @@ class GainSchedule:
     """PI gains over speed and rail, with one lead for all.
 
     Between the speeds the gains are interpolated linearly in speed; outside them the nearest entry holds. Below
-    `lowest_speed_kmh` slip control must be cut out.
+    `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms` is
+    the largest Ms over the scheduled speeds and between them.
+
+    Raises InputError for no entries, speeds that are not finite and positive or come twice on a rail, or time
+    constants that no controller has.
     """
 
     entries: tuple[ScheduleEntry, ...]
     lead: float
     lead_filter: float
     lowest_speed_kmh: float
+    worst_ms: float
+
+    def __post_init__(self) -> None:
+        if not self.entries:
+            raise InputError("gain schedule: it has no entries; give at least one speed")
+        seen = set()
+        for entry in self.entries:
+            if not (math.isfinite(entry.speed_kmh) and entry.speed_kmh > 0):
+                raise InputError(f"gain schedule: speed {entry.speed_kmh} km/h is not allowed; give a finite value > 0")
+            if (entry.rail, entry.speed_kmh) in seen:
+                raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h comes twice; keep one")
+            seen.add((entry.rail, entry.speed_kmh))
+            if not (math.isfinite(entry.worst_ms) and entry.worst_ms >= 1):
+                raise InputError(f"gain schedule: worst Ms {entry.worst_ms} is not allowed; it is finite and >= 1")
+        if not (math.isfinite(self.lowest_speed_kmh) and self.lowest_speed_kmh >= 0 and self.worst_ms >= 1):
+            raise InputError(
+                "gain schedule: lowest speed and worst Ms are not allowed; give a speed >= 0 and an Ms >= 1"
+            )
+        PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
         """The controller at a speed (m/s, > 0) on a rail.
@@ -66,6 +95,7 @@ class GainSchedule:
             "lead_s": self.lead,
             "lead_filter_s": self.lead_filter,
             "lowest_speed_kmh": self.lowest_speed_kmh,
+            "worst_ms": self.worst_ms,
             "entries": [
                 {
                     "rail": e.rail.value,
@@ -93,12 +123,14 @@ class GainSchedule:
                 )
                 for e in content["entries"]
             )
-            lead, lead_filter, lowest = (float(content[k]) for k in ("lead_s", "lead_filter_s", "lowest_speed_kmh"))
+            lead, lead_filter, lowest, worst = (
+                float(content[k]) for k in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")
+            )
+        except ValidationError as error:
+            raise InputError(one_line(error, "gain schedule", model=PIGains)) from None
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
-        if not entries:
-            raise InputError("gain schedule: it has no entries")
-        return cls(entries, lead, lead_filter, lowest)
+        return cls(entries, lead, lead_filter, lowest, worst)
 
 
 def plant_at(
@@ -124,7 +156,9 @@ def schedule_gains(
 ) -> GainSchedule:
     """Tune a PI (with one lead for all) at each speed and rail, over the vehicle's empty and loaded mass.
 
-    At each entry ki is maximised under Ms <= ms_max. Raises InfeasibleDesignError where that fails, naming the entry.
+    At each entry ki is maximised under Ms <= ms_max; between the entries the interpolated gains are checked, and the
+    schedule tells the worst Ms found (`worst_ms`, which may exceed ms_max a little) and the lowest speed its own loops
+    hold. Raises InfeasibleDesignError where an entry cannot be met, naming it; InputError for no speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -142,16 +176,35 @@ def schedule_gains(
             except InfeasibleDesignError as error:
                 raise InfeasibleDesignError(f"{rail} rail, {speed:g} km/h: {error}") from None
             entries.append(ScheduleEntry(rail, float(speed), PIGains(kp=design.kp, ki=design.ki), design.worst.ms))
-    lowest = max(
-        lowest_stabilisable_speed(
-            lambda v, rail=rail: plant_at(law, vehicle, rail, v),  # type: ignore[misc]
-            actuator,
-            lead=lead,
-            lead_filter=lead_filter,
-        )
-        for rail in rails
-    )
-    return GainSchedule(tuple(entries), lead, lead_filter, lowest)
+    return _checked(tuple(entries), lead, lead_filter, law, vehicle)
+
+
+def _checked(
+    entries: tuple[ScheduleEntry, ...], lead: float, lead_filter: float, law: str, vehicle: Vehicle
+) -> GainSchedule:
+    """The schedule with what its own loops do: between the entries, and down to the lowest speed they hold."""
+    draft = GainSchedule(entries, lead, lead_filter, 0.0, 1.0)
+    loads = (vehicle, vehicle.loaded())
+
+    def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
+        controller = draft.controller(speed_kmh * KMH, rail)
+        return [
+            wheel_slip_loop(plant_at(law, loaded, rail, speed_kmh), controller, vehicle.actuator) for loaded in loads
+        ]
+
+    worst, lowest = 1.0, 0.0
+    for rail in dict.fromkeys(e.rail for e in entries):
+        speeds = [e.speed_kmh for e in entries if e.rail is rail]
+        between = np.linspace(min(speeds), max(speeds), _BETWEEN)
+        found = family_margins([loop for speed in between for loop in loops(rail, float(speed))])
+        worst = max(worst, float(found.ms.max()) if found.stable.all() else math.inf)
+        top = max(speeds)
+
+        def held(speed_kmh: float, rail: Rail = rail) -> bool:
+            return all(loop.is_stable() for loop in loops(rail, speed_kmh))
+
+        lowest = max(lowest, _lowest(held, min(_LOWEST_KMH, top / 2), top, "this schedule does not hold the loop"))
+    return GainSchedule(entries, lead, lead_filter, lowest, worst)
 
 
 def lowest_held_speed(
