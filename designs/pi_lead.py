@@ -91,6 +91,23 @@ def draw(result: LeadDesign, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     figure = sweep_figure([result.speed_sweep, result.slip_sweep], title="PI-lead and PI: margins over speed and slip")
     save_figure(figure, folder / "pi_lead_sweeps.png")
+    draw_family(result, folder)
+
+
+def draw_family(result: LeadDesign, folder: Path) -> None:
+    """Bode, Nyquist and Nichols of the design at all twelve operating points, empty and loaded side by side."""
+    from railslip_ctrl.assessment import assess
+    from railslip_ctrl.design_check import controller_group
+    from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
+
+    groups = []
+    for mass in (3517.0, 5276.0):
+        vehicle = PARK2008.model_copy(update={"mass": mass})
+        plants = [plant_at("bristle", vehicle, rail, speed) for rail in Rail for speed in (20.0, 60.0, 100.0)]
+        assessments = tuple(assess(plant, result.controller, ACTUATOR) for plant in plants)
+        groups.append(controller_group(f"PI-lead, {mass:g} kg", "", assessments))
+    for name, draw_one in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):
+        save_figure(draw_one(tuple(groups)), folder / f"pi_lead_family_{name}.png")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 A PI-lead is tuned at each speed and rail for the largest ki with Ms <= 1.8, written out as a schedule, and compared
 with the single gain set of least worst Ms over the same range. And below which speed can the loop not be held at all?
 
-    python designs/pi_scheduled.py [FILE.json for the schedule]
+    python designs/pi_scheduled.py [FOLDER for the schedule and the picture]
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from railslip_ctrl.design.schedule import (
     plant_at,
     schedule_gains,
 )
+from railslip_ctrl.design.sweeps import sweep_speed
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 
 SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
@@ -74,8 +75,30 @@ def main() -> None:
     print(
         f"{result.lowest_lead:.3g} km/h, this gain set to {result.lowest_single:.3g} km/h; cut slip control out below."
     )
+    print(f"The schedule itself: worst Ms {result.schedule.worst_ms:.4g} between its entries, held down to", end=" ")
+    print(f"{result.schedule.lowest_speed_kmh:.3g} km/h on the bristle model.")
     if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text(result.schedule.to_json() + "\n", encoding="utf-8")
+        folder = Path(sys.argv[1])
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "pi_scheduled.json").write_text(result.schedule.to_json() + "\n", encoding="utf-8")
+        draw(result, folder)
+
+
+def draw(result: ScheduledDesign, folder: Path) -> None:
+    """Margins of the schedule and of the single gain set against speed, dry and wet."""
+    from railslip_ctrl.plots import save_figure, sweep_figure
+
+    speeds = [SPEEDS_KMH[0] + (SPEEDS_KMH[-1] - SPEEDS_KMH[0]) * i / 40 for i in range(41)]
+    sweeps = [
+        sweep_speed(
+            {"scheduled": lambda v, rail=rail: result.schedule.controller(v / 3.6, rail), "one gain set": SINGLE},
+            speeds,
+            rail=rail,
+        )
+        for rail in Rail
+    ]
+    figure = sweep_figure(sweeps, title="PI-lead, scheduled for the largest ki with Ms <= 1.8, and one gain set")
+    save_figure(figure, folder / "pi_scheduled_margins.png")
 
 
 if __name__ == "__main__":

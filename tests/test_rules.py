@@ -105,7 +105,7 @@ def test_models_reproduce_a_stable_and_an_integrating_plant_at_low_frequency():
 @pytest.mark.parametrize(
     ("rule", "match"),
     [
-        (lambda: simc_pi(lags(1.0), 0.0), "closed-loop time"),
+        (lambda: simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
         (lambda: simc_pi(lags(1.0), 0.1, closed_loop_time=-0.1), "closed-loop time"),
         (lambda: simc_pi(lags(1.0), -0.1), "dead time"),
         (lambda: simc_pi(Rational(np.array([]), np.array([]), 1.0), 0.1), "must have poles"),

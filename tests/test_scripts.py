@@ -73,6 +73,8 @@ def test_pi_robust(tmp_path, capsys, monkeypatch):
     assert 0.5 < inside.mean() < 1.0
     assert not result.robustness.suffices(2.0)
     assert result.robustness.worst.axes["rail"] == "dry"
+    assert result.all_laws.stable_share == pytest.approx(0.928, abs=5e-3)
+    assert result.all_laws.worst.axes["adhesion"] == "curve"
     monkeypatch.setattr(sys, "argv", ["pi_robust.py", str(tmp_path)])
     monkeypatch.setattr(module, "run", lambda: result)
     module.main()
@@ -97,6 +99,7 @@ def test_pi_lead(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(module, "run", lambda: result)
     module.main()
     assert (tmp_path / "pi_lead_sweeps.png").exists()
+    assert len(list(tmp_path.glob("pi_lead_family_*.png"))) == 3
     assert "worst Ms 1.4291" in capsys.readouterr().out
 
 
@@ -109,11 +112,12 @@ def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     assert result.single.worst_ms == pytest.approx(1.997, abs=5.1e-4)
     assert (result.lowest_pi, result.lowest_lead) == pytest.approx((14.314, 4.017), abs=1e-3)
     assert result.lowest_lead < result.lowest_single < result.lowest_pi
-    file = tmp_path / "schedule.json"
-    monkeypatch.setattr(sys, "argv", ["pi_scheduled.py", str(file)])
+    monkeypatch.setattr(sys, "argv", ["pi_scheduled.py", str(tmp_path)])
     monkeypatch.setattr(module, "run", lambda: result)
     module.main()
-    assert GainSchedule.from_json(file.read_text()) == result.schedule
+    assert GainSchedule.from_json((tmp_path / "pi_scheduled.json").read_text()) == result.schedule
+    assert (tmp_path / "pi_scheduled_margins.png").exists()
+    assert result.schedule.worst_ms < 1.05 * 1.8
     assert "does not suffice" in capsys.readouterr().out
 
 

@@ -16,7 +16,13 @@ from .output import print_json
 
 @click.command()
 @family_options
-@click.option("--structure", default="pi", show_default=True, metavar="pi|pi-lead|pid", help="Controller structure.")
+@click.option(
+    "--structure",
+    default="pi",
+    show_default=True,
+    metavar="pi|pi-lead|pid",
+    help="PI; PI with a lead on the actuator's lag; or PID in series form, its derivative time searched too.",
+)
 @click.option("--ms-max", type=Quantity("1", gt=1), metavar="X", help="Largest Ms allowed; ki is maximised.")
 @click.option("--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.")
 @click.option("--delay-min", type=Quantity("s", ge=0), metavar="S", help="Least delay margin allowed, s.")

@@ -15,7 +15,7 @@ does not tell the two apart. So Ms >= exp(p tau) too, which is sharper than Mt -
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,9 +155,14 @@ def fundamental_limits(
         bode_integral=math.pi * float(poles.real.sum()),
         crossover_range=_crossover_range(poles, zeros, dead_time, math.radians(allowed_lag_deg)),
         allowed_lag_deg=allowed_lag_deg,
-        pi=_phase_limit("PI", plant, dead_time),
-        pi_lead=_phase_limit("PI-lead", cancelled, dead_time),
+        pi=_at_least(_phase_limit("PI", plant, dead_time), peak),
+        pi_lead=_at_least(_phase_limit("PI-lead", cancelled, dead_time), peak),
     )
+
+
+def _at_least(limit: StructureLimit | None, peak: float) -> StructureLimit | None:
+    """What holds for every controller holds for those of a structure."""
+    return None if limit is None else replace(limit, ms_bound=max(limit.ms_bound, peak))
 
 
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:

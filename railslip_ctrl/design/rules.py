@@ -157,6 +157,8 @@ def simc_pi(plant: Rational, dead_time: float, *, closed_loop_time: float | None
         )
     tau_c = model.dead_time if closed_loop_time is None else closed_loop_time
     total = tau_c + model.dead_time
+    if closed_loop_time is None and total == 0:
+        raise InputError("SIMC: the model has no dead time, from which the rule takes tau_c; give closed_loop_time")
     if not (math.isfinite(total) and total > 0):
         raise InputError(f"closed-loop time: {tau_c} s is not allowed; give a finite value > {-model.dead_time:.4g} s")
     if model.kind is Kind.INTEGRATING:

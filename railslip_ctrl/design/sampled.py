@@ -155,8 +155,11 @@ class SampledController:
         """The state after a sample and the torque to command until the next, N*m; a pure function.
 
         `error` is lambda_d v - sigma, m/s. `torque_applied` is the command that the brake accepted since the
-        previous sample, N*m, where something beyond the controller's own limits held it back; left out, its own.
+        previous sample, N*m, where something beyond the controller's own limits held it back; left out, its own. A
+        sample that is not finite is skipped: state and torque stay as they were.
         """
+        if not math.isfinite(error):
+            return state, state.torque
         kp, p, q0, q1, now, before, tracking = self._step
         acted = state.torque if torque_applied is None else torque_applied
         filtered = p * state.filtered_error + q0 * error + q1 * state.error

@@ -179,7 +179,7 @@ class StabilizingRegion(Region):
             return (
                 f"{told}; larger ki does stabilise, for example at kp = {kp:.6g} with ki from {low:.6g} to {high:.6g}"
             )
-        return f"{told}; reduce the dead time or the lags of the actuator"
+        return f"{told}; no PI can: add a lead, or reduce the dead time or the lags"
 
     # -- internals ----------------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from .controllers import PIController, actuated_plant
 from .tuning import PIDesign, Specification, tune_pi
 
 STRUCTURES = ("pi", "pi-lead", "pid")
+_LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times looked at first, over the actuator's lag
 FILTER_RATIO = 0.1
 """Time constant of a lead's filter over that of the lead, unless given: the high-frequency gain is 10 times kp."""
 
@@ -65,7 +66,7 @@ def tune_cases(
     ----------
     structure : {"pi", "pi-lead", "pid"}
         PI; PI with a lead at the actuator's lag (or `lead`, s); or PID in the series form (kp + ki/s)
-        (Td s + 1)/(Tf s + 1) with Td searched as well.
+        (Td s + 1)/(Tf s + 1) with Td searched between 0.3 and 3 times the actuator's lag.
     ki_min : float
         Given: minimise the worst Ms with ki at least this, N*m/m. None: maximise ki.
     lead_filter : float
@@ -77,21 +78,15 @@ def tune_cases(
         Unknown structure, a lead for a plain PI, or a contradictory specification.
     """
     if structure not in STRUCTURES:
-        raise InputError(f"structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
+        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
     if structure == "pi" and (lead is not None or lead_filter is not None):
-        raise InputError("lead: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
+        raise InputError("--lead: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
     if structure == "pid" and lead is not None:
-        raise InputError("lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
-    times = [0.0] if structure == "pi" else [lead if lead is not None else actuator.lag]
+        raise InputError("--lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
     if structure == "pid":
-        base = actuator.lag or actuator.dead_time
-        times = [base * factor for factor in (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)]
-    tried = [_tune(plants, actuator, structure, specification, ki_min, t, _filter(t, lead_filter)) for t in times]
-    feasible = [t for t in tried if t.design is not None]
-    if structure == "pid" and feasible:
-        best = min(feasible, key=_cost)
-        return _refined(plants, actuator, specification, ki_min, best, lead_filter)
-    return feasible[0] if feasible else tried[len(tried) // 2]
+        return _searched(plants, actuator, specification, ki_min, lead_filter)
+    time = 0.0 if structure == "pi" else (lead if lead is not None else actuator.lag)
+    return _tune(plants, actuator, structure, specification, ki_min, time, _filter(time, lead_filter))
 
 
 def _filter(lead: float, given: float | None) -> float:
@@ -105,20 +100,32 @@ def _cost(tuned: TunedCases) -> float:
     return -tuned.design.ki if tuned.ki_min is None else tuned.design.worst.ms
 
 
-def _refined(
+def _searched(
     plants: Sequence[LinearPlant],
     actuator: Actuator,
     specification: Specification,
     ki_min: float | None,
-    best: TunedCases,
     lead_filter: float | None,
 ) -> TunedCases:
-    """A finer search of the derivative time around the best one found."""
-    tried = [best]
-    for factor in (0.86, 0.93, 1.08, 1.16):
-        lead = best.lead * factor
-        tried.append(_tune(plants, actuator, "pid", specification, ki_min, lead, _filter(lead, lead_filter)))
-    return min(tried, key=_cost)
+    """PID: the derivative time that serves the specification best, between 0.3 and 3 times the actuator's lag."""
+    from scipy.optimize import minimize_scalar
+
+    base = actuator.lag or actuator.dead_time or 1.0
+    tried: dict[float, TunedCases] = {}
+
+    def at(log_time: float) -> TunedCases:
+        if log_time not in tried:
+            lead = math.exp(log_time)
+            tried[log_time] = _tune(plants, actuator, "pid", specification, ki_min, lead, _filter(lead, lead_filter))
+        return tried[log_time]
+
+    grid = [math.log(base * factor) for factor in _LEAD_FACTORS]
+    best = min(range(len(grid)), key=lambda i: _cost(at(grid[i])))
+    if at(grid[best]).design is None:
+        return at(grid[len(grid) // 2])
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    minimize_scalar(lambda x: min(_cost(at(float(x))), 1e30), bounds=ends, method="bounded", options={"xatol": 2e-3})
+    return min(tried.values(), key=_cost)
 
 
 def _tune(

@@ -55,7 +55,7 @@ def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any
 
 def tuning_text(tuned: TunedCases) -> str:
     """The design, its worst case, and its margins at every case."""
-    parts: list[RenderableType] = [heading(f"Tuning a {tuned.structure} at {len(tuned.points)} operating points")]
+    parts: list[RenderableType] = [heading(_title(tuned))]
     if tuned.design is None:
         parts += [facts([("Asked for", tuned.asked), ("Result", f"infeasible: {tuned.reason}")])]
         return render(parts)
@@ -64,6 +64,12 @@ def tuning_text(tuned: TunedCases) -> str:
     parts.append(_case_table(tuned.points, design.margins))
     parts.append(Text(f"Verdict: worst Ms {design.worst.ms:.4g} at {case_title(tuned.points[design.worst.ms_member])}"))
     return render(parts)
+
+
+def _title(tuned: TunedCases) -> str:
+    count = len(tuned.points)
+    name = {"pi": "PI", "pi-lead": "PI-lead", "pid": "PID (series form)"}[tuned.structure]
+    return f"Tuning: {name} at {count} operating point{'s' if count != 1 else ''}"
 
 
 def _design_facts(tuned: TunedCases, design: PIDesign) -> list[tuple[str, str]]:
