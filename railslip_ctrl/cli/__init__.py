@@ -21,6 +21,7 @@ _COMMANDS = {
     "margins": "stability-margin report of a PI loop, exact dead time",
     "tune": "PI gains from a specification, for one or many operating points",
     "derive": "the sliding-mode law derived step by step; errata; generated code",
+    "verify": "the Lyapunov and reaching conditions of the sliding-mode law, decided",
 }
 
 

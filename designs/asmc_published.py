@@ -1,0 +1,88 @@
+"""What is the published sliding-mode law made of: feed-forward, gain, switching?
+
+[Park2008] Table 4 (ASMC, bristle column) in (45), with the gains as they must be read. The equivalent control has the
+adhesion torque as feed-forward and (J/r) rho as a proportional gain on e; D and K are what is left to be robust. K is
+set against the least K of the reaching condition (40) for the published disturbances, in SI and in the as-published
+reading (M, J and B times 3.6).
+
+    python designs/asmc_published.py
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.sliding.reaching_bound import holding_torque, least_gain, published_bounds, reaching_time
+from railslip_ctrl.units import KMH
+
+SPEED = 100.0 * KMH  # m/s
+SLIP = 0.132  # dry reference, bristle column
+START = SLIP * SPEED  # m/s: s of a free rolling wheel when the brake is applied
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The law in one reading of the units.
+
+    feed_forward: N m, torque that holds the reference slip; proportional_gain: (J/r) rho + D, N m/(m/s), on e, of which
+    `from_surface` is (J/r) rho; integral_gain: D rho, N m/m; pi_gain: Table 4's Kp; least_K: N m, 1 and 3 sigma;
+    reaching_time: s from free rolling without disturbances.
+    """
+
+    inertia_scale: float
+    feed_forward: float
+    proportional_gain: float
+    from_surface: float
+    integral_gain: float
+    pi_gain: float
+    K: float
+    least_K: tuple[float, float]
+    reaching_time: float
+
+
+def read(inertia_scale: float) -> Reading:
+    """One reading."""
+    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    law = PUBLISHED_LAW
+    # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
+    surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
+    # 2. What (40) asks of K.
+    one, three = (least_gain(vehicle, published_bounds(vehicle, sigmas=n)) for n in (1.0, 3.0))
+    return Reading(
+        inertia_scale=inertia_scale,
+        feed_forward=holding_torque(vehicle, SPEED),
+        proportional_gain=surface + law.D,
+        from_surface=surface,
+        integral_gain=law.D * law.rho,
+        pi_gain=TABLE4_PI["bristle"].kp,
+        K=law.K,
+        least_K=(one, three),
+        reaching_time=reaching_time(vehicle, K=law.K, D=law.D, start=START),
+    )
+
+
+def run() -> tuple[Reading, Reading]:
+    """SI and as published."""
+    return read(1.0), read(AS_PUBLISHED_INERTIA_SCALE)
+
+
+def main() -> None:
+    """Print both readings."""
+    for reading in run():
+        print(f"Inertia scale {reading.inertia_scale:g}")
+        print(f"  feed-forward at 100 km/h, dry      {reading.feed_forward:9.1f} N m")
+        print(
+            f"  gain on e: (J/r) rho + D           {reading.proportional_gain:9.1f} N m/(m/s), of it (J/r) rho "
+            f"{reading.from_surface:.1f}; the PI of Table 4 has {reading.pi_gain:.0f}"
+        )
+        print(f"  gain on the integral of e: D rho   {reading.integral_gain:9.1f} N m/m")
+        print(f"  K                                  {reading.K:9.1f} N m")
+        print(f"  least K of (40), 1 and 3 sigma     {reading.least_K[0]:9.1f} and {reading.least_K[1]:.1f} N m")
+        print(f"  s of free rolling takes            {reading.reaching_time:9.1f} s to vanish, undisturbed")
+    print("The law is a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
+
+
+if __name__ == "__main__":
+    main()

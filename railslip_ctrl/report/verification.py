@@ -1,0 +1,80 @@
+"""Text and JSON of a verification."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from railslip_ctrl.sliding.conditions import Condition, Verification
+
+from .layout import WIDTH, facts, heading, render, table
+
+_LAWS = {"paper": "published law (45), (49), and the robust variants", "robust": "robust variants"}
+
+
+def verification_json(verification: Verification) -> dict[str, Any]:
+    """The conditions in order, and whether all hold."""
+    return {
+        "conditions": [
+            {
+                "name": one.name,
+                "statement": one.statement,
+                "holds": one.holds,
+                "how": one.how,
+                "evidence": one.evidence,
+            }
+            for one in verification.conditions
+        ],
+        "all_hold": verification.all_hold,
+    }
+
+
+def verification_text(verification: Verification) -> str:
+    """A table of verdicts, every condition with its evidence, and what fails."""
+    parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), facts(_facts(verification)), Text("")]
+    rows = [(one.name, "yes" if one.holds else "NO", one.how) for one in verification.conditions]
+    parts.append(table(("Condition", "Holds", "How"), rows, left=3))
+    for one in verification.conditions:
+        parts += _paragraphs(one)
+    parts.append(Text(_verdict(verification)))
+    return render(parts)
+
+
+def _facts(verification: Verification) -> list[tuple[str, str]]:
+    reading = {1.0: " (SI)", 3.6: " (as published)"}.get(verification.inertia_scale, "")
+    return [
+        ("Law", _LAWS[verification.law]),
+        ("K", f"{verification.K:.5g} N m"),
+        ("D", f"{verification.D:.5g} N m/(m/s)"),
+        ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
+        ("First seed", str(verification.seed)),
+        ("Actuator", "none: the torque acts at once"),
+    ]
+
+
+def _paragraphs(one: Condition) -> list[RenderableType]:
+    verdict = "holds" if one.holds else "DOES NOT HOLD"
+    return [
+        heading(f"{one.name}: {verdict} ({one.how})", "-"),
+        _wrapped(one.statement),
+        _wrapped(one.evidence),
+        Text(""),
+    ]
+
+
+def _wrapped(text: str) -> Text:
+    return Text(textwrap.fill(text, WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
+
+
+def _verdict(verification: Verification) -> str:
+    if verification.all_hold:
+        return f"Verdict: all {len(verification.conditions)} conditions hold."
+    claimed = [one.name for one in verification.failing if one.claimed]
+    others = [one.name for one in verification.failing if not one.claimed]
+    lines = [f"Verdict: {len(verification.failing)} of {len(verification.conditions)} conditions do not hold."]
+    for title, names in (("Claimed or relied on by [Park2008]:", claimed), ("Others:", others)):
+        lines += [title, *(f"  - {name}" for name in names)] if names else []
+    return "\n".join(lines)

@@ -1,0 +1,64 @@
+"""Gains of the sliding-mode laws in SI, published ones included."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from railslip_ctrl.errors import InputError
+
+PRINTED_ADAPTATION = 2.1e-8
+"""k of [Park2008] Table 4: theta_hat' = k s phi per second, s in km/h, Ta in N*m, omega = v_kmh/r."""
+
+
+@dataclass(frozen=True)
+class LawGains:
+    """Gains of the law (45) and of its robust variants.
+
+    Attributes
+    ----------
+    K : float
+        Gain on the switching term, N*m, >= 0.
+    D : float
+        Gain on s, N*m/(m/s), > 0; added to the torque like K.
+    rho : float
+        Weight of the integral in s, 1/s, > 0.
+    k1, k2 : float
+        Adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i.
+    layer : float
+        Width Phi of the boundary layer, m/s, >= 0; 0 is sgn s. Above 0 the adaptation rests inside it where
+        `dead_zone` is set.
+    leak : float
+        Rate of sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
+    box : tuple of two pairs, or None
+        Projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s).
+    dead_zone : bool
+        The adaptation is driven by s - Phi sat(s/Phi) in place of s.
+
+    Raises
+    ------
+    InputError
+        A gain that is not finite or below its bound.
+    """
+
+    K: float
+    D: float
+    rho: float
+    k1: float = 0.0
+    k2: float = 0.0
+    layer: float = 0.0
+    leak: float = 0.0
+    box: tuple[tuple[float, float], tuple[float, float]] | None = None
+    dead_zone: bool = False
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self) if f.name not in ("box", "dead_zone")):
+            value, positive = getattr(self, name), name in ("D", "rho")
+            if not (math.isfinite(value) and (value > 0 if positive else value >= 0)):
+                sign = ">" if positive else ">="
+                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
+
+
+# In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
+PUBLISHED_LAW = LawGains(K=70.0, D=3.6 * 1.53, rho=1.54, k1=PRINTED_ADAPTATION, k2=3.6**2 * PRINTED_ADAPTATION)
+"""[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""

@@ -1,0 +1,69 @@
+"""What `verify` returns: conditions, each with its verdict, how it was reached, and the evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+How = Literal["symbolic", "sampled", "simulated"]
+"""Proved with SymPy or in closed form; evaluated over a stated set; read off simulated runs."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition.
+
+    Attributes
+    ----------
+    name : str
+        Short, unique in a verification.
+    statement : str
+        What is asked, in words and letters.
+    holds : bool
+    how : str
+        "symbolic", "sampled" or "simulated".
+    evidence : str
+        What decided it: the identity, or the numbers and the set they belong to.
+    claimed : bool
+        Whether [Park2008] claims it or relies on it.
+    """
+
+    name: str
+    statement: str
+    holds: bool
+    how: How
+    evidence: str
+    claimed: bool = False
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The conditions of a law, in order, and what they were decided for.
+
+    `law` is "paper" (which has the robust variants' conditions too) or "robust"; K (N*m) and D (N*m/(m/s)) are those
+    of that law; `inertia_scale` is the reading (1 SI, 3.6 as published); `seed` is where random numbers start.
+    """
+
+    law: str
+    inertia_scale: float
+    K: float
+    D: float
+    seed: int
+    conditions: tuple[Condition, ...]
+
+    @property
+    def all_hold(self) -> bool:
+        """True where every condition holds."""
+        return all(one.holds for one in self.conditions)
+
+    @property
+    def failing(self) -> tuple[Condition, ...]:
+        """The conditions that do not hold."""
+        return tuple(one for one in self.conditions if not one.holds)
+
+    def __getitem__(self, name: str) -> Condition:
+        """The condition of a name; KeyError for another."""
+        for one in self.conditions:
+            if one.name == name:
+                return one
+        raise KeyError(name)

@@ -1,0 +1,487 @@
+"""The conditions of the sliding-mode law: verdicts, their numbers, and that a changed plant changes them."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from railslip_ctrl import cli
+from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.report.verification import verification_text
+from railslip_ctrl.sliding.closed_loop_samples import AXES, operating_box, surface_rate, worst_point
+from railslip_ctrl.sliding.conditions import verify
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW, LawGains
+from railslip_ctrl.sliding.ideal_loop import Disturbances, disturbance_function, simulate, true_theta
+from railslip_ctrl.sliding.reaching_bound import (
+    DisturbanceBounds,
+    largest_disturbance,
+    least_gain,
+    published_bounds,
+    reaching_time,
+)
+from railslip_ctrl.sliding.reaching_conditions import measured_drift, parameter_step, reaching_simulated, ultimate_bound
+from railslip_ctrl.sliding.robust import (
+    boundary_layer,
+    dead_zone,
+    gain_units,
+    layered_design,
+    leak,
+    leaking_design,
+    matrix_gain,
+    parameter_box,
+    projection,
+)
+from railslip_ctrl.sliding.robust_conditions import largest_cross_term, layer_bound, leak_bound, projected
+
+ROOT = Path(__file__).resolve().parent.parent
+AS_PUBLISHED = PARK2008.model_copy(update={"inertia_scale": 3.6})
+
+VERDICTS = {
+    "derivation": True,
+    "V positive definite": True,
+    "V' identity": True,
+    "closed loop identity": True,
+    "V' <= 0, ideal": True,
+    "V' <= 0, disturbed": False,
+    "Barbalat, ideal": True,
+    "invariant-set theorem": False,
+    "theta_hat converges": False,
+    "scalar gain k": False,
+    "reaching condition (40)": False,
+    "s s' < -eta |s| over the box": False,
+    "sliding reached and kept": False,
+    "boundary layer with K": False,
+    "theta constant": False,
+    "theta_hat bounded under noise": False,
+    "matrix gain": True,
+    "robust gain": True,
+    "boundary layer, bound": True,
+    "boundary layer, runs": True,
+    "dead zone in the adaptation": True,
+    "projection": True,
+    "projection, samples": True,
+    "layer, dead zone, projection: runs": True,
+    "sigma-modification, bound": True,
+    "sigma-modification, runs": True,
+}
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return verify()
+
+
+@pytest.fixture(scope="module")
+def as_published():
+    return verify(vehicle=AS_PUBLISHED)
+
+
+def run(capsys, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_info:
+        cli.main(list(arguments))
+    out, err = capsys.readouterr()
+    return exit_info.value.code, out, err
+
+
+# --- verdicts -------------------------------------------------------------------------------------------------------
+
+
+def test_verdicts_of_the_published_law(paper):
+    assert {one.name: one.holds for one in paper.conditions} == VERDICTS
+    assert not paper.all_hold
+    assert {one.how for one in paper.conditions} == {"symbolic", "sampled", "simulated"}
+    claimed = {one.name for one in paper.failing if one.claimed}
+    assert claimed == {name for name, holds in VERDICTS.items() if not holds} - {
+        "boundary layer with K",
+        "theta_hat bounded under noise",
+    }
+
+
+def test_report_shows_every_condition_and_lists_the_failed_claims(paper):
+    text = verification_text(paper)
+    for one in paper.conditions:
+        assert f"{one.name}: {'holds' if one.holds else 'DOES NOT HOLD'} ({one.how})" in text
+    assert "Verdict: 10 of 26 conditions do not hold." in text
+    assert "Claimed or relied on by [Park2008]:\n  - V' <= 0, disturbed" in text
+    assert max(map(len, text.splitlines())) <= 110
+
+
+def test_numbers_in_the_evidence(paper):
+    reaching = paper["reaching condition (40)"].evidence
+    for number in ("461.3 N m, 6.59 times K", "221.9 N m", "866.4 N m", "627.0 N m", "459.5 N m", "71.05 m/s"):
+        assert number in reaching
+    assert "seeds 2008 to 2015" in paper["sliding reached and kept"].evidence
+    assert "1.157 m^2/s^2" in paper["theta constant"].evidence  # SI
+    assert "0.08929 m^2/s^2" in paper["theta constant"].evidence  # as published
+    with pytest.raises(KeyError):
+        paper["no such condition"]
+
+
+def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
+    strong = verify(law="robust", K=900.0)
+    assert strong.all_hold
+    assert "all 10 conditions hold" in verification_text(strong)
+    weak = verify(law="robust", K=400.0)
+    assert not weak["robust gain"].holds
+    assert not weak["boundary layer, bound"].holds
+    assert weak["projection"].holds
+
+
+def test_as_published_the_verdicts_are_the_same(as_published):
+    assert {one.name: one.holds for one in as_published.conditions} == VERDICTS
+    assert as_published.inertia_scale == 3.6
+    assert "25.62 km/h" in as_published["theta constant"].evidence
+
+
+# --- the bound on K -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("vehicle", [PARK2008, AS_PUBLISHED, PARK2008.loaded()])
+def test_least_gain_against_the_maximum_over_the_disturbance_box(vehicle):
+    bounds = published_bounds(vehicle, sigmas=3.0)
+    axes = (
+        np.linspace(-bounds.random_torque, bounds.random_torque, 21),
+        np.linspace(0.0, bounds.resistance, 21),
+        np.linspace(-bounds.disturbance_torque, bounds.disturbance_torque, 21),
+    )
+    Tr, Fr, Td = np.meshgrid(*axes)
+    J, r = vehicle.effective_inertia, vehicle.wheel.radius
+    brute = np.max(np.abs(disturbance_function()(Tr, Fr, Td, vehicle.effective_mass, J, r))) * J / r
+    assert least_gain(vehicle, bounds) == pytest.approx(brute, rel=1e-12)  # the grid has the corners
+    eta, D, surface = 0.3, 5.0, 2.0
+    assert least_gain(vehicle, bounds, D=D, surface=surface, eta=eta) == pytest.approx(
+        brute - D * surface + eta * J / r, rel=1e-12
+    )
+
+
+def test_least_gain_by_hand():
+    # Tr (1 + J/(r^2 M)) + J Fr/(r M) + Td with the published numbers, 1 sigma
+    J, r, M = 60.35, 0.43, 3517.0
+    by_hand = 0.43 * 431 * (1 + J / (r**2 * M)) + J / (r * M) * 0.63 * (100 / 3.6) ** 2
+    bounds = published_bounds(PARK2008, sigmas=1.0, with_torque=False)
+    assert least_gain(PARK2008, bounds) == pytest.approx(by_hand, rel=1e-12)
+    assert least_gain(PARK2008, DisturbanceBounds(0.0, 0.0, 0.0), D=1.0, surface=5.0) == 0.0
+
+
+def test_disturbance_bounds_are_sizes():
+    with pytest.raises(InputError, match=r"^disturbance_torque: -1 is not allowed"):
+        DisturbanceBounds(1.0, 1.0, -1.0)
+
+
+def test_reaching_time_is_the_simulated_one():
+    exact = replace(PUBLISHED_LAW, k1=0.0, k2=0.0, K=400.0)
+    run = simulate(PARK2008, exact, duration=5.0)
+    expected = reaching_time(PARK2008, K=400.0, D=exact.D, start=float(run.s[0, 0]))
+    crossed = run.time[np.argmax(run.s[:, 0] <= 0.0)]
+    assert crossed == pytest.approx(expected, abs=0.01)  # five steps
+    assert math.isinf(reaching_time(PARK2008, K=0.0, D=1.0, start=1.0))
+
+
+# --- counterexample -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("estimated", [True, False])
+def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated):
+    box = operating_box(PARK2008)
+    worst = worst_point(box, PARK2008, PUBLISHED_LAW, seed=3, estimated=estimated)
+    low, high = np.array(box.bounds).T
+    point = np.array(worst.point)
+    assert np.all((point >= low) & (point <= high))
+    s = point[-1]
+    rate = surface_rate(point[:, None], PARK2008, PUBLISHED_LAW, estimated=estimated)[0]
+    assert s * rate > 0
+    assert np.sign(s) * rate == pytest.approx(worst.excess)
+    others = low + (high - low) * np.random.default_rng(0).random((50_000, len(AXES)))
+    others = np.vstack((others, list(itertools.product(*box.bounds)))).T
+    values = np.sign(others[-1]) * surface_rate(others, PARK2008, PUBLISHED_LAW, estimated=estimated)
+    assert np.max(values) <= worst.excess * 1.01  # the search stops within 1 % of the supremum
+
+
+def test_a_large_gain_leaves_no_counterexample():
+    strong = replace(PUBLISHED_LAW, K=3000.0)
+    assert worst_point(operating_box(PARK2008), PARK2008, strong, seed=1).excess < 0
+
+
+# --- simulation of the ideal loop -----------------------------------------------------------------------------------
+
+
+def test_V_falls_in_the_ideal_loop_and_theta_need_not_converge():
+    run = simulate(PARK2008.loaded(), PUBLISHED_LAW, nominal=PARK2008, duration=20.0)
+    V = run.V[np.isfinite(run.V[:, 0]), 0]
+    assert np.max(np.diff(V)) < 1e-4 * V[0]  # chatter of the sampled relay
+    assert V[-1] < 1e-3 * V[0]
+    alive = np.isfinite(run.theta_hat[:, 0, 1])
+    left = run.theta - run.theta_hat[alive][-1, 0]
+    assert abs(left[1]) > 1e-6  # theta2 = 0 was the initial estimate: it has been moved away from it, and stays away
+
+
+def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
+    gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
+    errors = []
+    for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
+        monkeypatch.setattr("railslip_ctrl.sliding.ideal_loop.STEP", step)
+        run = simulate(PARK2008, gains, duration=3.0)
+        rate = np.gradient(run.V[:, 0], run.time)
+        expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
+        errors.append(np.max(np.abs(rate - expected)[5:-5]))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_drift_is_the_predicted_one_and_needs_noise():
+    found = measured_drift(PARK2008, PUBLISHED_LAW, tuple(range(16)))
+    assert found.mean == pytest.approx(found.predicted, rel=0.05)
+    assert abs(found.mean) > 10 * found.standard_error
+    assert abs(found.noiseless) < 1e-3 * abs(found.mean)
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.6])
+def test_step_of_V_at_25_s(scale):
+    vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
+    step = parameter_step(vehicle, PUBLISHED_LAW)
+    theta = (1 / 5276 - 1 / 3517) / scale / 0.43
+    assert step.theta_step == pytest.approx(theta, rel=1e-12)
+    assert step.jump == pytest.approx(theta**2 / (2 * 2.1e-8), rel=1e-12)
+    assert (step.speed is None) == (scale == 1.0)
+
+
+def test_a_diverging_run_leaves_the_domain():
+    with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
+        simulate(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
+
+
+def test_with_enough_gain_sliding_is_reached_and_kept():
+    strong = replace(PUBLISHED_LAW, K=1000.0)
+    assert reaching_simulated(PARK2008, strong, (1, 2)).holds
+
+
+# --- robust variants ------------------------------------------------------------------------------------------------
+
+
+def test_robust_derivations_are_proved():
+    for variant in (boundary_layer(), dead_zone(), projection(), leak(), matrix_gain()):
+        assert variant.proved, variant.name
+    assert gain_units() == ("kg^-2 m^-4 s^2", "1")
+
+
+def test_layer_bound_is_reached_by_a_constant_disturbance():
+    gains = layered_design(PARK2008)
+    largest = largest_disturbance(PARK2008, published_bounds(PARK2008, sigmas=3.0))
+    J, r = PARK2008.wheel.inertia, PARK2008.wheel.radius
+    s, h = 2.0, 1e-4
+    for _ in range(100_000):
+        s += h * r / J * (largest - gains.D * s - gains.K * np.clip(s / gains.layer, -1, 1))
+    assert s == pytest.approx(layer_bound(gains, largest), rel=1e-6)
+    assert ultimate_bound(largest, gains, gains.layer) == pytest.approx(s, rel=1e-6)
+
+
+def test_without_the_gain_the_layer_bound_is_that_of_D_alone():
+    assert ultimate_bound(461.3, PUBLISHED_LAW, 0.2) == pytest.approx((461.3 - 70.0) / PUBLISHED_LAW.D)
+
+
+def test_projection_is_needed_and_never_raises_V():
+    gains = layered_design(PARK2008)
+    assert largest_cross_term(gains, seed=5) <= 0.0
+    for theta in (true_theta(PARK2008, PARK2008), true_theta(PARK2008.loaded(), PARK2008)):
+        assert all(low <= value <= high for value, (low, high) in zip(theta, gains.box, strict=True))
+    rates = projected(np.array([1.0, 1.0, -1.0]), np.array([2.0, 1.0, 2.0]), np.zeros(3), np.full(3, 2.0))
+    assert rates.tolist() == [0.0, 1.0, -1.0]
+
+
+def test_projection_and_leak_hold_the_estimate_where_the_published_law_does_not():
+    # an estimate far outside: with noise it stays where s does not see it, projected or leaking it comes back
+    noise = Disturbances(slip_noise=0.1)
+    far = (0.0, 0.05)
+    common = {"duration": 4.0, "held_speed": 100 / 3.6, "disturbances": noise, "start_estimate": far}
+    box = parameter_box(PARK2008)
+    free = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
+    boxed = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
+    leaking = simulate(PARK2008, leaking_design(PARK2008), **common)
+    assert abs(free.theta_hat[-1, 0, 1] - 0.05) < 1e-3
+    assert boxed.theta_hat[-1, 0, 1] <= box[1][1]
+    assert leaking.theta_hat[-1, 0, 1] < 0.05 * math.exp(-0.9 * leaking_design(PARK2008).leak * 4.0)
+
+
+def test_leak_bound():
+    bound = leak_bound(PARK2008, leaking_design(PARK2008))
+    theta = (1 / 5276 - 1 / 3517) / 0.43
+    assert bound.level == pytest.approx(theta**2 / (2 * 2.1e-8), rel=1e-9)  # ell = c
+    assert bound.surface == pytest.approx(math.sqrt(2 * bound.level))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"), [({"K": -1.0}, "K"), ({"D": 0.0}, "D"), ({"rho": math.nan}, "rho"), ({"leak": -1.0}, "leak")]
+)
+def test_gains_are_checked(change, word):
+    with pytest.raises(InputError, match=f"^{word}: "):
+        LawGains(**{"K": 1.0, "D": 1.0, "rho": 1.0, **change})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"K": -1.0}, "K: -1 is not allowed"),
+        ({"K": 1e9}, "K: 1e\\+09"),
+        ({"D": 0.0}, "D: 0 "),
+        ({"seed": -1}, "seed: -1"),
+        ({"vehicle": PARK2008.model_copy(update={"inertia_scale": 100.0})}, "inertia scale: 100"),
+        ({"law": "theirs"}, "law: 'theirs'"),
+    ],
+)
+def test_verify_checks_its_arguments(arguments, word):
+    with pytest.raises(InputError, match=word):
+        verify(**arguments)
+
+
+# --- command --------------------------------------------------------------------------------------------------------
+
+
+def test_json_of_the_robust_law(capsys):
+    status, out, err = run(capsys, "verify", "--law", "robust", "--seed", "7", "--json")
+    assert (status, err) == (0, "")
+    content = json.loads(out)
+    assert set(content) == {"conditions", "all_hold"}
+    assert content["all_hold"] is True
+    for one in content["conditions"]:
+        assert set(one) == {"name", "statement", "holds", "how", "evidence"}
+        assert one["how"] in ("symbolic", "sampled", "simulated")
+        assert one["holds"] is True
+
+
+def test_the_published_law_exits_with_1(capsys, monkeypatch, paper):
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify", lambda **_: paper)
+    status, out, err = run(capsys, "verify", "--json")
+    assert (status, err) == (1, "")
+    content = json.loads(out)
+    assert {one["name"]: one["holds"] for one in content["conditions"]} == VERDICTS
+    assert content["all_hold"] is False
+    status, out, _err = run(capsys, "verify")
+    assert status == 1
+    assert out.startswith("Conditions of the sliding-mode law")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--law", "theirs"), ("--law", "theirs", "paper or robust")),
+        (("--K", "-3"), ("--K", "-3", ">= 0")),
+        (("--K", "1e6"), ("--K", "1e+06", "10000")),
+        (("--K", "5 kg"), ("--K",)),
+        (("--D", "0"), ("--D", "> 0")),
+        (("--D", "0.01"), ("--D", "0.01", "0.1")),
+        (("--inertia-scale", "50"), ("--inertia-scale", "50", "10")),
+        (("--inertia-scale", "nan"), ("--inertia-scale",)),
+        (("--seed", "-1"), ("--seed", "-1", "whole number")),
+        (("--seed", "1.5"), ("--seed", "1.5")),
+        (("--seed", "99999999999999"), ("--seed", "2147483648")),
+    ],
+)
+def test_bad_options_are_one_line_and_exit_2(capsys, arguments, words):
+    status, out, err = run(capsys, "verify", *arguments)
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    for word in words:
+        assert word in err
+
+
+# --- mutations ------------------------------------------------------------------------------------------------------
+
+PROBE = """
+import json
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.sliding.lyapunov_conditions import lyapunov_conditions
+from railslip_ctrl.sliding.reaching_bound import least_gain, published_bounds
+found = {one.name: one.holds for one in lyapunov_conditions(PARK2008, PUBLISHED_LAW, seed=1)}
+found["K_min"] = least_gain(PARK2008, published_bounds(PARK2008, sigmas=1.0, with_torque=False))
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "changed"),
+    [
+        ("+ Ta - Tb - Td + Tr)  # (3)", "+ Ta + Tb - Td + Tr)  # (3)", {"derivation"}),
+        ("-Fa - Fr - Tr / r)  # (4)", "-Fa - Fr + Tr / r)  # (4)", {"derivation", "K_min"}),
+        ("-Fa - Fr - Tr / r)  # (4)", "Fa - Fr - Tr / r)  # (4)", {"derivation", "closed loop identity"}),
+    ],
+)
+def test_a_flipped_sign_of_the_plant_is_noticed(tmp_path, old, new, changed):
+    """The plant of a scratch copy is changed; the probe fails or its verdicts change."""
+    shutil.copytree(ROOT / "railslip_ctrl", tmp_path / "railslip_ctrl", ignore=shutil.ignore_patterns("__pycache__"))
+    target = tmp_path / "railslip_ctrl" / "plant.py"
+    text = target.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    target.write_text(text.replace(old, new), encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        assert "Error" in done.stderr
+        return
+    found = json.loads(done.stdout)
+    true = {name: VERDICTS[name] for name in found if name in VERDICTS}
+    bounds = published_bounds(PARK2008, sigmas=1.0, with_torque=False)
+    true["K_min"] = least_gain(PARK2008, bounds)
+    different = {
+        name for name, value in found.items() if value != (pytest.approx(true[name]) if name == "K_min" else true[name])
+    }
+    assert changed <= different
+    assert derive().all_checked  # the real one
+
+
+# --- scripts --------------------------------------------------------------------------------------------------------
+
+
+def script(path: str):
+    """Import a script by its path, as a reader would run it."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_asmc_published(capsys):
+    module = script("designs/asmc_published.py")
+    si, published = module.run()
+    assert si.from_surface == pytest.approx(60.35 / 0.43 * 1.54)
+    assert published.proportional_gain == pytest.approx(783.6, abs=0.05)
+    for reading in (si, published):
+        assert reading.least_K[0] > 6.5 * reading.K
+        assert reading.feed_forward > 60 * reading.K
+        assert reading.integral_gain < 10
+    assert si.reaching_time == pytest.approx(6.5, abs=0.05)
+    assert published.reaching_time == pytest.approx(3.6 * si.reaching_time)
+    module.main()
+    assert "far too small to make it slide" in capsys.readouterr().out
+
+
+def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
+    module = script("analysis/lyapunov_asmc.py")
+    monkeypatch.setattr(module, "verify", lambda vehicle, seed: paper if vehicle == PARK2008 else as_published)
+    si, published = module.run()
+    for result in (si, published):
+        assert result.largest_rise(result.ideal) < 1e-4
+        assert result.largest_rise(result.disturbed) > 1e-2
+    monkeypatch.setattr(sys, "argv", ["lyapunov_asmc.py", str(tmp_path)])
+    monkeypatch.setattr(module, "run", lambda: (si, published))
+    module.main()
+    assert (tmp_path / "lyapunov_asmc.png").exists()
+    out = capsys.readouterr().out
+    assert "Verdict: 10 of 26 conditions do not hold." in out
+    assert out.count("V along an ideal stop") == 2
