@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import MappingProxyType
+from typing import NamedTuple
 
 from .records import Actuator, PIGains, Resistance, Vehicle, Wheel
 
@@ -24,12 +25,38 @@ PARK2008 = Vehicle(
     source="[Park2008] Tables 1 and 2, p. 55",
 )
 
-# [Park2008] Table 4, printed "N-h" and "N", read as N*m per km/h and N*m per km/h per s: 1 km/h = 1/3.6 m/s.
+
+class PrintedPI(NamedTuple):
+    """PI gains as Table 4 prints them: Kp in "N-h", Ki in "N"; read as N*m per km/h and N*m per km/h per s."""
+
+    Kp: float
+    Ki: float
+
+
+class PrintedSliding(NamedTuple):
+    """Sliding-mode gains as Table 4 prints them: D and rho in "1/h", K in "km/h^2", k without a unit.
+
+    Read as D in N*m per km/h and K in N*m, both added to the torque, rho in 1/s, and k with s in km/h, Ta in N*m and
+    omega = v_kmh/r.
+    """
+
+    D: float
+    K: float
+    rho: float
+    k: float
+
+
+TABLE4_PI_PRINTED = MappingProxyType({"beam": PrintedPI(400.0, 54.0), "bristle": PrintedPI(650.0, 27.0)})
+"""[Park2008] Table 4, PI, by column, as printed."""
+
+TABLE4_SLIDING_PRINTED = MappingProxyType(
+    {"beam": PrintedSliding(1.62, 70.0, 1.65, 2.1e-8), "bristle": PrintedSliding(1.53, 70.0, 1.54, 2.1e-8)}
+)
+"""[Park2008] Table 4, ASMC, by column, as printed."""
+
+# 1 km/h = 1/3.6 m/s
 TABLE4_PI = MappingProxyType(
-    {
-        "beam": PIGains(kp=3.6 * 400.0, ki=3.6 * 54.0),
-        "bristle": PIGains(kp=3.6 * 650.0, ki=3.6 * 27.0),
-    }
+    {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
 )
 """Table 4's PI gains by column, in SI (N*m/(m/s) and N*m/m)."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from railslip_ctrl import plant
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_SLIDING_PRINTED
 
 from . import printed
 from .adaptation import THETA_TILDE
@@ -222,6 +222,6 @@ def _lyapunov_jump(derivation: Derivation) -> float:
     light, heavy = (AS_PUBLISHED_INERTIA_SCALE * mass for mass in _MASS)
     masses = {sliding_symbol("Mn"): light, sliding_symbol("Mp"): heavy - light, plant.r: _R}
     theta1 = float(derivation.theta[0].subs(masses))
-    gain = printed.TABLE4_ASMC["bristle"][3]
+    gain = TABLE4_SLIDING_PRINTED["bristle"].k
     at = {sliding_symbol("s"): 0, THETA_TILDE[0]: theta1, THETA_TILDE[1]: 0, sliding_symbol("k"): gain}
     return float(derivation.V.subs(at))

@@ -5,7 +5,13 @@ from __future__ import annotations
 import sympy as sp
 
 from railslip_ctrl import plant
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
+from railslip_ctrl.parameters import (
+    AS_PUBLISHED_INERTIA_SCALE,
+    PARK2008,
+    TABLE4_PI,
+    TABLE4_PI_PRINTED,
+    TABLE4_SLIDING_PRINTED,
+)
 from railslip_ctrl.units import KMH, to_unit
 
 from . import printed
@@ -34,7 +40,7 @@ def random_disturbance(derivation: Derivation) -> float:
 
 
 def _reaching_gain(derivation: Derivation) -> Erratum:
-    D, K = printed.TABLE4_ASMC["bristle"][0] / KMH, printed.TABLE4_ASMC["bristle"][1]
+    D, K = TABLE4_SLIDING_PRINTED["bristle"].D / KMH, TABLE4_SLIDING_PRINTED["bristle"].K
     ratio = _WHEEL.radius / _WHEEL.inertia
     d = random_disturbance(derivation)
     resistance = PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] * KMH) ** 2 / PARK2008.mass
@@ -92,7 +98,7 @@ def _table3() -> Erratum:
 
 
 def _table4_kp() -> Erratum:
-    kp = printed.TABLE4_PI["bristle"][0]
+    kp = TABLE4_PI_PRINTED["bristle"].Kp
     as_printed = to_unit(f"{kp} N*h", "N*m/(m/s)")
     same = to_unit(f"{kp} kN*m/(km/h)", "N*m/(m/s)")
     read = TABLE4_PI["bristle"].kp
@@ -108,7 +114,7 @@ def _table4_kp() -> Erratum:
 
 
 def _table4_ki() -> Erratum:
-    ki = printed.TABLE4_PI["bristle"][1]
+    ki = TABLE4_PI_PRINTED["bristle"].Ki
     as_printed = to_unit(f"{ki} N", "N*m/m")
     read = TABLE4_PI["bristle"].ki
     return told(
@@ -123,7 +129,7 @@ def _table4_ki() -> Erratum:
 
 
 def _table4_asmc() -> Erratum:
-    D, K, rho, _ = printed.TABLE4_ASMC["bristle"]
+    D, K, rho, _ = TABLE4_SLIDING_PRINTED["bristle"]
     D0, K0 = to_unit(f"{D} 1/h", "1/s"), to_unit(f"{K} km/h^2", "m/s^2")
     ratio = _WHEEL.radius / _WHEEL.inertia
     rho_printed = to_unit(f"{rho} 1/h", "1/s")

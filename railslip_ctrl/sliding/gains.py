@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from railslip_ctrl.errors import InputError
-
-PRINTED_ADAPTATION = 2.1e-8
-"""k of [Park2008] Table 4: theta_hat' = k s phi per second, s in km/h, Ta in N*m, omega = v_kmh/r."""
+from railslip_ctrl.parameters import TABLE4_SLIDING_PRINTED
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,8 @@ class LawGains:
                 raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
 
 
+_PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
+
 # In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
-PUBLISHED_LAW = LawGains(K=70.0, D=3.6 * 1.53, rho=1.54, k1=PRINTED_ADAPTATION, k2=3.6**2 * PRINTED_ADAPTATION)
+PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=_PRINTED.k, k2=3.6**2 * _PRINTED.k)
 """[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""

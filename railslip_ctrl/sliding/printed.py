@@ -197,12 +197,6 @@ TABLE3 = MappingProxyType(
 TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})
 TABLE3_IMPROVEMENT = 24.5  # per cent
 
-TABLE4_PI = MappingProxyType({"beam": (400.0, 54.0), "bristle": (650.0, 27.0)})
-"""Kp in "N-h", Ki in "N"."""
-
-TABLE4_ASMC = MappingProxyType({"beam": (1.62, 70.0, 1.65, 2.1e-8), "bristle": (1.53, 70.0, 1.54, 2.1e-8)})
-"""D in "1/h", K in "km/h^2", rho in "1/h", k "dimensionless"."""
-
 TABLE5_ENERGY = MappingProxyType({"PI": 1.77e-7, "ASMC": 1.71e-7})
 """kN*m as the table has it; p. 56 has the same digits times 10^7 N*m."""
 

@@ -13,6 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import TABLE4_SLIDING_PRINTED
 
 
 class FeedForward(StrEnum):
@@ -62,17 +63,14 @@ class SlidingGains:
                 raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
 
 
-PUBLISHED_ADAPTATION = 2.1e-8
-"""k of [Park2008] Table 4, in the printed units of km/h, N*m and rad of a wheel with v in km/h."""
-
 OMEGA_UNIT_FACTOR = 12.96
 """3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
 
 # [Park2008] Table 4: D printed "1/h" and read as N*m per km/h, K printed "km/h^2" and read as N*m, rho per second.
 TABLE4_SLIDING = MappingProxyType(
     {
-        "beam": SlidingGains(K=70.0, D=3.6 * 1.62, rho=1.65, k=PUBLISHED_ADAPTATION),
-        "bristle": SlidingGains(K=70.0, D=3.6 * 1.53, rho=1.54, k=PUBLISHED_ADAPTATION),
+        name: SlidingGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k=printed.k)
+        for name, printed in TABLE4_SLIDING_PRINTED.items()
     }
 )
 """Table 4's sliding-mode gains by column, SI."""
