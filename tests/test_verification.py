@@ -45,6 +45,7 @@ from railslip_ctrl.sliding.robust import (
     projection,
 )
 from railslip_ctrl.sliding.robust_conditions import largest_cross_term, layer_bound, leak_bound, projected
+from railslip_ctrl.sliding_verification import FullVerification
 
 ROOT = Path(__file__).resolve().parent.parent
 AS_PUBLISHED = PARK2008.model_copy(update={"inertia_scale": 3.6})
@@ -361,7 +362,8 @@ def test_json_of_the_robust_law(capsys):
 
 
 def test_the_published_law_exits_with_1(capsys, monkeypatch, paper):
-    monkeypatch.setattr("railslip_ctrl.cli.verify.verify", lambda **_: paper)
+    full = FullVerification(paper, (), "")
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     status, out, err = run(capsys, "verify", "--json")
     assert (status, err) == (1, "")
     content = json.loads(out)

@@ -7,7 +7,8 @@ import click
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.report.verification import verification_json, verification_text
-from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D, verify
+from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
+from railslip_ctrl.sliding_verification import verify_with_actuator
 
 from .options import Quantity
 from .output import print_json
@@ -72,11 +73,14 @@ def command(
         if value is not None and not low <= value <= high:
             raise InputError(f"{option}: {value:g} is not allowed; give a value from {low:g} to {high:g}")
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    result = verify(law="paper" if law == "paper" else "robust", vehicle=vehicle, K=gain, D=damping, seed=_seed(seed))
+    full = verify_with_actuator(
+        law="paper" if law == "paper" else "robust", vehicle=vehicle, K=gain, D=damping, seed=_seed(seed)
+    )
+    result = full.verification
     if as_json:
         print_json(verification_json(result))
     else:
-        click.echo(verification_text(result), nl=False)
+        click.echo(verification_text(result, full.conclusion), nl=False)
     ctx.exit(0 if result.all_hold else 1)
 
 

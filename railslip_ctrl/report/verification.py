@@ -32,14 +32,16 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     }
 
 
-def verification_text(verification: Verification) -> str:
-    """A table of verdicts, every condition with its evidence, and what fails."""
+def verification_text(verification: Verification, conclusion: str = "") -> str:
+    """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude."""
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), facts(_facts(verification)), Text("")]
     rows = [(one.name, "yes" if one.holds else "NO", one.how) for one in verification.conditions]
     parts.append(table(("Condition", "Holds", "How"), rows, left=3))
     for one in verification.conditions:
         parts += _paragraphs(one)
     parts.append(Text(_verdict(verification)))
+    if conclusion:
+        parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), _wrapped(conclusion)]
     return render(parts)
 
 
@@ -51,7 +53,7 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
         ("D", f"{verification.D:.5g} N m/(m/s)"),
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
-        ("Actuator", "none: the torque acts at once"),
+        ("Actuator", "none (the torque acts at once) but where a condition names it"),
     ]
 
 
