@@ -12,6 +12,7 @@ from typing import Literal
 from .errors import DomainError
 from .parameters import PARK2008, Rail, Vehicle
 from .sliding.conditions import Condition, Verification, verify
+from .sliding.robust import LAYER_WIDTH
 from .switching import SlidingGains
 from .switching.effects import ActuatorEffect, actuator_effect, conclusion, published_loop
 
@@ -42,7 +43,7 @@ def verify_with_actuator(
     """
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
     if law != "paper":
-        return FullVerification(ideal, (), "")
+        return FullVerification(ideal, (), _warning(ideal, vehicle))
     effects: list[ActuatorEffect] = []
     quiet: list[str] = []
     for rail in Rail:
@@ -55,6 +56,21 @@ def verify_with_actuator(
     conditions = (*ideal.conditions, *_conditions(effects, quiet))
     told = conclusion(effects) if effects else ""
     return FullVerification(replace(ideal, conditions=conditions), tuple(effects), told)
+
+
+def _warning(ideal: Verification, vehicle: Vehicle) -> str:
+    """What the actuator leaves of the robust variants, which are proved for torque that acts at once."""
+    slope = ideal.K / LAYER_WIDTH
+    verdicts = []
+    for rail in Rail:
+        loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle)
+        linear = replace(loop, gains=SlidingGains(K=0.0, D=ideal.D, rho=loop.gains.rho))
+        verdicts.append(f"{rail}: {'stable' if linear.is_stable(relay_gain=slope) else 'UNSTABLE'}")
+    return (
+        "These variants are proved for torque that acts at once. Behind the actuator the layer is a gain of K/Phi = "
+        f"{slope:.4g} N*m/(m/s) on s, and by the exact root count the linearised loop with it is {', '.join(verdicts)} "
+        "(bristle model, 100 km/h). The design that accounts for the actuator is designs/asmc_robust.py."
+    )
 
 
 def _conditions(effects: list[ActuatorEffect], quiet: list[str]) -> list[Condition]:

@@ -66,3 +66,19 @@ def test_robust_variants_hold_and_have_no_actuator_conditions(capsys):
     content = json.loads(out)
     assert (status, content["all_hold"]) == (0, True)
     assert not {c["name"] for c in content["conditions"]} & set(ACTUATOR_CONDITIONS)
+
+
+def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator():
+    full = verify_with_actuator(law="robust")
+    assert full.verification.all_hold
+    assert "dry: UNSTABLE" in full.conclusion
+    assert "designs/asmc_robust.py" in full.conclusion
+
+
+def test_plain_text_of_errata_keeps_tildes_fractions_and_no_latex():
+    from railslip_ctrl.sliding.derivation import derive
+    from railslip_ctrl.sliding.errata import errata
+
+    for row in errata(derive()):
+        for text in (row.printed, row.derived):
+            assert not set(text) & set("{}\\"), text

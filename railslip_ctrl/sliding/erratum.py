@@ -87,21 +87,29 @@ def _text(entries: Sequence[sp.Expr]) -> str:
     return plain(entries[0]) if len(entries) == 1 else plain(sp.Matrix(entries))
 
 
+# In this order: what only decorates, then what has meaning, innermost braces first.
 _LATEX = (
-    (r"\\(?:mathrm|text|hat|dot|tilde)\s*\{?([^{}]*)\}?", r"\1"),
+    (r"\\(?:mathrm|text|operatorname)\s*\{([^{}]*)\}", r"\1"),
+    (r"\\tilde\s*\{?\\?(\w+)\}?", r"\1~"),
+    (r"\\hat\s*\{?\\?(\w+)\}?", r"\1^"),
+    (r"\\dot\s*\{?\\?(\w+)\}?", r"\1'"),
+    (r"\\left|\\right", ""),
     (r"\\[ ,;]", " "),
     (r"\\times", "*"),
-    (r"\\ge", ">="),
+    (r"\\ge\b", ">="),
     (r"\\%", "%"),
     (r"\\quad", " "),
-    (r"\^\{(-?\d+)\}", r"^\1"),
-    (r"\\(?=[a-z])", ""),
-    (r" +", " "),
+    (r"\^\{([^{}]*)\}", r"^\1"),
+    (r"_\{([^{}]*)\}", r"_\1"),
 )
+_FRACTION = re.compile(r"\\frac\{([^{}]*)\}\{([^{}]*)\}")
+_BRACES = re.compile(r"\{([^{}]*)\}")
 
 
 def _without_latex(text: str) -> str:
-    """Plain text of the little LaTeX that `told` is given."""
+    """Plain text of the LaTeX that `told` is given: theta~ is an error, theta^ an estimate, s' a rate."""
     for pattern, replacement in _LATEX:
         text = re.sub(pattern, replacement, text)
-    return text.strip()
+    while _FRACTION.search(text) or _BRACES.search(text):
+        text = _FRACTION.sub(r"(\1)/(\2)", text) if _FRACTION.search(text) else _BRACES.sub(r"\1", text, count=1)
+    return re.sub(r" +", " ", re.sub(r"\\(?=[a-zA-Z])", "", text)).strip()
