@@ -77,11 +77,12 @@ def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
     from matplotlib.figure import Figure
 
     from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.style import line_style
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     for axes, (name, result) in zip(figure.subplots(1, 2), (("SI", si), ("as published", published)), strict=True):
         for label, one in (("undisturbed", result.ideal), ("published disturbances", result.disturbed)):
-            axes.semilogy(one.time, one.V[:, 0], label=label)
+            axes.semilogy(one.time, one.V[:, 0], label=label, **line_style(0 if label == "undisturbed" else 1))
         axes.set(title=name, xlabel="time, s", ylabel="V, m²/s²")
         axes.legend()
     folder.mkdir(parents=True, exist_ok=True)

@@ -155,3 +155,9 @@ def test_frequency_curve_contains_its_crossovers():
     loop = DeadTimeLoop(Rational(np.array([]), np.array([0.0]), 2.0), 0.3)
     curve = frequency_curve(loop, 0.1, 10.0)
     assert 2.0 in np.round(curve.omega, 12)
+
+
+def test_title_names_every_mass_shown(groups):
+    loaded = PARK2008.loaded()
+    both = (groups[0], design_check(loaded, [plant_at("bristle", loaded, Rail.DRY, 100.0).point]).groups[0])
+    assert "M 3517, 5276 kg" in bode_figure(both).get_suptitle()

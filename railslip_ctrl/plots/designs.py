@@ -72,15 +72,24 @@ def sweep_figure(sweeps: Sequence[MarginSweep], *, title: str) -> Figure:
         axes[3, column].plot(sweep.values, sweep.pole, color="black")
         axes[3, column].axhline(0, color="0.5", linewidth=0.8)
         axes[0, column].set_title(sweep.title, fontsize=8)
-        axes[0, column].set_ylim(1, _MS_TOP)
         axes[3, column].set_xlabel(f"{sweep.axis} ({sweep.unit})")
         for ax in axes[:, column]:
             ax.grid(True, color="0.88")
         handles = axes[0, column].get_legend_handles_labels()
+        gap = "gap: unstable" if any(np.isnan(m.ms).any() for m in sweep.margins.values()) else None
         axes[3, column].legend(
-            *handles, fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.32), frameon=False, title="gap: unstable"
+            *handles,
+            fontsize=7,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.32),
+            frameon=False,
+            title=gap,
+            title_fontsize=7,
         )
-    for row, label in enumerate(("Ms", "phase margin (deg)", "delay margin (s)", "plant pole (1/s)")):
+    peaks = np.concatenate([m.ms for sweep in sweeps for m in sweep.margins.values()])
+    largest = float(np.nanmax(peaks)) if np.isfinite(peaks).any() else _MS_TOP
+    axes[0, 0].set_ylim(1, min(_MS_TOP, 1 + 1.2 * (largest - 1)) if largest > 1 else 2)
+    for row, label in enumerate(("Ms (-)", "phase margin (deg)", "delay margin (s)", "plant pole (1/s)")):
         axes[row, 0].set_ylabel(label)
     return figure
 

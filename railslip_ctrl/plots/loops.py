@@ -24,9 +24,10 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     """What the whole figure belongs to, so that it can be filed without its report."""
     point = groups[0].assessments[0].point
     slips = sorted({f"{a.point.rail} {a.point.slip:g}" for g in groups for a in g.assessments})
+    masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     return (
-        f"{point.vehicle.name}: adhesion {point.adhesion}{v0}, slip {', '.join(slips)}, M {point.vehicle.mass:g} kg "
+        f"{point.vehicle.name}: adhesion {point.adhesion}{v0}, slip {', '.join(slips)}, M {masses} kg "
         f"(railslip_ctrl {__version__})"
     )
 
