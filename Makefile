@@ -25,7 +25,7 @@ benchmark: $(READY)       ## speed, as ratios against a peer in the same run
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-enable -o addopts="-ra" -s
 
 generate: $(READY)        ## numeric code from the SymPy statement of the plant
-	$(BIN)/python -m railslip_ctrl.numeric
+	$(BIN)/python -m railslip_ctrl.generate
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

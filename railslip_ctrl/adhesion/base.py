@@ -111,6 +111,11 @@ class AdhesionLaw(Record):
         )
 
     @classmethod
+    def argument_names(cls) -> tuple[str, ...]:
+        """The names under which generated functions unpack `parameters`; a starred last one takes all that is left."""
+        return cls.parameter_names()
+
+    @classmethod
     def symbols(cls) -> tuple[Any, ...]:
         """SymPy symbols of the parameters, in order; positive where the field must be."""
         import sympy as sp
@@ -132,6 +137,19 @@ class AdhesionLaw(Record):
             return self
         update: dict[str, object] = {name: factor * getattr(self, name) for name, factor in self.wet_factors.items()}
         return self.model_copy(update={**update, "rail": Rail.WET})
+
+    def weakened(self, factor: float) -> Self:
+        """The law with `factor` (> 0) times its adhesion, by the parameters that `wet_factors` names for one half.
+
+        InputError for a law that has none, or a factor that is not positive and finite.
+        """
+        if not (math.isfinite(factor) and factor > 0):
+            raise InputError(f"adhesion factor: {factor:g} is not allowed; give a finite value > 0")
+        if not self.wet_factors:
+            raise InputError(f"adhesion {self.name!r}: nothing says how its parameters change with less adhesion")
+        halvings = math.log(factor) / math.log(0.5)
+        update = {name: getattr(self, name) * half**halvings for name, half in self.wet_factors.items()}
+        return self.model_copy(update=update)
 
     def on(self, rail: Rail) -> Self:
         """The law on a rail condition. InputError when wet parameters were given and dry ones are asked for."""

@@ -127,6 +127,11 @@ class SampledController:
         return gains.kp, -minus_p, q0, q1, gains.ki * h * b0, gains.ki * h * b1, tracking
 
     @property
+    def constants(self) -> tuple[float, ...]:
+        """kp, p, q0, q1, ki h b0, ki h b1 and h/Tt of the difference equations."""
+        return self._step
+
+    @property
     def effective_tracking_time(self) -> float:
         """Tt in use, s."""
         gains = self.design.gains

@@ -1,0 +1,28 @@
+"""`python -m railslip_ctrl.generate` (`make generate`): write what is generated from the statement and committed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .adhesion import law_classes
+from .numeric import generate
+from .scalar_code import generate_scalar
+
+GENERATED = Path(__file__).parent / "_generated"
+
+
+def main() -> None:
+    """Write the NumPy functions and the scalar functions of every law of the package."""
+    (GENERATED / "scalar").mkdir(exist_ok=True)
+    for name, law in law_classes().items():
+        _write(GENERATED / f"{name}.py", generate(law))
+        _write(GENERATED / "scalar" / f"{name}.py", generate_scalar(law))
+
+
+def _write(target: Path, text: str) -> None:
+    target.write_text(text, encoding="utf-8")
+    print(target.relative_to(GENERATED.parent.parent))
+
+
+if __name__ == "__main__":
+    main()

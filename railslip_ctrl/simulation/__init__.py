@@ -1,0 +1,35 @@
+"""Nonlinear braking runs: scenarios, controllers, the compiled integration, what came out."""
+
+from __future__ import annotations
+
+from .controllers import LinearControl, SlideProtection, SlidingControl, TorqueProfile
+from .run import Energies, Outcome, Run, Signals, Simulator, simulate
+from .scenario import (
+    BrakeLimits,
+    Disturbances,
+    Event,
+    Measurement,
+    Scenario,
+    built_in_scenario,
+    published_scenario,
+)
+
+__all__ = [
+    "BrakeLimits",
+    "Disturbances",
+    "Energies",
+    "Event",
+    "LinearControl",
+    "Measurement",
+    "Outcome",
+    "Run",
+    "Scenario",
+    "Signals",
+    "Simulator",
+    "SlideProtection",
+    "SlidingControl",
+    "TorqueProfile",
+    "built_in_scenario",
+    "published_scenario",
+    "simulate",
+]

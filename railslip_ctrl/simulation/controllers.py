@@ -1,0 +1,338 @@
+"""Controllers of a braking run, as records; each names the step that runs in the kernel (see `steps`)."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Protocol
+
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.design.controllers import PIController
+from railslip_ctrl.design.sampled import Rule, SampledController
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.numeric import plant_parameters
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.scalar_code import scalar_source
+from railslip_ctrl.sliding.gains import LawGains
+
+from .compilation import plain, prefixed, step_text
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a controller is told of the vehicle and the rail when its row of numbers is made.
+
+    `assumed` is the adhesion law it may use as its model, on the rail it believes in.
+    """
+
+    scenario: Scenario
+    rail: Rail
+    assumed: AdhesionLaw
+    period: float
+
+
+class Controller(Protocol):
+    """What the simulation needs of a controller.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    period : float or None
+        Sampling period, s; None samples at every step of the scenario.
+    reference : ReferenceSlip
+        Slip ratio to be held, by rail.
+    states : tuple of str
+        Names of what the controller remembers, in order, for the log.
+    knows_rail : bool
+        Whether it is told when the rail changes (its reference follows, and its model where it has one).
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def period(self) -> float | None: ...
+    @property
+    def reference(self) -> ReferenceSlip: ...
+    @property
+    def states(self) -> tuple[str, ...]: ...
+    @property
+    def knows_rail(self) -> bool: ...
+    @property
+    def model_law(self) -> AdhesionLaw | None: ...
+
+    def source(self) -> str:
+        """Text of its `command`, to be put into a kernel."""
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Its numbers from the third on: see `steps`; SI."""
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """Its state when the brake is applied at a speed, m/s."""
+
+
+@dataclass(frozen=True)
+class LinearControl:
+    """A `PIController`, sampled, with limits and anti-windup; see `design.sampled.SampledController`.
+
+    `torque_low` and `torque_high`, N*m, are the controller's own limits; `tracking_time`, s, as there (inf: no
+    anti-windup). A `period` of None samples at every step.
+    """
+
+    design: PIController
+    reference: ReferenceSlip
+    name: str = "pi"
+    period: float | None = None
+    torque_low: float = -math.inf
+    torque_high: float = math.inf
+    tracking_time: float | None = math.inf
+    rule: Rule = Rule.BACKWARD
+    model_law: None = None
+    knows_rail: bool = True
+
+    states = ("integral", "error", "filtered_error", "unlimited_torque")
+
+    def sampled(self, period: float) -> SampledController:
+        """The difference equations at a period, s."""
+        return SampledController(self.design, period, self.torque_low, self.torque_high, self.rule, self.tracking_time)
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return step_text("linear")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """kp, p, q0, q1, the integrator's weights, h/Tt, limits."""
+        return (*self.sampled(situation.period).constants, self.torque_low, self.torque_high)
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """At rest."""
+        return (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class SlidingControl:
+    """The sliding-mode law that `sliding.derivation` derives, [Park2008] (45), sampled.
+
+    Ta comes from an adhesion law at the measured slip velocity, its state at rest: the plant's own, or `model_law`. On
+    a change of rail that the controller knows (`knows_rail`) its model turns wet too; else it keeps what it had and
+    only the reference changes.
+
+    Parameters
+    ----------
+    gains : LawGains
+        K, D, rho, k1, k2 and the boundary layer, SI.
+    nominal_mass, nominal_viscous_friction : float or None
+        Mn, kg, and Bn, N*m*s, before the inertia scale; None takes the vehicle's at the start.
+    filter_time : float
+        Time constant of the filter that estimates v', s.
+    """
+
+    gains: LawGains
+    reference: ReferenceSlip
+    name: str = "asmc"
+    period: float | None = None
+    nominal_mass: float | None = None
+    nominal_viscous_friction: float | None = None
+    filter_time: float = 0.1
+    torque_low: float = -math.inf
+    torque_high: float = math.inf
+    anti_windup: bool = False
+    knows_rail: bool = True
+    model_law: AdhesionLaw | None = None
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """s, then the generated law's."""
+        return ("s", *_generated_law().State._fields)
+
+    def source(self) -> str:
+        """The generated law, the assumed adhesion and the step between them."""
+        return _sliding_source(None if self.model_law is None else type(self.model_law))
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """The generated `Parameters`, then mass, wheel and law of the assumed adhesion."""
+        from railslip_ctrl.sliding.code import gain_parameters
+
+        vehicle, scale = situation.scenario.vehicle, situation.scenario.vehicle.inertia_scale
+        nominal_viscous = self.nominal_viscous_friction
+        numbers = {
+            "J": vehicle.effective_inertia,
+            "r": vehicle.wheel.radius,
+            "Mn": scale * (vehicle.mass if self.nominal_mass is None else self.nominal_mass),
+            "Bn": scale * (vehicle.wheel.viscous_friction if nominal_viscous is None else nominal_viscous),
+            "lambda_d": reference_slip(self.reference, situation.rail),
+            "filter_time": self.filter_time,
+            "torque_min": self.torque_low,
+            "torque_max": self.torque_high,
+            "period": situation.period,
+            "anti_windup": float(self.anti_windup),
+            **gain_parameters(self.gains),
+        }
+        fields, defaults = _generated_law().Parameters._fields, _generated_law().Parameters._field_defaults
+        own = (numbers[name] if name in numbers else defaults[name] for name in fields)
+        return (*own, *plant_parameters(situation.assumed, vehicle))
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """s = 0 and the generated law's start."""
+        return (0.0, *(speed if name == "v_filtered" else 0.0 for name in _generated_law().State._fields))
+
+
+@dataclass(frozen=True)
+class TorqueProfile:
+    """A torque given over time, linear in between and constant after; open loop. `times`, s, rising; `torques`, N*m.
+
+    InputError for lists of different lengths, or times that do not rise.
+    """
+
+    times: tuple[float, ...]
+    torques: tuple[float, ...]
+    reference: ReferenceSlip
+    name: str = "torque-profile"
+    period: float | None = None
+    knows_rail: bool = True
+    model_law: None = None
+
+    states = ()
+
+    def __post_init__(self) -> None:
+        if not self.times or len(self.times) != len(self.torques):
+            raise InputError(
+                f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give as many of each"
+            )
+        if any(not later > earlier for earlier, later in pairwise(self.times)):
+            raise InputError("torque profile: times must rise")
+        if not all(map(math.isfinite, (*self.times, *self.torques))):
+            raise InputError("torque profile: give finite times (s) and torques (N*m)")
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return step_text("torque_profile")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Number of points, times, torques."""
+        return (float(len(self.times)), *self.times, *self.torques)
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """Nothing is remembered."""
+        return ()
+
+
+@dataclass(frozen=True)
+class SlideProtection:
+    """Rule-based wheel slide protection: dump, hold or fill by slip and wheel deceleration ([Park2008] Fig. 3).
+
+    The valve dumps where the slip is above `dump_slip` or the wheel decelerates by more than `dump_deceleration`
+    (m/s^2), fills where the slip is below `fill_slip`, and holds in between; the torque asked for moves by `fill_rate`
+    and `dump_rate` (N*m/s) between 0 and `torque_high` (N*m), which a driver's full brake asks for.
+
+    InputError unless 0 < fill_slip < dump_slip < 1 and all rates are positive.
+    """
+
+    reference: ReferenceSlip
+    fill_slip: float = 0.05
+    dump_slip: float = 0.20
+    dump_deceleration: float = 10.0
+    fill_rate: float = 4000.0
+    dump_rate: float = 12000.0
+    torque_high: float = 9000.0
+    filter_time: float = 0.02
+    name: str = "slide-protection"
+    period: float | None = 0.01
+    knows_rail: bool = True
+    model_law: None = None
+
+    states = ("torque_asked", "filtered_rim_speed", "started", "valve")
+
+    def __post_init__(self) -> None:
+        if not 0 < self.fill_slip < self.dump_slip < 1:
+            raise InputError(
+                f"slide protection: slips {self.fill_slip:g} and {self.dump_slip:g} are not allowed; give "
+                "0 < fill_slip < dump_slip < 1"
+            )
+        for name in ("dump_deceleration", "fill_rate", "dump_rate", "torque_high", "filter_time"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise InputError(f"slide protection: {name} {getattr(self, name):g} is not allowed; give a value > 0")
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return step_text("slide_protection")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Thresholds, rates, limits, period."""
+        return (
+            *(self.dump_slip, self.fill_slip, self.dump_deceleration, self.fill_rate, self.dump_rate),
+            *(self.torque_high, situation.period, self.filter_time),
+        )
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """Brake released; the wheel's speed is taken at the first sample."""
+        return (0.0, 0.0, 0.0, 1.0)
+
+
+def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:
+    """The slip ratio to be held on a rail."""
+    return reference.wet if rail is Rail.WET else reference.dry
+
+
+# --- the sliding-mode law's text -----------------------------------------------------------------------------------
+
+
+@cache
+def _law_text() -> str:
+    from railslip_ctrl.sliding.code import generate
+    from railslip_ctrl.sliding.derivation import derive
+
+    return generate(derive()).python
+
+
+@cache
+def _generated_law() -> Any:
+    module = ModuleType("railslip_sliding_law")
+    exec(compile(_law_text(), "<generated sliding-mode law>", "exec"), module.__dict__)
+    return module
+
+
+@cache
+def _sliding_source(model: type[AdhesionLaw] | None) -> str:
+    """The generated law, the functions of the assumed adhesion law, what joins them, and the step.
+
+    Without a model of its own the law assumes the plant's, whose functions the kernel has; they are named again, so
+    that the text is the same for every law.
+    """
+    law, first = _generated_law(), 2
+    fields, states = law.Parameters._fields, law.State._fields
+    after = first + len(fields)
+    glue = f"""
+@compiled
+def law_parameters(c):
+    return Parameters({", ".join(f"c[{first + i}]" for i in range(len(fields)))})
+
+
+@compiled
+def law_state(x):
+    return State({", ".join(f"x[{1 + i}]" for i in range(len(states)))})
+
+
+@compiled
+def store_state(x, state):
+    {"; ".join(f"x[{1 + i}] = state[{i}]" for i in range(len(states)))}
+
+
+@compiled
+def assumed_torque(v, omega, c, table):
+    p = c[{after}:]
+    sigma = v - c[1] * omega
+    z = {{prefix}}rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p, table)
+    return c[1] * {{prefix}}adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
+
+"""
+    own = "" if model is None else prefixed(plain(scalar_source(model)), "assumed_")
+    law_text = re.sub(r"^def ", "@compiled\ndef ", plain(_law_text()), flags=re.MULTILINE)
+    return own + law_text + glue.replace("{prefix}", "" if model is None else "assumed_") + step_text("sliding")

@@ -1,0 +1,457 @@
+"""The integration loop of a braking run: classical Runge-Kutta between instants at which anything jumps.
+
+Jumps are known in advance (samples, the delayed command's changes, new random forces, events in time) or found by
+bisection inside a step (lock and release of the wheel, events in distance, the stop). Between them the command is
+constant, so that the dead time is exact and the order is that of the method.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .slots import adhesion_force, command, compiled, lag_rate, rates, rates_and_powers, stiffness
+
+# --- layout --------------------------------------------------------------------------------------------------------
+
+V, SIGMA, Z, TORQUE, DISTANCE = 0, 1, 2, 3, 4
+WORK = 5  # brake, slip, viscous, resistance, random force, disturbance: J taken from train and wheel
+STATES = 11
+
+STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
+
+# columns of the log, before the controller's own state
+TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, MEASURED_OMEGA = (
+    11,
+    12,
+    13,
+    14,
+    15,
+    16,
+    17,
+    18,
+    19,
+    20,
+)
+COLUMNS = 21
+
+# summary of a run
+(
+    END_TIME,
+    SLIP_ERROR,
+    SLIP_ERROR_SCENARIO,
+    HIGHEST_SLIP,
+    LOCKED_TIME,
+    FIRST_LOCK,
+    HIGHEST_TORQUE,
+    TORQUE_RATE_SQUARED,
+    HIGHEST_TORQUE_RATE,
+    BOOKED,
+    STARTING_ENERGY,
+    FINAL_ENERGY,
+    SLIDING_TIME,
+    SUBSTEPS,
+) = range(14)
+SUMMARY = 14
+
+# RK4's stability limit on the negative real axis is 2.78; at 0.5 its error per step is below 1e-4 of the fast mode's
+_STIFFNESS_LIMIT = 0.5
+_MOST_SUBSTEPS = 100_000
+_DECAYED = 50.0  # exp(-50) = 2e-22 of the torque is below its rounding
+_BISECTIONS = 52  # to the last bit of the step
+_SAME_INSTANT = 1e-12  # relative: instants closer than this are one
+
+
+class Settings(NamedTuple):
+    """Numbers of a run that never change; SI."""
+
+    period: float
+    step: float
+    dead_time: float
+    lag_fill: float
+    lag_dump: float
+    rate_limit: float
+    torque_min: float
+    torque_max: float
+    viscous: float
+    viscous_rate: float
+    viscous_least: float
+    disturbance_fraction: float
+    disturbance_decay: float
+    disturbance_frequency: float
+    random_hold: float
+    final_speed: float
+    longest_time: float
+    speed_quantum: float
+    wheel_quantum: float
+    filter_time: float
+    locked_share: float
+
+
+class Events(NamedTuple):
+    """Of each event: time (s), distance (m), and rows in which NaN or -1 leaves what is there."""
+
+    time: np.ndarray
+    distance: np.ndarray
+    p: np.ndarray
+    c: np.ndarray
+    chosen: np.ndarray
+
+
+# --- one step ------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def disturbance(t, torque, a):
+    """Td, N*m: the caliper's, a decaying oscillation in proportion to the acting torque."""
+    decay = a.disturbance_decay * t
+    if decay > _DECAYED:
+        return 0.0
+    return a.disturbance_fraction * torque * math.exp(-decay) * math.sin(a.disturbance_frequency * t)
+
+
+@compiled
+def lag(torque, delayed, a):
+    """Tb' of the actuator, N*m/s: its lag, filling or dumping, within its rate limit."""
+    time_constant = a.lag_fill if delayed > torque else a.lag_dump
+    rate = lag_rate(torque, delayed, time_constant)
+    return min(max(rate, -a.rate_limit), a.rate_limit)
+
+
+@compiled
+def derivative(t, y, p, table, a, locked, delayed, random_torque, out):
+    """Rates of the states and powers of the works; a locked wheel keeps sigma = v."""
+    p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
+    torque = y[TORQUE]
+    td = disturbance(t, torque, a)
+    values = rates_and_powers(y[V], y[SIGMA], y[Z], torque, td, random_torque, p, table)
+    out[V] = values[0]
+    out[SIGMA] = values[0] if locked else values[1]
+    out[Z] = values[2]
+    out[TORQUE] = lag(torque, delayed, a) if a.lag_fill > 0.0 else 0.0
+    out[DISTANCE] = y[V]
+    for i in range(STATES - WORK):
+        out[WORK + i] = values[3 + i]
+
+
+@compiled
+def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
+    """One classical Runge-Kutta step of h from y to `new`; `k` is room for its stages."""
+    derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
+    for i in range(STATES):
+        new[i] = y[i] + 0.5 * h * k[0, i]
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[1])
+    for i in range(STATES):
+        new[i] = y[i] + 0.5 * h * k[1, i]
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[2])
+    for i in range(STATES):
+        new[i] = y[i] + h * k[2, i]
+    derivative(t + h, new, p, table, a, locked, delayed, random_torque, k[3])
+    for i in range(STATES):
+        new[i] = y[i] + h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+
+
+@compiled
+def turns_again(t, y, p, table, a, random_torque):
+    """Whether a standing wheel is driven on: omega' > 0 at omega = 0."""
+    p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
+    td = disturbance(t, y[TORQUE], a)
+    v_rate, sigma_rate, _ = rates(y[V], y[V], y[Z], y[TORQUE], td, random_torque, p, table)
+    return v_rate > sigma_rate
+
+
+@compiled
+def happened(t, y, p, table, a, locked, random_torque, next_distance):
+    """What the state has passed, as a bit each: stop 1, lock 2, release 4, event in distance 8."""
+    what = 0
+    if y[V] <= a.final_speed:
+        what |= 1
+    if not locked and y[SIGMA] >= y[V]:
+        what |= 2
+    if locked and turns_again(t, y, p, table, a, random_torque):
+        what |= 4
+    if y[DISTANCE] >= next_distance:
+        what |= 8
+    return what
+
+
+@compiled
+def fastest(y, random_torque, p, table, a):
+    """Spectral radius of the adhesion dynamics (sigma, z), or the lag's rate if that is larger, 1/s."""
+    a11, a12, a21, a22 = stiffness(y[V], y[SIGMA], y[Z], y[TORQUE], 0.0, random_torque, p, table)
+    half_trace, determinant = 0.5 * (a11 + a22), a11 * a22 - a12 * a21
+    discriminant = half_trace * half_trace - determinant
+    radius = abs(half_trace) + math.sqrt(discriminant) if discriminant >= 0.0 else math.sqrt(determinant)
+    if a.lag_fill > 0.0:
+        radius = max(radius, 1.0 / min(a.lag_fill, a.lag_dump))
+    return radius
+
+
+@compiled
+def energy(y, p):
+    """Kinetic energy of train and wheel, J."""
+    omega = (y[V] - y[SIGMA]) / p[3]
+    return 0.5 * p[0] * y[V] * y[V] + 0.5 * p[1] * omega * omega
+
+
+@compiled
+def quantized(value, quantum):
+    """The value on the sensor's grid."""
+    return value if quantum <= 0.0 else quantum * math.floor(value / quantum + 0.5)
+
+
+@compiled
+def domain_limit(v, limits):
+    """Slip velocity that the law must stay below, m/s: linear between speeds 0 and limits[0], limits[1:]."""
+    intervals = limits.size - 2
+    place = min(max(v / limits[0] * intervals, 0.0), float(intervals))
+    i = min(int(place), intervals - 1)
+    return limits[1 + i] + (place - i) * (limits[2 + i] - limits[1 + i])
+
+
+# --- a run ---------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def fire(i, y, p, c, chosen, events):
+    """Put event i in force: parameters, law, controller row, references; what it adds to the kinetic energy, J."""
+    before = energy(y, p)
+    for j in range(p.size):
+        if not math.isnan(events.p[i, j]):
+            p[j] = events.p[i, j]
+    for j in range(c.size):
+        if not math.isnan(events.c[i, j]):
+            c[j] = events.c[i, j]
+    for j in range(chosen.size):
+        if events.chosen[i, j] >= 0:
+            chosen[j] = events.chosen[i, j]
+    return energy(y, p) - before
+
+
+@compiled
+def account(y, new, h, k, reference, scenario_reference, a, t, summary):
+    """Add a step of h, s, from y to `new` to the summary."""
+    slip, slip_after = y[SIGMA] / y[V], new[SIGMA] / new[V]
+    summary[SLIP_ERROR] += 0.5 * h * (abs(slip - reference) + abs(slip_after - reference))
+    summary[SLIP_ERROR_SCENARIO] += 0.5 * h * (abs(slip - scenario_reference) + abs(slip_after - scenario_reference))
+    summary[HIGHEST_SLIP] = max(summary[HIGHEST_SLIP], slip_after)
+    locked, locked_after = slip > 1.0 - a.locked_share, slip_after > 1.0 - a.locked_share
+    summary[LOCKED_TIME] += 0.5 * h * ((1.0 if locked else 0.0) + (1.0 if locked_after else 0.0))
+    if locked_after and math.isnan(summary[FIRST_LOCK]):
+        summary[FIRST_LOCK] = t + h
+    summary[HIGHEST_TORQUE] = max(summary[HIGHEST_TORQUE], new[TORQUE])
+    rate = (new[TORQUE] - y[TORQUE]) / h if h > 0.0 else 0.0
+    summary[TORQUE_RATE_SQUARED] += h * rate * rate
+    summary[HIGHEST_TORQUE_RATE] = max(summary[HIGHEST_TORQUE_RATE], abs(k[0, TORQUE]))
+    summary[SUBSTEPS] += 1.0
+
+
+@compiled
+def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, measured, a):
+    """One row of the log: states and works, then what `TIME` and the following columns name, then the controller."""
+    td = disturbance(t, y[TORQUE], a)
+    for i in range(STATES):
+        row[i] = y[i]
+    row[TIME], row[COMMAND], row[RANDOM], row[DISTURBANCE] = t, last_command, random_torque / p[3], td
+    row[FORCE] = adhesion_force(y[V], y[SIGMA], y[Z], y[TORQUE], td, random_torque, p, table)
+    row[MASS], row[REFERENCE], row[LOCKED] = p[0], c[0], 1.0 if locked else 0.0
+    row[MEASURED_V], row[MEASURED_OMEGA] = measured[0], measured[1]
+    for i in range(x.size):
+        row[COLUMNS + i] = x[i]
+
+
+@compiled
+def passed(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
+    """The share of the step h at which something happened in it, by bisection; `new` is the state just after it."""
+    low, high = 0.0, 1.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        advance(t, y, middle * h, p, table, a, locked, delayed, random_torque, k, new)
+        if happened(t + middle * h, new, p, table, a, locked, random_torque, next_distance):
+            high = middle
+        else:
+            low = middle
+    advance(t, y, high * h, p, table, a, locked, delayed, random_torque, k, new)
+    return high
+
+
+@compiled
+def next_instant(t, sample_end, switch, a, events, fired, tiny):
+    """The first instant after t at which something jumps, at the latest the end of the sample."""
+    until = sample_end
+    if t < switch - tiny:
+        until = min(until, switch)
+    if a.random_hold > 0.0:
+        following = (math.floor(t / a.random_hold + _SAME_INSTANT * 1e3) + 1.0) * a.random_hold
+        if following < until - tiny:
+            until = following
+    for i in range(fired.size):
+        if not fired[i] and events.time[i] < until - tiny:
+            until = max(events.time[i], t)
+    return until
+
+
+@compiled
+def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
+    """Integrate a run; p, c, chosen, y and x are changed in place. Returns (status, rows of the log written).
+
+    `chosen` holds the indices of the law and of the controller's model in `tables` and `limits`, and `references` of
+    the scenario are in `c[-1]`.
+    """
+    k, new = np.empty((4, STATES)), np.empty(STATES)
+    fired = np.zeros(events.time.size, dtype=np.bool_)
+    delay = math.floor(a.dead_time / a.period + 1e-9)
+    rest = a.dead_time - delay * a.period
+    if rest < 1e-9 * a.period:
+        rest = 0.0
+    history = np.zeros(delay + 2)
+    measured = np.array([y[V], (y[V] - y[SIGMA]) / p[3]])
+    blend = 1.0 - math.exp(-a.period / a.filter_time) if a.filter_time > 0.0 else 1.0
+    tiny = 1e-9 * a.period
+    summary[:] = 0.0
+    summary[FIRST_LOCK] = math.nan
+    summary[STARTING_ENERGY] = energy(y, p)
+    locked, rows, t, torque = False, 0, 0.0, 0.0
+    samples = math.ceil(a.longest_time / a.period - 1e-9)
+    status = OUT_OF_TIME
+    for sample in range(samples):
+        t = sample * a.period
+        for i in range(fired.size):  # what happens at this instant is known to this sample
+            if not fired[i] and events.time[i] <= t + tiny:
+                fired[i] = True
+                summary[BOOKED] += fire(i, y, p, c, chosen, events)
+        speed, turning = y[V], (y[V] - y[SIGMA]) / p[3]
+        if noise.shape[0] > 0:
+            speed += noise[sample, 0]
+            turning += noise[sample, 1]
+        measured[0] += blend * (quantized(speed, a.speed_quantum) - measured[0])
+        measured[1] += blend * (quantized(turning, a.wheel_quantum) - measured[1])
+        asked = command(x, t, measured[0], measured[1], torque, c, tables[chosen[1]])
+        torque = min(max(asked, a.torque_min), a.torque_max)
+        if not (math.isfinite(asked) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
+            status = NOT_FINITE
+            break
+        history[sample % history.size] = torque
+        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+        if every > 0 and sample % every == 0:
+            write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
+            rows += 1
+        status, t, locked = interval(
+            sample,
+            delay,
+            rest,
+            tiny,
+            t,
+            locked,
+            a,
+            events,
+            fired,
+            forces,
+            history,
+            p,
+            c,
+            chosen,
+            tables,
+            limits,
+            y,
+            k,
+            new,
+            summary,
+        )
+        if status != OUT_OF_TIME:
+            break
+    summary[END_TIME], summary[FINAL_ENERGY] = t, energy(y, p)
+    if every > 0 and rows < log.shape[0]:
+        write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, 0.0, c, measured, a)
+        rows += 1
+    return status, rows
+
+
+@compiled
+def interval(
+    sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y, k, new,
+    summary,
+):  # fmt: skip
+    """From one sample to the next: (status, time, locked); OUT_OF_TIME means that the run goes on."""
+    sample_end, switch = (sample + 1) * a.period, sample * a.period + rest
+    standing = 0
+    while t < sample_end - tiny:
+        for i in range(fired.size):
+            if not fired[i] and events.time[i] <= t + tiny:
+                fired[i] = True
+                summary[BOOKED] += fire(i, y, p, c, chosen, events)
+        until = next_instant(t, sample_end, switch, a, events, fired, tiny)
+        known = sample - delay - (1 if t < switch - tiny else 0)
+        delayed = history[known % history.size] if known >= 0 else 0.0
+        if a.lag_fill <= 0.0:
+            y[TORQUE] = delayed
+        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+        next_distance = math.inf
+        for i in range(fired.size):
+            if not fired[i]:
+                next_distance = min(next_distance, events.distance[i])
+        status, t_new, what, locked = piece(
+            t,
+            until,
+            locked,
+            a,
+            delayed,
+            random_torque,
+            next_distance,
+            p,
+            c,
+            tables[chosen[0]],
+            limits[chosen[0]],
+            y,
+            k,
+            new,
+            summary,
+        )
+        if status != OUT_OF_TIME:
+            return status, t_new, locked
+        standing = standing + 1 if t_new - t < tiny else 0
+        if standing > 1000:  # lock and release at one instant, over and over: the numbers leave no step
+            return TOO_STIFF, t_new, locked
+        t = t_new
+        if what & 8:
+            for i in range(fired.size):
+                if not fired[i] and events.distance[i] <= y[DISTANCE]:
+                    fired[i] = True
+                    summary[BOOKED] += fire(i, y, p, c, chosen, events)
+    return OUT_OF_TIME, sample_end, locked
+
+
+@compiled
+def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
+    """Over a span without jumps, or up to what happens in it: (status, time, what happened, locked)."""
+    span = until - t
+    count = max(
+        math.ceil(span * max(1.0 / a.step, fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT) - 1e-6), 1
+    )
+    if not count <= _MOST_SUBSTEPS:
+        return TOO_STIFF, t, 0, locked
+    h = span / count
+    for n in range(int(count)):
+        now = t + n * h
+        advance(now, y, h, p, table, a, locked, delayed, random_torque, k, new)
+        what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
+        share = 1.0
+        if what:
+            share = passed(now, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new)
+            what = happened(now + share * h, new, p, table, a, locked, random_torque, next_distance)
+        account(y, new, share * h, k, c[0], c[c.size - 1], a, now, summary)
+        y[:] = new
+        if not (math.isfinite(y[V]) and math.isfinite(y[SIGMA])):
+            return NOT_FINITE, now + share * h, 0, locked
+        if abs(y[SIGMA]) >= domain_limit(y[V], limits):
+            return OUTSIDE_DOMAIN, now + share * h, 0, locked
+        if what:
+            if what & 2:
+                locked = True
+                y[SIGMA] = y[V]
+            elif what & 4:
+                locked = False
+            return STOPPED if what & 1 else OUT_OF_TIME, now + share * h, what, locked
+    return OUT_OF_TIME, until, 0, locked

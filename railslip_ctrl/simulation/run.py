@@ -1,0 +1,295 @@
+"""One braking run: from a scenario and a controller to signals, numbers and what became of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.scalar_code import WORKS
+
+from . import kernel as layout
+from .compilation import kernel
+from .controllers import Controller
+from .plan import make_plan
+from .scenario import Scenario
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+class Outcome(StrEnum):
+    """What became of a run."""
+
+    STOPPED = "stopped"
+    OUT_OF_TIME = "did not stop"
+    OUTSIDE_DOMAIN = "left the adhesion law's domain"
+    NOT_FINITE = "not a number"
+    TOO_STIFF = "too stiff for the step"
+
+
+_OUTCOMES = tuple(Outcome)  # in the order of the kernel's numbers
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energy balance of train and wheel, J: what was there, what each work took, what remains.
+
+    `works` are those of `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous,
+    travelling resistance, random force, caliper disturbance. `booked` came in with changes of mass.
+    """
+
+    starting: float
+    booked: float
+    works: dict[str, float]
+    final: float
+
+    @property
+    def error(self) -> float:
+        """What the balance lacks, as a share of the starting energy."""
+        return (self.starting + self.booked - sum(self.works.values()) - self.final) / self.starting
+
+
+class Signals(NamedTuple):
+    """Time series of a run, arrays of one length; SI.
+
+    time (s), distance (m), speed v, slip_velocity sigma (m/s), slip ratio, wheel_speed omega (rad/s),
+    adhesion_state z (m), adhesion_force Fa, random_force (N), command, torque (acting), disturbance Td (N*m),
+    mass (kg, effective), reference slip ratio, locked (0 or 1), measured_speed, measured_wheel_speed.
+    """
+
+    time: Floats
+    distance: Floats
+    speed: Floats
+    slip_velocity: Floats
+    slip: Floats
+    wheel_speed: Floats
+    adhesion_state: Floats
+    adhesion_force: Floats
+    random_force: Floats
+    command: Floats
+    torque: Floats
+    disturbance: Floats
+    mass: Floats
+    reference: Floats
+    locked: Floats
+    measured_speed: Floats
+    measured_wheel_speed: Floats
+
+
+@dataclass(frozen=True)
+class Run:
+    """A braking run.
+
+    Attributes
+    ----------
+    scenario, controller, seed
+        What was run.
+    outcome : Outcome
+        Only `STOPPED` is a stop; else the numbers are those up to `braking_time`.
+    braking_time, braking_distance, final_speed : float
+        s, m, m/s.
+    energies : Energies
+        The balance.
+    mean_abs_slip_error, mean_abs_slip_error_published : float
+        Mean over time of |slip - reference|: the controller's own, and [Park2008]'s 0.132/0.092 (NaN where the scenario
+        is not the published one).
+    max_slip, locked_fraction : float
+        Highest slip ratio; share of time with r omega < 0.02 v.
+    first_lock : float
+        Time at which r omega first fell below 0.02 v, s; NaN if never.
+    max_torque, max_torque_rate, rms_torque_rate : float
+        Of the acting torque, N*m and N*m/s.
+    steps : int
+        Steps of the integration.
+    signals : Signals or None
+        Time series, where asked for.
+    controller_signals : dict
+        The controller's own state over `signals.time`, by name.
+    """
+
+    scenario: Scenario
+    controller: Controller
+    seed: int | None
+    outcome: Outcome
+    braking_time: float
+    braking_distance: float
+    final_speed: float
+    energies: Energies
+    mean_abs_slip_error: float
+    mean_abs_slip_error_published: float
+    max_slip: float
+    locked_fraction: float
+    first_lock: float
+    max_torque: float
+    max_torque_rate: float
+    rms_torque_rate: float
+    steps: int
+    signals: Signals | None
+    controller_signals: dict[str, Floats]
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the train came to the final speed."""
+        return self.outcome is Outcome.STOPPED
+
+    @property
+    def brake_energy(self) -> float:
+        """Integral of Tb omega, J, at the effective inertia."""
+        return self.energies.works["brake"]
+
+
+def simulate(
+    scenario: Scenario,
+    controller: Controller,
+    *,
+    seed: int | np.random.SeedSequence | None = 0,
+    record_every: int | None = 1,
+    compiled: bool = True,
+) -> Run:
+    """Run a scenario with a controller.
+
+    Parameters
+    ----------
+    scenario, controller
+        What to run.
+    seed : int, SeedSequence or None
+        Of the random force and the measurement noise; a run repeats with its seed. None: without any.
+    record_every : int or None
+        Samples from one row of `signals` to the next; None records none.
+    compiled : bool
+        False runs the same text in the interpreter, hundreds of times slower: to try a step of one's own.
+
+    Raises
+    ------
+    InputError
+        A seed or record_every out of range, an event that changes nothing the law knows, a period below the step's.
+    """
+    return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
+
+
+class Simulator:
+    """A scenario and a controller made ready: many runs of them cost only the runs. Arguments as `simulate`."""
+
+    def __init__(self, scenario: Scenario, controller: Controller, *, compiled: bool = True) -> None:
+        self.scenario, self.controller, self._compiled = scenario, controller, compiled
+        self.period = scenario.step if controller.period is None else controller.period
+        if not (math.isfinite(self.period) and self.period > 0):
+            raise InputError(f"period: {self.period:g} s is not allowed; give a finite value > 0")
+        self._plan = make_plan(scenario, controller, self.period)
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return kernel(type(self.scenario.adhesion), self.controller.source(), compiled=self._compiled)
+
+    def run(self, seed: int | np.random.SeedSequence | None = 0, *, record_every: int | None = None) -> Run:
+        """One run; see `simulate`."""
+        if record_every is not None and record_every < 1:
+            raise InputError(
+                f"record_every: {record_every} is not allowed; give an integer >= 1, or None for no record"
+            )
+        plan, kernel_ = self._plan, self._kernel
+        forces, noise, hold = self._draw(seed)
+        every = record_every or 0
+        start = self.controller.start(self.scenario.initial_speed)
+        rows = (plan.samples + every - 1) // every + 1 if every else 0
+        log = np.empty((rows, layout.COLUMNS + len(start)))
+        y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
+        y[layout.V] = self.scenario.initial_speed
+        summary = np.empty(layout.SUMMARY)
+        settings = kernel_.Settings(**{**plan.settings, "random_hold": hold})
+        events = kernel_.Events(*plan.events)
+        status, written = kernel_.run(
+            settings, events, forces, noise, plan.p.copy(), plan.c.copy(), plan.chosen.copy(), plan.tables, plan.limits,
+            y, x, log, every, summary,
+        )  # fmt: skip
+        return self._result(seed, status, y, summary, log[:written] if every else None)
+
+    def _draw(self, seed: int | np.random.SeedSequence | None) -> tuple[Floats, Floats, float]:
+        """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""
+        disturbances, measurement = self.scenario.disturbances, self.scenario.measurement
+        none = np.zeros(1), np.zeros((0, 2))
+        if seed is None:
+            return *none, 0.0
+        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(_checked_seed(seed))
+        of_force, of_noise = (
+            np.random.default_rng(np.random.SeedSequence(sequence.entropy, spawn_key=(*sequence.spawn_key, i)))
+            for i in range(2)
+        )
+        forces, noise, hold = *none, 0.0
+        if disturbances.random_force > 0:
+            hold = disturbances.random_hold
+            forces = disturbances.random_force * of_force.standard_normal(int(self.scenario.longest_time / hold) + 2)
+        if measurement.speed_noise > 0 or measurement.wheel_noise > 0:
+            spread = np.array([measurement.speed_noise, measurement.wheel_noise])
+            noise = spread * of_noise.standard_normal((self._plan.samples, 2))
+        return forces, noise, hold
+
+    def _result(self, seed: Any, status: int, y: Floats, summary: Floats, log: Floats | None) -> Run:
+        time = float(summary[layout.END_TIME])
+        works = {name: float(y[layout.WORK + i]) for i, name in enumerate(WORKS)}
+        starting, booked, final = (
+            float(summary[i]) for i in (layout.STARTING_ENERGY, layout.BOOKED, layout.FINAL_ENERGY)
+        )
+
+        def mean(i: int) -> float:
+            return float(summary[i]) / time if time > 0 else math.nan
+
+        states = self.controller.states
+        return Run(
+            scenario=self.scenario,
+            controller=self.controller,
+            seed=seed if isinstance(seed, int) else None,
+            outcome=_OUTCOMES[status],
+            braking_time=time,
+            braking_distance=float(y[layout.DISTANCE]),
+            final_speed=float(y[layout.V]),
+            energies=Energies(starting, booked, works, final),
+            mean_abs_slip_error=mean(layout.SLIP_ERROR),
+            mean_abs_slip_error_published=mean(layout.SLIP_ERROR_SCENARIO),
+            max_slip=float(summary[layout.HIGHEST_SLIP]),
+            locked_fraction=mean(layout.LOCKED_TIME),
+            first_lock=float(summary[layout.FIRST_LOCK]),
+            max_torque=float(summary[layout.HIGHEST_TORQUE]),
+            max_torque_rate=float(summary[layout.HIGHEST_TORQUE_RATE]),
+            rms_torque_rate=math.sqrt(max(mean(layout.TORQUE_RATE_SQUARED), 0.0)),
+            steps=int(summary[layout.SUBSTEPS]),
+            signals=None if log is None else _signals(log, self.scenario),
+            controller_signals={} if log is None else {n: log[:, layout.COLUMNS + i] for i, n in enumerate(states)},
+        )
+
+
+def _signals(log: Floats, scenario: Scenario) -> Signals:
+    v, sigma = log[:, layout.V], log[:, layout.SIGMA]
+    return Signals(
+        time=log[:, layout.TIME],
+        distance=log[:, layout.DISTANCE],
+        speed=v,
+        slip_velocity=sigma,
+        slip=sigma / v,
+        wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius,
+        adhesion_state=log[:, layout.Z],
+        adhesion_force=log[:, layout.FORCE],
+        random_force=log[:, layout.RANDOM],
+        command=log[:, layout.COMMAND],
+        torque=log[:, layout.TORQUE],
+        disturbance=log[:, layout.DISTURBANCE],
+        mass=log[:, layout.MASS],
+        reference=log[:, layout.REFERENCE],
+        locked=log[:, layout.LOCKED],
+        measured_speed=log[:, layout.MEASURED_V],
+        measured_wheel_speed=log[:, layout.MEASURED_OMEGA],
+    )
+
+
+def _checked_seed(seed: int) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
+        raise InputError(f"seed: {seed!r} is not allowed; give an integer from 0 to 2^63 - 1")
+    return seed

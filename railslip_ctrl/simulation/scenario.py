@@ -1,0 +1,169 @@
+"""What a braking run is: vehicle, rail, disturbances, measurement, events and how it is integrated; SI."""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+from typing import Any, Self
+
+from pydantic import Field, SerializeAsAny, model_validator
+
+from railslip_ctrl.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Rail, Record, Vehicle
+from railslip_ctrl.units import KMH, quantity
+
+PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
+"""The one reference line of [Park2008] Fig. 21, by rail."""
+
+
+class Event(Record):
+    """From a time or a distance on: another rail, another share of its adhesion, another mass.
+
+    What is None stays as it is. `adhesion_factor` is the whole factor on the rail's adhesion from then on (1: the
+    rail's own), not on top of an earlier one.
+    """
+
+    time: float | None = quantity("s", "time of the event", ge=0, default=None)
+    distance: float | None = quantity("m", "distance of the event from where the brake is applied", ge=0, default=None)
+    rail: Rail | None = None
+    adhesion_factor: float | None = quantity("1", "factor on the rail's adhesion", gt=0, default=None)
+    mass: float | None = quantity("kg", "quarter-car mass M", gt=0, default=None)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.time is None) == (self.distance is None):
+            raise InputError("event: give either time or distance, not both and not neither")
+        if self.rail is None and self.adhesion_factor is None and self.mass is None:
+            raise InputError("event: changes nothing; give rail, adhesion_factor or mass")
+        return self
+
+
+class Disturbances(Record):
+    """Random adhesion force and caliper torque; the published ones are `PUBLISHED_DISTURBANCES`.
+
+    The random force is Gaussian, drawn anew every `random_hold`. The caliper adds
+    Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb.
+    """
+
+    random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
+    random_hold: float = quantity("s", "time for which a random force is held", gt=0, default=0.02)
+    caliper_fraction: float = quantity("1", "share of the acting torque", ge=0, default=0.0)
+    caliper_decay: float = quantity("1/s", "decay of the caliper's oscillation", ge=0, default=4.0)
+    caliper_frequency: float = quantity("rad/s", "frequency of the caliper's oscillation", ge=0, default=10.0 * math.pi)
+
+
+class Measurement(Record):
+    """What the controller sees of train speed and wheel speed: noise, the sensor's grid, a low-pass filter."""
+
+    speed_noise: float = quantity("m/s", "standard deviation of the train speed's noise, per sample", ge=0, default=0.0)
+    wheel_noise: float = quantity(
+        "rad/s", "standard deviation of the wheel speed's noise, per sample", ge=0, default=0.0
+    )
+    speed_quantum: float = quantity("m/s", "grid of the measured train speed; 0: none", ge=0, default=0.0)
+    wheel_quantum: float = quantity("rad/s", "grid of the measured wheel speed; 0: none", ge=0, default=0.0)
+    filter_time: float = quantity("s", "time constant of the measured signals' filter; 0: none", ge=0, default=0.0)
+
+
+class BrakeLimits(Record):
+    """What the vehicle's actuator cannot do beyond its lag and dead time.
+
+    The lag of the vehicle's actuator fills; `dump_lag` empties (left out: the same).
+    """
+
+    torque_min: float = quantity("N*m", "least commanded torque", default=0.0)
+    torque_max: float | None = quantity("N*m", "largest commanded torque", default=None)
+    rate: float | None = quantity("N*m/s", "largest rate of the acting torque", gt=0, default=None)
+    dump_lag: float | None = quantity("s", "time constant of falling torque", gt=0, default=None)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.torque_max is not None and not self.torque_min < self.torque_max:
+            raise InputError(
+                f"torque_max: {self.torque_max:g} is not allowed; give a value > torque_min = {self.torque_min:g} (N*m)"
+            )
+        return self
+
+
+class Scenario(Record):
+    """A braking run from `initial_speed`, free rolling, to `final_speed`.
+
+    `adhesion` is the law on dry rail where it has one; `rail` the condition at the start. The viscous coefficient is
+    the vehicle's plus `viscous_rate` t, times the inertia scale, and at least `viscous_least`.
+    """
+
+    name: str
+    vehicle: Vehicle
+    adhesion: SerializeAsAny[AdhesionLaw]
+    rail: Rail = Rail.DRY
+    adhesion_factor: float = quantity("1", "factor on the rail's adhesion at the start", gt=0, default=1.0)
+    initial_speed: float = quantity("m/s", "speed at which the brake is applied", gt=0)
+    final_speed: float = quantity("m/s", "speed at which the run ends", gt=0, default=5.0 * KMH)
+    longest_time: float = quantity("s", "time after which the run is given up", gt=0, le=36_000.0, default=180.0)
+    events: tuple[Event, ...] = ()
+    disturbances: Disturbances = Disturbances()
+    measurement: Measurement = Measurement()
+    limits: BrakeLimits = BrakeLimits()
+    viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
+    viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
+    step: float = quantity("s", "largest step of the integration", gt=0, default=1e-3)
+    published_reference: bool = Field(False, description="compare slip with [Park2008]'s 0.132/0.092 as well")
+
+    @model_validator(mode="after")
+    def _speeds(self) -> Self:
+        if not self.final_speed < self.initial_speed:
+            raise InputError(
+                f"final_speed: {self.final_speed:g} is not allowed; give a value < initial_speed = "
+                f"{self.initial_speed:g} (m/s)"
+            )
+        return self
+
+    def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
+        """The adhesion law on a rail, its adhesion times `factor`."""
+        law = self.adhesion.on(rail)
+        return law if factor == 1.0 else law.weakened(factor)
+
+    def with_changes(self, **changes: Any) -> Self:
+        """The scenario with some fields changed, checked again. InputError as for a new one."""
+        return type(self).model_validate({**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
+
+
+PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)
+"""[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
+
+_SWITCH_TIME = 25.0  # s, [Park2008] p. 55
+_VISCOUS_RATE = -0.01  # N*m, [Park2008] p. 55: B = 0.25 - 0.01 t
+
+
+def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
+    """The run of [Park2008] p. 55: the mass rises and the rail turns wet at 25 s, from 100 to 5 km/h.
+
+    `as_published` takes the inertia scale 3.6 under which Table 5 comes out (the stiffness of a dynamic law in N/m is
+    scaled with it, as a change of units demands); without it the run is in SI. `adhesion` names the plant's law;
+    the reading of Table 5 has `curve` in every column.
+    """
+    scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
+    law = published_law(adhesion, Rail.DRY)
+    if law.has_state and scale != 1.0:
+        law = law.model_copy(update={"alpha": scale * law.alpha})  # type: ignore[attr-defined]
+    return Scenario(
+        name="park2008" if as_published else "park2008-si",
+        vehicle=PARK2008.model_copy(update={"inertia_scale": scale}),
+        adhesion=law,
+        initial_speed=100.0 * KMH,
+        events=(Event(time=_SWITCH_TIME, rail=Rail.WET, mass=PARK2008.mass_loaded),),
+        disturbances=PUBLISHED_DISTURBANCES,
+        viscous_rate=_VISCOUS_RATE,
+        published_reference=True,
+    )
+
+
+BUILT_IN = ("park2008", "park2008-si")
+"""Names of the scenarios that come with the package."""
+
+
+def built_in_scenario(name: str) -> Scenario:
+    """A built-in scenario by name; InputError, listing the names, for another."""
+    if name not in BUILT_IN:
+        raise InputError(f"scenario: {name!r} is not one; choose {' or '.join(BUILT_IN)}, or give a TOML file")
+    return published_scenario(as_published=name == "park2008")

@@ -1,0 +1,48 @@
+"""What a kernel's text finds in its own module when it is put together: here only named and typed, for reading.
+
+`kernel.py` and the files of `steps/` are ordinary modules, but they are run as text: `compilation` joins the scalar
+functions of an adhesion law, one controller and the kernel into one module, in which these names are real, and has
+numba compile it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def compiled(function: F) -> F:
+    """Marks what numba compiles; in interpreted use it does nothing."""
+    return function
+
+
+def _filled_in(name: str) -> Callable[..., object]:
+    def slot(*_: object) -> object:
+        raise NotImplementedError(f"{name} is filled in by simulation.compilation")
+
+    return slot
+
+
+adhesion_force = _filled_in("adhesion_force")
+command = _filled_in("command")
+lag_rate = _filled_in("lag_rate")
+rates = _filled_in("rates")
+rates_and_powers = _filled_in("rates_and_powers")
+rest_state = _filled_in("rest_state")
+stiffness = _filled_in("stiffness")
+
+# of the sliding-mode law
+assumed_torque = _filled_in("assumed_torque")
+law_parameters = _filled_in("law_parameters")
+law_state = _filled_in("law_state")
+step = _filled_in("step")
+store_state = _filled_in("store_state")

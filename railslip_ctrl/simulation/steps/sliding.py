@@ -1,0 +1,19 @@
+"""The generated sliding-mode law, fed with Ta of the adhesion law it assumes, at the measured slip velocity at rest.
+
+c: reference slip, radius, the numbers of the generated `Parameters` in order, then those of the assumed plant and law.
+x: s, then the generated `State`.
+"""
+
+from __future__ import annotations
+
+from railslip_ctrl.simulation.slots import assumed_torque, compiled, law_parameters, law_state, step, store_state
+
+
+@compiled
+def command(x, t, v, omega, applied, c, table):
+    """See the package of the steps."""
+    p = law_parameters(c)
+    torque, s, state = step(law_state(x), v, omega, assumed_torque(v, omega, c, table), p)
+    x[0] = s
+    store_state(x, state)
+    return torque
