@@ -97,6 +97,10 @@ SOURCES = MappingProxyType(
             "M. A. Dahleh, J. B. Pearson: L1-optimal compensators for continuous-time systems. IEEE Transactions on "
             "Automatic Control 32(10), 1987, pp. 889-895."
         ),
+        "VanLoan1978": (
+            "C. F. Van Loan: Computing integrals involving the matrix exponential. IEEE Transactions on Automatic "
+            "Control 23(3), 1978, pp. 395-404. doi:10.1109/TAC.1978.1101743"
+        ),
         "railtoolkit": (
             "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "
             "https://github.com/railtoolkit/rolling-stock-data"

@@ -2,16 +2,20 @@
 
 from .designs import gang_of_four_figure, margin_map_figure, region_figure, response_figure, sweep_figure
 from .loops import bode_figure, nichols_figure, nyquist_figure
+from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
 from .style import save_figure
 
 __all__ = [
     "bode_figure",
+    "estimates_figure",
     "gang_of_four_figure",
     "margin_map_figure",
     "nichols_figure",
     "nyquist_figure",
+    "observer_responses_figure",
     "region_figure",
     "response_figure",
     "save_figure",
     "sweep_figure",
+    "tradeoff_figure",
 ]

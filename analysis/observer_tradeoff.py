@@ -1,0 +1,186 @@
+"""How fast may an adhesion-torque observer be, what does the printed form do wrong, and is a Kalman filter better?
+
+The observer of [Park2008] (27) as printed and with every term filtered, and a Kalman filter, on a brake application as
+in Fig. 12: torque rises until the slip passes 50 %, then is released. Encoder and torque sensor are assumed, as the
+paper names none. For every setting the error from lag and the error from noise, the setting where both together are
+least, and what becomes of it when the log is sampled slower or faster.
+
+    python analysis/observer_tradeoff.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.observer import (
+    AdhesionObserver,
+    BrakeCourse,
+    Encoder,
+    FilterObserver,
+    Form,
+    KalmanObserver,
+    ObserverResponses,
+    TorqueSensor,
+    TradeOff,
+    Trial,
+    adhesion_coefficient,
+    brake_trial,
+    measured,
+    observer_responses,
+    statement,
+    trade_off,
+)
+from railslip_ctrl.parameters import PARK2008, Rail
+
+VEHICLE = PARK2008
+INITIAL_SPEED_KMH = 140.0  # Fig. 12
+COURSE = BrakeCourse()
+LAW = "beam"  # the bristle model has no damping and rings after the release, which no observer should be judged by
+ENCODER = Encoder(counts=4096)  # 1024 lines, two tracks
+SENSOR = TorqueSensor(noise=50.0, resolution=5.0)  # N*m
+INTERVAL = 5e-3  # s
+INTERVALS = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3)  # s
+TAUS = np.geomspace(4e-3, 0.5, 25)  # s
+WALKS = np.geomspace(1e4, 1e9, 25)  # (N*m)^2/s
+OMEGA = np.geomspace(0.1, 600, 300)  # rad/s, up to pi/INTERVAL
+SEED = 2008
+NAMES = ("printed (27)", "corrected", "Kalman filter")
+LABELS = dict(zip(NAMES, ("τ (s)", "τ (s)", "random walk of Ta ((N·m)²/s)"), strict=True))
+
+
+@dataclass(frozen=True)
+class ObserverComparison:
+    """Everything by observer, in the order of `NAMES`.
+
+    Attributes
+    ----------
+    passed_at_once : dict
+        Share of a step of the brake torque that is in the estimate at once, from the symbolic transfer (filters only).
+    curves : dict
+        Errors over the setting, and the best one.
+    estimates, errors : dict
+        Ta_hat at the best setting on noisy measurements and Ta_hat - Ta, N*m, at the times of the trial but the first.
+    responses : dict
+        At the best setting.
+    coefficient_errors : dict
+        Total rms error at the best setting as adhesion coefficient.
+    by_interval : dict
+        Interval (s) to best setting and total rms error (N*m), by observer.
+    """
+
+    trial: Trial
+    passed_at_once: dict[str, float]
+    curves: dict[str, TradeOff]
+    estimates: dict[str, np.ndarray]
+    errors: dict[str, np.ndarray]
+    responses: dict[str, ObserverResponses]
+    coefficient_errors: dict[str, float]
+    by_interval: dict[float, dict[str, tuple[float, float]]]
+
+
+def makers(interval: float) -> dict[str, Callable[[float], AdhesionObserver]]:
+    """The observers as functions of their setting: tau, or the intensity of the walk."""
+    return {
+        NAMES[0]: lambda tau: FilterObserver.of(VEHICLE, tau, Form.PRINTED),
+        NAMES[1]: lambda tau: FilterObserver.of(VEHICLE, tau),
+        NAMES[2]: lambda walk: KalmanObserver.of(
+            VEHICLE, ENCODER, SENSOR, interval=interval, change=math.sqrt(walk), within=1.0
+        ),
+    }
+
+
+def run() -> ObserverComparison:
+    """The trial, the curves, the best of each observer, and the best at other intervals."""
+    trial = trial_at(INTERVAL)
+    make = makers(INTERVAL)
+    curves = curves_at(trial, TAUS, WALKS)
+    best = {name: make[name](curve.best) for name, curve in curves.items()}
+    seen = measured(trial, ENCODER, SENSOR, seed=SEED)
+    forms = {NAMES[0]: statement.printed(), NAMES[1]: statement.corrected()}
+    at_once = {
+        name: float(statement.passed_at_once(statement.behind_the_wheel(form).brake)) for name, form in forms.items()
+    }
+    estimates = {n: o.run(seen.time, seen.torque, seen.omega).adhesion_torque for n, o in best.items()}
+    ends = [np.array([values[0], values[-1]]) for values in (TAUS, WALKS)]
+    return ObserverComparison(
+        trial=trial,
+        passed_at_once=at_once,
+        curves=curves,
+        estimates=estimates,
+        errors={name: estimate - trial.adhesion_torque[1:] for name, estimate in estimates.items()},
+        responses={name: observer_responses(observer, OMEGA) for name, observer in best.items()},
+        coefficient_errors={
+            name: float(adhesion_coefficient(curve.at_best.total, VEHICLE)) for name, curve in curves.items()
+        },
+        by_interval={
+            interval: {
+                name: (curve.best, curve.at_best.total)
+                for name, curve in curves_at(trial_at(interval), ends[0], ends[1]).items()
+            }
+            for interval in INTERVALS
+        },
+    )
+
+
+def trial_at(interval: float) -> Trial:
+    """The brake application, sampled at an interval in s."""
+    law = published_law(LAW, Rail.DRY, INITIAL_SPEED_KMH)
+    return brake_trial(law, VEHICLE, INITIAL_SPEED_KMH / 3.6, interval=interval, course=COURSE)
+
+
+def curves_at(trial: Trial, taus: np.ndarray, walks: np.ndarray) -> dict[str, TradeOff]:
+    """The trade-off of every observer on a trial."""
+    return {
+        name: trade_off(make, walks if name == NAMES[2] else taus, trial, ENCODER, SENSOR, seed=SEED)
+        for name, make in makers(trial.interval).items()
+    }
+
+
+def main() -> None:
+    """Print the tables; with a folder, draw the pictures."""
+    result = run()
+    for name, share in result.passed_at_once.items():
+        print(f"{name}: {100 * share:.0f} % of a step of the brake torque is in the estimate at once")
+    print(f"\nBest settings at {1e3 * INTERVAL:g} ms; rms errors in N*m: lag, noise, both, simulated; both as mu")
+    for name, curve in result.curves.items():
+        e = curve.at_best
+        errors = f"{e.lag:7.0f} {e.noise:7.0f} {e.total:7.0f} {e.simulated:7.0f}"
+        print(f"  {name:14s} {LABELS[name]:30s} {curve.best:9.3g} {errors}   {result.coefficient_errors[name]:.4f}")
+    print("\nBest setting and its rms error (N*m), by sampling interval")
+    for interval, row in result.by_interval.items():
+        cells = (f"{name}: {best:.3g}, {total:.0f}" for name, (best, total) in row.items())
+        print(f"  {1e3 * interval:4.0f} ms   " + ";  ".join(cells))
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def draw(result: ObserverComparison, folder: Path) -> None:
+    """Trade-off, estimates beside the truth, responses."""
+    from railslip_ctrl.plots import estimates_figure, observer_responses_figure, save_figure, tradeoff_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    sensors = f"{ENCODER.counts} counts a turn, torque noise {SENSOR.noise:g} N·m, every {1e3 * INTERVAL:g} ms"
+    about = f"{VEHICLE.name}, {LAW}, brake application from {INITIAL_SPEED_KMH:g} km/h\n{sensors}"
+    figure = tradeoff_figure(result.curves, LABELS, title=f"Lag against noise. {about}")
+    save_figure(figure, folder / "observer_tradeoff.png")
+    figure = estimates_figure(
+        result.trial,
+        result.trial.time[1:],
+        result.estimates,
+        result.errors,
+        title=f"Estimates, each at its best. {about}",
+    )
+    save_figure(figure, folder / "observer_estimates.png")
+    figure = observer_responses_figure(result.responses, title=f"Observers at their best. {about}")
+    save_figure(figure, folder / "observer_responses.png")
+
+
+if __name__ == "__main__":
+    main()
