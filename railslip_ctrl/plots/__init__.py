@@ -2,6 +2,7 @@
 
 from .designs import gang_of_four_figure, margin_map_figure, region_figure, response_figure, sweep_figure
 from .loops import bode_figure, nichols_figure, nyquist_figure
+from .lyapunov_runs import lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
 from .style import save_figure
 
@@ -9,6 +10,7 @@ __all__ = [
     "bode_figure",
     "estimates_figure",
     "gang_of_four_figure",
+    "lyapunov_runs_figure",
     "margin_map_figure",
     "nichols_figure",
     "nyquist_figure",

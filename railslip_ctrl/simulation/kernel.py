@@ -335,6 +335,9 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
             break
         history[sample % history.size] = torque
         random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+        if a.lag_fill <= 0.0:  # without a lag the torque jumps with the command: what is logged acts from now on
+            first = sample - delay - (1 if rest > 0.0 else 0)
+            y[TORQUE] = history[first % history.size] if first >= 0 else 0.0
         if every > 0 and sample % every == 0:
             write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
             rows += 1

@@ -6,11 +6,12 @@ import math
 from types import MappingProxyType
 from typing import Any, Self
 
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Rail, Record, Vehicle
+from railslip_ctrl.parameters.validation import one_line
 from railslip_ctrl.units import KMH, quantity
 
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
@@ -125,7 +126,11 @@ class Scenario(Record):
 
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
-        return type(self).model_validate({**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
+        given = {name: getattr(self, name) for name in type(self).model_fields} | changes
+        try:
+            return type(self).model_validate({name: value for name, value in given.items() if value is not None})
+        except ValidationError as error:
+            raise InputError(one_line(error, self.name, model=type(self))) from None
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)

@@ -1,0 +1,65 @@
+"""How long do the Lyapunov conditions of the sliding-mode law hold along a real stop, with the actuator and without?
+
+[Park2008] (40), (42), (46), Table 4's bristle column in the paper's own scenario, as published and in SI; the law
+without adaptation (k = 0, as in Table 5) and with the printed k. Without the actuator and without noise the proof is
+borne out; the actuator takes the sliding away, the noise breaks (40), and behind the actuator the printed adaptation
+makes the stop more than three times as long.
+
+    python analysis/lyapunov_along_runs.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.lyapunov_runs import LyapunovRun, judge_run
+from railslip_ctrl.report.lyapunov_runs import lyapunov_runs_text
+from railslip_ctrl.simulation import SlidingControl, published_scenario
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+
+REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
+SEED = 2008
+LAWS = {"k = 0": replace(PUBLISHED_LAW, k1=0.0, k2=0.0), "printed k": PUBLISHED_LAW}
+
+
+def run(*, as_published: bool) -> dict[tuple[str, bool, bool], LyapunovRun]:
+    """Runs by (law, with actuator, with noise)."""
+    scenario = published_scenario(as_published=as_published)
+    return {
+        (name, actuator, noise): judge_run(
+            scenario, SlidingControl(gains, REFERENCE), actuator=actuator, seed=SEED if noise else None
+        )
+        for name, gains in LAWS.items()
+        for actuator in (False, True)
+        for noise in (False, True)
+    }
+
+
+def label(case: tuple[str, bool, bool]) -> str:
+    """A case in words."""
+    name, actuator, noise = case
+    return f"{name}, {'actuator' if actuator else 'ideal'}{', noise' if noise else ''}"
+
+
+def main() -> None:
+    """Print both readings; with a folder, draw the runs without adaptation."""
+    for as_published in (True, False):
+        cases = run(as_published=as_published)
+        reading = "as published (inertia scale 3.6)" if as_published else "SI"
+        print(f"{reading}\n")
+        print(lyapunov_runs_text([(label(case), judged) for case, judged in cases.items()]))
+        if len(sys.argv) > 1:
+            from railslip_ctrl.plots import lyapunov_runs_figure, save_figure
+
+            folder = Path(sys.argv[1])
+            folder.mkdir(parents=True, exist_ok=True)
+            chosen = [(label(case), judged) for case, judged in cases.items() if case[0] == "k = 0"]
+            figure = lyapunov_runs_figure(chosen, f"Sliding variable and the condition (40) along a stop, {reading}")
+            save_figure(figure, folder / f"lyapunov_along_runs_{'as_published' if as_published else 'si'}.png")
+
+
+if __name__ == "__main__":
+    main()
