@@ -2,19 +2,27 @@
 
 [Park2008] Table 4 (ASMC, bristle column) in (45), with the gains as they must be read. The equivalent control has the
 adhesion torque as feed-forward and (J/r) rho as a proportional gain on e; D and K are what is left to be robust. K is
-set against the least K of the reaching condition (40) for the published disturbances, in SI and in the as-published
-reading (M, J and B times 3.6).
+set against the least K of the reaching condition (40) for the published disturbances, at the reference and over the
+whole run, in SI and in the as-published reading (M, J and B times 3.6).
 
-    python designs/asmc_published.py
+    python designs/asmc_published.py [FOLDER for the picture]
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.sliding.reaching_bound import holding_torque, least_gain, published_bounds, reaching_time
+from railslip_ctrl.sliding.reaching_bound import (
+    holding_torque,
+    least_gain,
+    operating_set,
+    reaching_time,
+    reference_set,
+)
 from railslip_ctrl.units import KMH
 
 SPEED = 100.0 * KMH  # m/s
@@ -27,8 +35,9 @@ class Reading:
     """The law in one reading of the units.
 
     feed_forward: N m, torque that holds the reference slip; proportional_gain: (J/r) rho + D, N m/(m/s), on e, of which
-    `from_surface` is (J/r) rho; integral_gain: D rho, N m/m; pi_gain: Table 4's Kp; least_K: N m, 1 and 3 sigma;
-    reaching_time: s from free rolling without disturbances.
+    `from_surface` is (J/r) rho; integral_gain: D rho, N m/m; pi_gain: Table 4's Kp; least_K, least_K_run: N m, 1 and 3
+    sigma, at the reference slip and 100 km/h, and over the whole run; reaching_time: s from free rolling without
+    disturbances.
     """
 
     inertia_scale: float
@@ -39,6 +48,7 @@ class Reading:
     pi_gain: float
     K: float
     least_K: tuple[float, float]
+    least_K_run: tuple[float, float]
     reaching_time: float
 
 
@@ -49,7 +59,9 @@ def read(inertia_scale: float) -> Reading:
     # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
     # 2. What (40) asks of K.
-    one, three = (least_gain(vehicle, published_bounds(vehicle, sigmas=n)) for n in (1.0, 3.0))
+    least = [
+        tuple(least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0)) for box in (reference_set, operating_set)
+    ]
     return Reading(
         inertia_scale=inertia_scale,
         feed_forward=holding_torque(vehicle, SPEED),
@@ -58,7 +70,8 @@ def read(inertia_scale: float) -> Reading:
         integral_gain=law.D * law.rho,
         pi_gain=TABLE4_PI["bristle"].kp,
         K=law.K,
-        least_K=(one, three),
+        least_K=(least[0][0], least[0][1]),
+        least_K_run=(least[1][0], least[1][1]),
         reaching_time=reaching_time(vehicle, K=law.K, D=law.D, start=START),
     )
 
@@ -69,8 +82,9 @@ def run() -> tuple[Reading, Reading]:
 
 
 def main() -> None:
-    """Print both readings."""
-    for reading in run():
+    """Print both readings; with a folder, draw K beside what (40) asks."""
+    readings = run()
+    for reading in readings:
         print(f"Inertia scale {reading.inertia_scale:g}")
         print(f"  feed-forward at 100 km/h, dry      {reading.feed_forward:9.1f} N m")
         print(
@@ -79,9 +93,42 @@ def main() -> None:
         )
         print(f"  gain on the integral of e: D rho   {reading.integral_gain:9.1f} N m/m")
         print(f"  K                                  {reading.K:9.1f} N m")
-        print(f"  least K of (40), 1 and 3 sigma     {reading.least_K[0]:9.1f} and {reading.least_K[1]:.1f} N m")
+        for name, least in (("at e = 0", reading.least_K), ("whole run", reading.least_K_run)):
+            print(f"  least K, {name:9}, 1 and 3 sigma  {least[0]:9.1f} and {least[1]:.1f} N m")
         print(f"  s of free rolling takes            {reading.reaching_time:9.1f} s to vanish, undisturbed")
     print("The law is a feed-forward of adhesion with a proportional gain; K is far too small to make it slide.")
+    if len(sys.argv) > 1:
+        draw(readings, Path(sys.argv[1]))
+
+
+def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
+    """K of Table 4 beside the least K of (40), and the gains that do the work instead."""
+    from matplotlib.figure import Figure
+
+    from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.style import line_style
+
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    switching, gains = figure.subplots(1, 2)
+    names = ("K, Table 4", "e = 0, 1 sigma", "e = 0, 3 sigma", "run, 1 sigma", "run, 3 sigma")
+    for i, reading in enumerate(readings):
+        label, color = f"inertia scale {reading.inertia_scale:g}", line_style(i)["color"]
+        bars = (reading.K, *reading.least_K, *reading.least_K_run)
+        switching.barh([j - 0.2 + 0.4 * i for j in range(len(names))], bars, height=0.4, label=label, color=color)
+        work = (reading.from_surface, reading.proportional_gain - reading.from_surface, reading.pi_gain)
+        gains.barh([j - 0.2 + 0.4 * i for j in range(len(work))], work, height=0.4, label=label, color=color)
+    switching.set(title="K and what (40) asks of it", xlabel="N·m", yticks=range(len(names)), yticklabels=names)
+    gains.set(
+        title="Gains on the slip velocity error",
+        xlabel="N·m/(m/s)",
+        yticks=range(3),
+        yticklabels=("(J/r) rho", "D", "Kp of the PI"),
+    )
+    for axes in (switching, gains):
+        axes.invert_yaxis()
+        axes.legend()
+    folder.mkdir(parents=True, exist_ok=True)
+    save_figure(figure, folder / "asmc_published.png")
 
 
 if __name__ == "__main__":

@@ -3,57 +3,44 @@
 Behind 0.6 s of lag and 0.15 s of dead time the published relay cannot slide: it cycles, and on dry rail the printed
 adaptation makes the loop unstable. Here the surface gets a lead on the lag, the relay a boundary layer whose linear
 loop has exact margins on dry and wet rail, and K follows from the bound: it must exceed the disturbance times the L1
-norm of the loop. What error is then guaranteed, under which conditions, and does the nonlinear wheel keep it?
+norm of the loop. What error is then guaranteed, under which conditions, and does the nonlinear wheel keep it? The
+design is the one `railslip verify --law layered` decides.
 
-    python designs/asmc_robust.py
+    python designs/asmc_robust.py [FOLDER for the picture]
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+import sys
+import textwrap
 from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
-
-from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.tuning import tune_pi
-from railslip_ctrl.loop import Margins
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, PIGains, Rail
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Rail
+from railslip_ctrl.sliding_verification.layered import (
+    DURATION,
+    OFFSET,
+    STEP,
+    RailBounds,
+    bounded_errors,
+    bounded_torques,
+    layered_design,
+    rail_bounds,
+)
 from railslip_ctrl.switching import (
     ActuatorEffect,
-    LayerBound,
     LayeredDesign,
     actuator_effect,
     conclusion,
     cycle_table,
-    layer_bound,
     published_loop,
 )
-from railslip_ctrl.switching.layered import Impulse, torque_impulse
-from railslip_ctrl.switching.simulate import holding_torque, simulate
+from railslip_ctrl.switching.layered import torque_impulse
+from railslip_ctrl.switching.simulate import Run, holding_torque, simulate
 from railslip_ctrl.switching.stepped import LayeredLaw
 
-ACTUATOR = PARK2008.actuator
-LEAD_FILTER = 0.06  # s: a tenth of the lag, as in designs/pi_lead.py
-OFFSET = 0.1  # m/s: error at t = 0 that must be taken in
-DURATION, STEP = 15.0, 2.5e-3  # s
-
-
-@dataclass(frozen=True)
-class Target:
-    """One reading: its inertia scale, least integral gain (N*m/m), disturbance (N*m) and authority K (N*m)."""
-
-    inertia_scale: float
-    ki_min: float
-    disturbance: float
-    K: float
-
-
-TARGETS = {
-    "SI": Target(1.0, ki_min=100.0, disturbance=20.0, K=450.0),
-    "as published": Target(AS_PUBLISHED_INERTIA_SCALE, ki_min=300.0, disturbance=50.0, K=850.0),
-}
+READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
+WORST = "worst case"
 
 
 @dataclass(frozen=True)
@@ -61,98 +48,136 @@ class RobustDesign:
     """One reading: the published law's fate, the design, its bounds by rail, and the largest errors simulated.
 
     `published` holds the bristle model and the static curve the paper's results come from, both rails.
-    `simulated[rail][name]` is (largest |sigma error|, largest |Tb - hold|) from rest, m/s and N*m.
+    `simulated[rail][name]` is (largest |sigma error|, largest |Tb - hold|) from rest, m/s and N*m; `worst[rail]` the
+    run under the linear loop's worst disturbance.
     """
 
     published: tuple[ActuatorEffect, ...]
     design: LayeredDesign
-    margins: dict[Rail, Margins]
-    at_rest: dict[Rail, LayerBound]
-    from_offset: dict[Rail, LayerBound]
+    bounds: dict[Rail, RailBounds]
     simulated: dict[Rail, dict[str, tuple[float, float]]]
+    worst: dict[Rail, Run]
 
 
-def tune(target: Target) -> LayeredDesign:
-    """The PI gains of least worst Ms over both rails with the lead, turned into a layer and K."""
-    loops = {rail: published_loop(rail, inertia_scale=target.inertia_scale) for rail in Rail}
-    lead = PIController(PIGains(kp=1.0, ki=0.0), ACTUATOR.lag, LEAD_FILTER).transfer_function
-    plants = [actuated_plant(loop.plant, ACTUATOR) for loop in loops.values()]
-    tuned = tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=target.ki_min, compensator=lead)
-    return LayeredDesign(tuned.kp, tuned.ki, ACTUATOR.lag, LEAD_FILTER, target.K)
-
-
-def disturbances(height: float, impulse: Impulse) -> dict[str, Callable[[float], float]]:
-    """Torques within +-height, N*m, over time, s: a step, sines, held noise, and the worst for the linear loop."""
-    noise = np.random.default_rng(1).uniform(-height, height, 1000)
-    worst = np.sign(np.interp(DURATION - np.arange(0.0, DURATION, STEP), impulse.time, impulse.error, right=0.0))
-
-    return {
-        "step": lambda t: height,
-        "sine 0.5 rad/s": lambda t: height * math.sin(0.5 * t),
-        "sine 2 rad/s": lambda t: height * math.sin(2.0 * t),
-        "noise held 0.02 s": lambda t: float(noise[int(t / 0.02) % noise.size]),
-        # the impulse response backwards in time: every push adds up at the end
-        "worst case": lambda t: height * float(worst[min(int(t / STEP), worst.size - 1)]),
-    }
-
-
-def check(design: LayeredDesign, target: Target, rail: Rail) -> dict[str, tuple[float, float]]:
-    """Simulate the nonlinear wheel from rest, speed frozen, under each disturbance."""
-    plant = published_loop(rail, inertia_scale=target.inertia_scale).plant
-    point, hold = plant.point, holding_torque(plant.point)
-    found = {}
-    for name, torque in disturbances(target.disturbance, torque_impulse(design, plant, ACTUATOR)).items():
-        law = LayeredLaw(point.slip, hold, design=design)
-        run = simulate(point, law, ACTUATOR, duration=DURATION, step=STEP, disturbance=torque)
-        found[name] = (float(np.abs(run.sigma - point.sigma).max()), float(np.abs(run.command - hold).max()))
-    return found
-
-
-def design_for(target: Target) -> RobustDesign:
+def design_for(inertia_scale: float) -> RobustDesign:
     """Published law, design, bounds and check in one reading."""
-    design = tune(target)
-    loops = {rail: published_loop(rail, inertia_scale=target.inertia_scale) for rail in Rail}
-    at_rest = {r: layer_bound(design, loops[r].plant, ACTUATOR, target.disturbance) for r in Rail}
+    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    design = layered_design(vehicle)
+    bounds = rail_bounds(design, vehicle)
     return RobustDesign(
         published=tuple(
-            actuator_effect(published_loop(rail, inertia_scale=target.inertia_scale, adhesion=adhesion))
+            actuator_effect(published_loop(rail, inertia_scale=inertia_scale, adhesion=adhesion))
             for adhesion in ("bristle", "curve")
             for rail in Rail
         ),
         design=design,
-        margins={rail: bound.margins for rail, bound in at_rest.items()},
-        at_rest=at_rest,
-        from_offset={r: layer_bound(design, loops[r].plant, ACTUATOR, target.disturbance, offset=OFFSET) for r in Rail},
-        simulated={rail: check(design, target, rail) for rail in Rail},
+        bounds=bounds,
+        simulated={rail: bounded_errors(design, one) for rail, one in bounds.items()},
+        worst={rail: worst_run(design, one) for rail, one in bounds.items()},
     )
+
+
+def worst_run(design: LayeredDesign, bounds: RailBounds) -> Run:
+    """The nonlinear wheel from rest under the worst disturbance of the linear loop."""
+    point, actuator = bounds.plant.point, bounds.plant.point.vehicle.actuator
+    impulse = torque_impulse(design, bounds.plant, actuator)
+    torque = bounded_torques(bounds.at_rest.disturbance, impulse)[WORST]
+    law = LayeredLaw(point.slip, holding_torque(point), design=design)
+    return simulate(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
 
 
 def run() -> dict[str, RobustDesign]:
     """Both readings."""
-    return {name: design_for(target) for name, target in TARGETS.items()}
+    return {name: design_for(scale) for name, scale in READINGS.items()}
+
+
+def bounds_table(found: RobustDesign) -> str:
+    """What is guaranteed, one row a rail."""
+    lines = [
+        f"{'rail':5}{'Ms':>7}{'|d| N*m':>9}{'|error| m/s':>13}{'|s| m/s':>9}{'|Tb-hold| N*m':>15}"
+        f"{'from ' + format(OFFSET, 'g') + ' m/s: below':>22}{'after s':>9}{'K N*m >=':>10}"
+    ]
+    for rail, one in found.bounds.items():
+        rest, offset = one.at_rest, one.from_offset
+        lines.append(
+            f"{rail.value:5}{rest.margins.ms:7.3f}{rest.disturbance:9g}{rest.error:13.3f}{rest.surface:9.3f}"
+            f"{rest.command:15.0f}{offset.error + 0.01 * OFFSET:22.3f}{offset.reaching_time:9.1f}{offset.command:10.0f}"
+        )
+    return "\n".join(lines)
+
+
+def simulated_table(found: RobustDesign) -> str:
+    """Largest errors (m/s) and torques about the hold (N*m) of the simulations beside the bounds, rails in columns."""
+    lines = [f"{'simulated':20}" + "".join(f"{rail.value + ': m/s':>12}{'N*m':>8}" for rail in found.simulated)]
+    for name in found.simulated[Rail.DRY]:
+        cells = (found.simulated[rail][name] for rail in found.simulated)
+        lines.append(f"{name:20}" + "".join(f"{error:12.3f}{command:8.0f}" for error, command in cells))
+    bounds = ((one.at_rest.error, one.at_rest.command) for one in found.bounds.values())
+    return "\n".join([*lines, f"{'bound':20}" + "".join(f"{e:12.3f}{c:8.0f}" for e, c in bounds)])
 
 
 def main() -> None:
-    """Print the fate of the published law and the design with its bounds."""
+    """Print the fate of the published law and the design with its bounds; with a folder, draw the worst runs."""
     result = run()
     effects = [effect for found in result.values() for effect in found.published]
     print("THE PUBLISHED LAW BEHIND THE ACTUATOR\n")
     print(cycle_table(effects))
-    print(f"\n{conclusion(effects)}\n")
-    print("THE LAYERED LAW WITH A LEAD ON THE LAG\n")
+    print()
+    print(survivors_table(effects))
+    print(f"\n{textwrap.fill(conclusion(result['SI'].published[: len(Rail)]), 110, break_on_hyphens=False)}\n")
+    print("THE LAYERED LAW WITH A LEAD ON THE LAG")
     for name, found in result.items():
         d = found.design
-        print(f"{name}: K {d.K:g} N*m, layer {d.layer:.3f} m/s, rho {d.rho:.4f} 1/s (kp {d.kp:.1f}, ki {d.ki:.1f})")
-        for rail, bound in found.at_rest.items():
-            offset = found.from_offset[rail]
-            print(
-                f"  {rail.value}: Ms {bound.margins.ms:.3f}; |d| <= {bound.disturbance:g} N*m keeps |sigma error| <= "
-                f"{bound.error:.3f} m/s, |s| <= {bound.surface:.3f} m/s, |Tb - hold| <= {bound.command:.0f} N*m; from "
-                f"an error of {offset.offset:g} m/s it is below {offset.error + 0.01 * offset.offset:.3f} m/s after "
-                f"{offset.reaching_time:.1f} s, if K >= {offset.command:.0f} N*m"
-            )
-            for what, (error, command) in found.simulated[rail].items():
-                print(f"    simulated, {what}: {error:.3f} m/s, {command:.0f} N*m")
+        print(f"\n{name}: K {d.K:.0f} N*m, layer {d.layer:.3f} m/s, rho {d.rho:.4f} 1/s (kp {d.kp:.1f}, ki {d.ki:.1f})")
+        print(bounds_table(found))
+        print()
+        print(simulated_table(found))
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def survivors_table(effects: list[ActuatorEffect]) -> str:
+    """What survives the actuator, one row a case: unstable poles with the printed k, and the largest gains."""
+    lines = [
+        f"{'case':28}{'poles':>6}{'largest k':>11}{'K N*m':>8}{'rho 1/s':>9}{'D':>8}{'K/layer':>9}   "
+        "(printed: k 2.1e-08, K 70, rho 1.54, D 5.51)"
+    ]
+    for effect in effects:
+        left = effect.survivors
+        lines.append(
+            f"{effect.name:28}{effect.unstable_actual:6.0f}{left.k:11.2e}{left.K:8.1f}{left.rho:9.2f}{left.D:8.1f}"
+            f"{left.relay_gain:9.1f}"
+        )
+    return "\n".join(lines)
+
+
+def draw(result: dict[str, RobustDesign], folder: Path) -> None:
+    """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings."""
+    from matplotlib.figure import Figure
+
+    from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.style import line_style
+
+    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    grid = figure.subplots(2, len(result), sharex=True)
+    for column, (name, found) in enumerate(result.items()):
+        for i, (rail, one) in enumerate(found.bounds.items()):
+            point, run = one.plant.point, found.worst[rail]
+            rest, style = one.at_rest, line_style(i)
+            signals = ((run.sigma - point.sigma, rest.error), (run.command - holding_torque(point), rest.command))
+            for axes, (signal, bound) in zip(grid[:, column], signals, strict=True):
+                axes.plot(run.time, signal, label=f"{rail.value}, bound ±{bound:.3g}", **style)
+                for side in (-bound, bound):
+                    axes.axhline(side, color=style["color"], linewidth=0.8, linestyle=":")
+                if rail is Rail.DRY:
+                    axes.set_ylim(-1.2 * bound, 1.9 * bound)  # room for the legend
+        height = found.bounds[Rail.DRY].at_rest.disturbance
+        grid[0, column].set(title=f"{name}: worst torque within ±{height:g} N·m", ylabel="slip velocity error, m/s")
+        grid[1, column].set(xlabel="time, s", ylabel="torque about the hold, N·m")
+        for axes in grid[:, column]:
+            axes.legend(loc="upper left")
+    folder.mkdir(parents=True, exist_ok=True)
+    save_figure(figure, folder / "asmc_robust.png")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import json
 import shutil
@@ -192,17 +193,40 @@ def test_closed_loop_of_the_numeric_plant_is_the_derived_one(name: str, referenc
 
 # --- broken plants -------------------------------------------------------------------------------------------------
 
-PROBE = """
-import json
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import errata
-d = derive()
-print(json.dumps({
-    "law": str(d.adaptive_law_control),
-    "disturbance": str(d.disturbance),
-    "failed": [step.name for step in d.steps if not step.checked],
-    "disagree": [row.where for row in errata(d) if not row.agrees],
-}))
+DRIVER = """
+import json, sys
+from pathlib import Path
+
+sys.dont_write_bytecode = True
+FILE = Path("railslip_ctrl/plant.py")
+
+
+def probe(text, what):
+    FILE.write_text(text)
+    for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
+        del sys.modules[name]
+    from railslip_ctrl.parameters import Rail
+    from railslip_ctrl.sliding.derivation import derive
+    from railslip_ctrl.sliding.errata_law import law_errata
+    from railslip_ctrl.sliding.lyapunov_conditions import derivation_checked
+    from railslip_ctrl.switching import predict_limit_cycle, published_loop
+
+    d = derive()
+    found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
+    found["failed"] = [step.name for step in d.steps if not step.checked]
+    found["verify"] = derivation_checked(d).holds
+    if what == "errata":
+        found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
+    if what == "cycle":
+        try:
+            found["cycle"] = predict_limit_cycle(published_loop(Rail.DRY)).period
+        except (ArithmeticError, LookupError, ValueError) as error:
+            found["cycle"] = str(error)
+    return found
+
+
+asked = json.load(sys.stdin)
+print(json.dumps({name: probe(*one) for name, one in asked.items()}))
 """
 
 MUTATIONS = {
@@ -217,39 +241,97 @@ MUTATIONS = {
     "slip of the other sign": ("sp.Eq(sigma, v - r * omega)", "sp.Eq(sigma, v + r * omega)"),
 }
 
+EQUATIONS = {"SLIP_VELOCITY", "SLIP_RATIO", "ADHESION_TORQUE", "RESISTANCE", "WHEEL", "TRAIN"}
+ACTUATOR = {"actuator_transfer", "actuator_lag_rate"}
 
-def _probe(directory: Path) -> dict:
-    done = subprocess.run([sys.executable, "-c", PROBE], cwd=directory, capture_output=True, text=True, check=True)
+
+def _sign_flips(source: str) -> dict[str, str]:
+    """The statement with one sign changed: of a term, of a factor with a minus, of a whole right-hand side."""
+    tree = ast.parse(source)
+    flipped = {}
+    for name, holder in _equations(tree):
+        whole = holder[-1]
+        for node in [*ast.walk(whole), None]:
+            if node is None:
+                holder[-1] = ast.UnaryOp(ast.USub(), whole)
+            elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+                node.op = ast.Sub() if isinstance(node.op, ast.Add) else ast.Add()
+            elif isinstance(node, ast.UnaryOp):
+                node.op = ast.UAdd()
+            else:
+                continue
+            flipped[f"{name} = {ast.unparse(holder[-1])}"] = ast.unparse(tree)
+            if node is None:
+                holder[-1] = whole
+            elif isinstance(node, ast.UnaryOp):
+                node.op = ast.USub()
+            else:
+                node.op = ast.Sub() if isinstance(node.op, ast.Add) else ast.Add()
+    return flipped
+
+
+def _equations(tree: ast.Module) -> list[tuple[str, list[ast.expr]]]:
+    """Name, and a list that ends with the right-hand side, of every equation of the statement."""
+    found = []
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("sp.Eq("):
+            found.append((node.targets[0].id, node.value.args))
+        elif isinstance(node, ast.FunctionDef) and node.name.startswith("actuator_"):
+            answer = node.body[-1]
+            # a call of one argument, so that the right-hand side has a list to stand in
+            answer.value = ast.Call(ast.parse("sp.sympify", mode="eval").body, [answer.value], [])
+            found.append((node.name, answer.value.args))
+    return found
+
+
+def _probed(folder: Path, asked: dict[str, tuple[str, str]]) -> dict[str, dict]:
+    """What a copy of the package in a scratch folder gives with each text of the statement; one process for all.
+
+    With "errata" or "cycle" beside the text: the errata of the law, the limit cycle behind the actuator too.
+    """
+    ignore = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(railslip_ctrl.__file__).parent, folder / "railslip_ctrl", ignore=ignore)
+    command = [sys.executable, "-c", DRIVER]
+    done = subprocess.run(command, cwd=folder, input=json.dumps(asked), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
 
-@pytest.fixture(scope="module")
-def scratch(tmp_path_factory) -> tuple[Path, dict]:
-    """A copy of the package, and what it gives unbroken."""
-    directory = tmp_path_factory.mktemp("scratch")
-    ignore = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(Path(railslip_ctrl.__file__).parent, directory / "railslip_ctrl", ignore=ignore)
-    return directory, _probe(directory)
-
-
-@pytest.mark.parametrize("name", MUTATIONS)
-def test_a_broken_plant_is_noticed(name: str, scratch: tuple[Path, dict]) -> None:
+def test_a_broken_plant_is_noticed(tmp_path) -> None:
     """Each changes the law or the disturbance, fails a check of the derivation, and (35)-(45) agree no longer."""
-    directory, sound = scratch
-    assert sound["failed"] == []
-    file = directory / "railslip_ctrl" / "plant.py"
-    text = file.read_text()
-    before, after = MUTATIONS[name]
-    assert text.count(before) == 1
-    try:
-        file.write_text(text.replace(before, after))
-        broken = _probe(directory)
-    finally:
-        file.write_text(text)
-    assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"])
-    assert broken["failed"]
-    assert set(broken["disagree"]) > set(sound["disagree"])
-    assert "(35)" in broken["disagree"]
+    text = Path(plant.__file__).read_text(encoding="utf-8")
+    assert all(text.count(before) == 1 for before, _ in MUTATIONS.values())
+    asked = {name: (text.replace(*pair), "errata") for name, pair in MUTATIONS.items()}
+    found = _probed(tmp_path, {"sound": (text, "errata"), **asked})
+    sound = found.pop("sound")
+    assert (sound["failed"], sound["verify"]) == ([], True)
+    for name, broken in found.items():
+        assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
+        assert broken["failed"], name
+        assert not broken["verify"], name
+        assert set(broken["disagree"]) > set(sound["disagree"]), name
+        assert "(35)" in broken["disagree"], name
+
+
+def test_every_sign_of_the_statement_counts(tmp_path) -> None:
+    """Whichever sign of whichever equation is changed, `derive` and `verify` say that a step fails.
+
+    A changed actuator also stops the analysis of what the actuator does.
+    """
+    text = Path(plant.__file__).read_text(encoding="utf-8")
+    flips = _sign_flips(text)
+    assert {name.split(" = ")[0] for name in flips} == EQUATIONS | ACTUATOR
+    assert len(flips) >= 20
+    asked = {name: (flip, "cycle" if name.split(" = ")[0] in ACTUATOR else "") for name, flip in flips.items()}
+    found = _probed(tmp_path, {"sound": (text, "cycle"), **asked})
+    sound = found.pop("sound")
+    assert (sound["failed"], sound["verify"]) == ([], True)
+    for name, broken in found.items():
+        assert broken["failed"], name
+        assert not broken["verify"], name
+        if "cycle" in broken:
+            assert "do not describe one actuator" in broken["cycle"], name
+    assert sound["cycle"] > 0.0
 
 
 # --- the command ---------------------------------------------------------------------------------------------------
@@ -317,6 +399,7 @@ def test_latex_is_a_document(railslip, tmp_path, law) -> None:
         halt = ["-interaction=nonstopmode", "-halt-on-error"] if compiler.endswith("pdflatex") else []
         done = subprocess.run([compiler, *halt, file.name], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout[-2000:]
+        assert "Overfull" not in done.stdout  # nothing runs out of the page
         assert file.with_suffix(".pdf").stat().st_size > 10_000
     _check_structure(text)
 
@@ -326,7 +409,7 @@ def _check_structure(text: str) -> None:
     assert text.isascii()
     assert text.startswith(r"\documentclass")
     assert text.rstrip().endswith(r"\end{document}")
-    body = "".join(part.split(r"\end{verbatim}")[-1] for part in text.split(r"\begin{verbatim}"))
+    body = "".join(part.split(r"\end{lstlisting}")[-1] for part in text.split(r"\begin{lstlisting}"))
     stack = []
     for piece in body.replace(r"\end{", "\0end{").replace(r"\begin{", "\0begin{").split("\0")[1:]:
         name = piece[piece.index("{") + 1 : piece.index("}")]
@@ -340,6 +423,19 @@ def _check_structure(text: str) -> None:
         if line.startswith(r"\formula"):
             assert bare.count("{") == bare.count("}"), line
             assert line.count(r"\left") == line.count(r"\right"), line
+
+
+def test_out_says_which_folder_it_made_and_is_checked_before_the_work(railslip, tmp_path, monkeypatch) -> None:
+    file = tmp_path / "new" / "deeper" / "law.c"
+    status, out, err = railslip("--format", "c", "--out", file)
+    assert (status, out) == (0, "")
+    assert f"wrote {file}, made the folder {file.parent}" in " ".join(err.split())
+    assert "made the folder" not in railslip("--format", "c", "--out", file)[2]
+    monkeypatch.setattr("railslip_ctrl.cli.derive.derive", None)  # the work: never reached
+    status, out, err = railslip("--out", file / "below_a_file.txt")
+    assert (status, out) == (2, "")
+    assert "cannot be made or written to" in err
+    assert file.read_text(encoding="utf-8").startswith("/* Adaptive sliding-mode")
 
 
 def test_code_alone(railslip) -> None:

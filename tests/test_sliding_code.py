@@ -7,15 +7,22 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import sympy as sp
 from sample_laws import ALL_LAWS, sample_law
 
-from railslip_ctrl.adhesion import law_names
-from railslip_ctrl.sliding.code import generate, python_law
+from railslip_ctrl.adhesion import law_names, published_law
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.sliding import ideal_loop
+from railslip_ctrl.sliding.code import LARGEST, OPTIONS, gain_parameters, generate, python_law
 from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.sliding.ideal_loop import STEP, simulate
 from railslip_ctrl.sliding.symbols import sliding_symbol
 
 COMPILER = shutil.which("cc")
@@ -38,8 +45,8 @@ ARGUMENTS = {
 
 
 def parameters(code, generator, adhesion, **given):
-    """Random parameters; the adhesion law's own; no boundary layer and no limits unless given."""
-    values = {"boundary": 0.0, "torque_min": -math.inf, "torque_max": math.inf}
+    """Random parameters; the adhesion law's own; no boundary layer, limits or options unless given."""
+    values = {"boundary": 0.0, "torque_min": -math.inf, "torque_max": math.inf, **dict.fromkeys(OPTIONS, 0.0)}
     for name in code.law.parameters:
         if name in RANGES:
             values[name] = generator.uniform(*RANGES[name])
@@ -48,6 +55,17 @@ def parameters(code, generator, adhesion, **given):
         named = zip(type(law).parameter_names(), law.parameters(), strict=True)
         values |= {f"adhesion_{name}": value for name, value in named}
     return [{**values, **given}[name] for name in code.law.parameters]
+
+
+def options(generator):
+    """Random options of the robust variants, limits that are met, and anti-windup."""
+    box = {f"theta{i}_{side}": sign * generator.uniform(0.1, 1.0) * 1e-4 for i in (1, 2) for side, sign in SIDES}
+    limits = {"torque_min": 0.0, "torque_max": generator.uniform(500.0, 4e3), "boundary": generator.uniform(0.05, 0.5)}
+    flags = {"dead_zone": float(generator.integers(2)), "anti_windup": float(generator.integers(2))}
+    return {**limits, **box, **flags, "leak": generator.uniform(0.0, 2.0)}
+
+
+SIDES = (("min", -1.0), ("max", 1.0))
 
 
 # --- Python against the derivation ---------------------------------------------------------------------------------
@@ -63,7 +81,7 @@ def test_control_is_the_derived_law(reference) -> None:
     expressions = (derivation.adaptive_law_control.subs(s, derivation.s), derivation.s)
     rates = (rate.subs(s, derivation.s) for rate in derivation.adaptation_matrix)
     known = {str(x): x for e in (*expressions, *derivation.adaptation_matrix) for x in e.free_symbols}
-    symbols = [known.get(name, sp.Symbol(name)) for name in names]
+    symbols = [known.get(name, sp.Symbol(name)) for name in names]  # an option has no place in the paper's law
     reference_law = sp.lambdify(symbols, (*expressions, *rates), "math")
     for _ in range(300):
         p = parameters(generate(derivation), generator, None)
@@ -108,6 +126,86 @@ def test_torque_limits_and_no_further_state_changes() -> None:
     assert state == module.start(25.0)  # a step gives a new state and leaves the old
 
 
+# --- the robust variants in the sampled law -------------------------------------------------------------------------
+
+
+def stepped(given, measured, state=None):
+    """(torque, s, new state, parameters) of one sample of the law without adhesion, SI, dry."""
+    module = python_law(derive())
+    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": 0.132, "filter_time": 0.1, "period": 0.01}
+    values |= {
+        "torque_min": -math.inf,
+        "torque_max": math.inf,
+        "boundary": 0.0,
+        **gain_parameters(PUBLISHED_LAW),
+        **given,
+    }
+    p = module.Parameters(**values)
+    return *module.step(state or module.start(measured[0]), *measured, p), p
+
+
+MEASURED = (25.0, 53.0, 4000.0)  # m/s, rad/s, N*m: sigma = 2.21 m/s, e = 1.09 m/s
+
+
+def test_options_left_out_leave_the_papers_law() -> None:
+    module = python_law(derive())
+    assert module.Parameters._field_defaults == dict.fromkeys(OPTIONS, 0.0)
+    _, s, state, p = stepped({}, MEASURED)
+    assert state.theta1_hat == pytest.approx(0.01 * PUBLISHED_LAW.k1 * s * 4000.0, rel=1e-12)
+    assert state.theta2_hat == pytest.approx(0.01 * PUBLISHED_LAW.k2 * s * 53.0, rel=1e-12)
+    # the robust record without any variant gives the same parameters
+    assert gain_parameters(PUBLISHED_LAW) == {name: getattr(p, name) for name in gain_parameters(PUBLISHED_LAW)}
+
+
+def test_variants_of_the_adaptation() -> None:
+    """Leak, dead zone and box as `robust` derives them, one Euler step by hand."""
+    module = python_law(derive())
+    start = module.start(25.0)._replace(theta1_hat=3e-4, theta2_hat=-2e-3)
+    gains = replace(PUBLISHED_LAW, layer=0.2, dead_zone=True, leak=0.7)
+    _, s, state, _ = stepped(gain_parameters(gains), MEASURED, start)
+    assert s > 0.2
+    drive = s - 0.2
+    assert state.theta1_hat == pytest.approx(3e-4 + 0.01 * (gains.k1 * drive * 4000.0 - 0.7 * 3e-4), rel=1e-12)
+    assert state.theta2_hat == pytest.approx(-2e-3 + 0.01 * (gains.k2 * drive * 53.0 + 0.7 * 2e-3), rel=1e-12)
+    # within the layer nothing drives the estimates
+    wide = replace(PUBLISHED_LAW, layer=2.0, dead_zone=True)
+    assert stepped(gain_parameters(wide), MEASURED, start)[2][-2:] == (3e-4, -2e-3)
+    boxed = replace(PUBLISHED_LAW, box=((-1e-4, 1e-4), (-1e-3, 5e-3)))
+    assert stepped(gain_parameters(boxed), MEASURED, start)[2][-2:] == (1e-4, -1e-3)
+    with pytest.raises(InputError, match=r"box: 0\.1 \.\. 0\.1 of theta1_hat"):
+        gain_parameters(replace(PUBLISHED_LAW, box=((0.1, 0.1), (0.0, 1.0))))
+
+
+@pytest.mark.parametrize(("limit", "integral"), [("torque_max", False), ("torque_min", True)])
+def test_anti_windup(limit, integral) -> None:
+    """e > 0 raises the torque: at the upper limit the integral rests, at the lower it unwinds; the estimates rest."""
+    free = stepped({}, MEASURED)
+    bound = free[0] - 100.0 if limit == "torque_max" else free[0] + 100.0
+    torque, s, state, _ = stepped({limit: bound, "anti_windup": 1.0}, MEASURED)
+    assert (torque, s) == (bound, free[1])
+    assert (state.theta1_hat, state.theta2_hat) == (0.0, 0.0)
+    assert state.e_integral == (free[2].e_integral if integral else 0.0)
+    assert state.v_filtered == free[2].v_filtered
+    # without it all of them go on, and off its limits it changes nothing
+    assert stepped({limit: bound}, MEASURED)[2] == free[2]
+    assert stepped({"anti_windup": 1.0}, MEASURED)[:3] == free[:3]
+
+
+def test_anti_windup_shortens_the_overshoot_of_a_limited_brake() -> None:
+    """A wheel without adhesion: the integral that grew at the limit must be paid back by e < 0."""
+    overshoot = {}
+    for flag in (0.0, 1.0):
+        sigma, state, least = 0.0, None, 0.0
+        for _ in range(4000):
+            omega = (25.0 - sigma) / 0.43
+            given = {"torque_max": 20.0, "torque_min": 0.0, "k1": 0.0, "k2": 0.0, "K": 0.0, "anti_windup": flag}
+            torque, _, state, _ = stepped(given, (25.0, omega, 0.0), state)
+            sigma += 0.01 * 0.43 / 60.35 * torque
+            least = min(least, 0.132 * 25.0 - sigma)
+        overshoot[flag] = -least
+    assert overshoot[1.0] < 0.5 * overshoot[0.0]
+
+
 @pytest.mark.parametrize("name", law_names())
 def test_adhesion_in_the_code_or_said_to_be_outside(name) -> None:
     code = generate(derive(law=name))
@@ -126,6 +224,37 @@ def test_bristle_state_settles_where_the_law_is_at_rest() -> None:
     for _ in range(2000):
         _, _, state = module.step(state, v, (v - sigma) / p.r, p)
     assert law.alpha * state.z == pytest.approx((law.gamma - sigma) / law.beta, rel=1e-9)
+
+
+def test_the_ideal_loop_runs_the_generated_control(monkeypatch) -> None:
+    """Its torque is what `control` says: with half of it in its place the loop's is half."""
+    sound = python_law(derive())
+    halved = SimpleNamespace(**vars(sound))
+    halved.control = lambda *arguments: (0.5 * (answer := sound.control(*arguments))[0], *answer[1:])
+    options = {"duration": 2 * STEP, "held_speed": 20.0, "start_estimate": (1e-5, 0.0)}
+    whole = simulate(PARK2008, PUBLISHED_LAW, **options)
+    names = generate(derive()).law.control_arguments
+    monkeypatch.setattr(ideal_loop, "_generated", lambda: (halved, names))
+    half = simulate(PARK2008, PUBLISHED_LAW, **options)
+    assert half.torque[0, 0] == 0.5 * whole.torque[0, 0] != 0.0
+
+
+def test_the_ideal_loop_adapts_as_the_generated_step() -> None:
+    """Leak, dead zone and box of one record in the simulated loop and in `step`, from the same start."""
+    gains = replace(PUBLISHED_LAW, layer=0.01, dead_zone=True, leak=0.4, box=((-2e-5, 2e-5), (-1.0, 1.0)))
+    start = (3e-5, 0.01)
+    run = simulate(PARK2008, gains, duration=2 * STEP, held_speed=20.0, start_estimate=start)
+    law, sigma = published_law("bristle", Rail.DRY), run.sigma[0, 0]
+    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": law.reference_slip(Rail.DRY)}
+    module = python_law(derive())
+    limits = {"torque_min": -math.inf, "torque_max": math.inf, "filter_time": 1.0, "period": STEP}
+    p = module.Parameters(**values, **limits, **gain_parameters(gains))
+    state = module.start(20.0)._replace(theta1_hat=start[0], theta2_hat=start[1])
+    Ta = 0.43 * (law.gamma - sigma) / law.beta
+    _, s, state = module.step(state, 20.0, (20.0 - sigma) / 0.43, Ta, p)
+    assert s == pytest.approx(run.s[0, 0], abs=1e-12)
+    assert (state.theta1_hat, state.theta2_hat) == pytest.approx(tuple(run.theta_hat[1, 0]), rel=1e-12)
+    assert state.theta1_hat == 2e-5
 
 
 # --- C against Python ----------------------------------------------------------------------------------------------
@@ -189,8 +318,8 @@ def test_c_sequences_are_the_python_s(reference, adhesion, tmp_path) -> None:
     inside = adhesion if code.law.measured == ("v", "omega") else None
     generator = np.random.default_rng(123)
     for run in range(INPUTS // 200):
-        limits = {} if run % 2 else {"torque_min": 0.0, "torque_max": 8e3, "boundary": 0.3}
-        p = parameters(code, generator, inside, **limits)
+        given = ({}, {"torque_min": 0.0, "torque_max": 8e3, "boundary": 0.3}, options(generator))[run % 3]
+        p = parameters(code, generator, inside, **given)
         mine, theirs = module.Parameters(*p), compiled.Parameters(*p)
         v = generator.uniform(5.0, 38.0)
         state, memory = module.start(v), compiled.State()
@@ -206,6 +335,57 @@ def test_c_sequences_are_the_python_s(reference, adhesion, tmp_path) -> None:
             assert all(map(math.isfinite, (torque, s, *state)))
 
 
+EXTREMES = (0.0, -0.0, 5e-324, 1e-300, -1e-160, 1.0, -3.0, 80.0, 1e12, -1e13, 1e100, -1e200, 1.7e308, -1.7e308)
+NOT_FINITE = (math.nan, math.inf, -math.inf)
+
+
+@needs_compiler
+@pytest.mark.parametrize("adhesion", [None, *ALL_LAWS])
+def test_measurements_of_any_size_give_the_same_finite_numbers(adhesion, tmp_path) -> None:
+    derivation = derive(law=adhesion)
+    code = generate(derivation)
+    module, compiled = python_law(derivation), Compiled(code, tmp_path)
+    inside = adhesion if code.law.measured == ("v", "omega") else None
+    generator = np.random.default_rng(5)
+    for run in range(40):
+        p = parameters(code, generator, inside, **(options(generator) if run % 2 else {}))
+        mine, theirs = module.Parameters(*p), compiled.Parameters(*p)
+        v = float(generator.choice(EXTREMES))
+        state, memory = module.start(v), compiled.State()
+        compiled.start(memory, v)
+        for _ in range(60):
+            measured = [float(generator.choice(EXTREMES)) for _ in code.law.measured]
+            if generator.random() < 0.1:
+                measured[int(generator.integers(len(measured)))] = float(generator.choice(NOT_FINITE))
+            before = state
+            torque, s, state = module.step(state, *measured, mine)
+            out = compiled.step(memory, *measured, theirs)
+            assert all(map(math.isfinite, (torque, s, *state)))
+            assert mine.torque_min <= torque <= mine.torque_max
+            assert max(map(abs, (torque, s, *state))) <= LARGEST
+            if not all(map(math.isfinite, measured)):
+                assert (torque, s) == (0.0, 0.0)
+                assert state is before
+            # rounding of terms of 1e12 that cancel is the languages' own, unless both sum in the same order: they do
+            assert same((out.torque, out.s), (torque, s))
+            assert same([getattr(memory, name) for name in code.law.states], state)
+
+
+@needs_compiler
+def test_control_of_anything_is_the_same_number(tmp_path) -> None:
+    code, module = generate(derive()), python_law(derive())
+    compiled = Compiled(code, tmp_path)
+    generator = np.random.default_rng(6)
+    for _ in range(2000):
+        # parameters too: K and D large enough that terms of the torque overflow, to both signs
+        p = parameters(code, generator, None, D=10.0 ** generator.uniform(0, 308), K=10.0 ** generator.uniform(0, 308))
+        arguments = [float(generator.choice((*EXTREMES, *NOT_FINITE))) for _ in code.law.control_arguments]
+        expected = module.control(*arguments, module.Parameters(*p))
+        out = compiled.control(*arguments, compiled.Parameters(*p))
+        assert all(map(math.isfinite, expected))
+        assert same((out.torque, out.s, out.theta1_hat_rate, out.theta2_hat_rate), expected)
+
+
 @needs_compiler
 @pytest.mark.parametrize("name", law_names())
 def test_c_of_every_law_compiles_without_a_warning(name, tmp_path) -> None:
@@ -218,8 +398,11 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
     for word in ("malloc", "calloc", "realloc", "free", "for", "while", "do", "goto"):
         assert not re.search(rf"\b{word}\b", text)
     functions = dict(re.findall(r"\b(railslip_asmc_\w+)\([^;{]*\)\n\{(.*?)\n\}", text, flags=re.S))
-    assert set(functions) == {f"railslip_asmc_{part}" for part in ("switching", "start", "control", "step")}
-    calls = {name: set(re.findall(r"\b(railslip_asmc_\w+)\(", body)) for name, body in functions.items()}
-    assert calls["railslip_asmc_step"] == {"railslip_asmc_control"}
-    assert calls["railslip_asmc_control"] == {"railslip_asmc_switching"}
-    assert calls["railslip_asmc_switching"] == calls["railslip_asmc_start"] == set()
+    functions = {name.removeprefix("railslip_asmc_"): body for name, body in functions.items()}
+    calls = {name: set(re.findall(r"\brailslip_asmc_(\w+)\(", body)) for name, body in functions.items()}
+    helpers = {"bounded", "reciprocal", "exponential"} & set(functions)
+    assert set(functions) == {"switching", "start", "control", "step", *helpers}
+    assert calls["step"] == {"control", *helpers}
+    assert calls["control"] == {"switching", "bounded"}
+    assert calls["start"] <= {"bounded"}
+    assert not any(calls[name] for name in ("switching", *helpers))

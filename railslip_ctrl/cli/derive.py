@@ -11,7 +11,7 @@ import click
 from railslip_ctrl.adhesion import law_class
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
-from railslip_ctrl.report.files import write_files
+from railslip_ctrl.report.files import check_directory, write_files
 from railslip_ctrl.sliding.code import generate
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
@@ -33,7 +33,12 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
 @click.option("--adhesion", metavar="LAW", help="Adhesion law put in for Ta.  [default: none, Ta is an argument]")
 @click.option("--format", "form", metavar="|".join(_FORMATS), help="What to print.  [default: text]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write it into a file instead.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write it into a file instead; its folder is made if missing.",
+)
 def command(reference: str, adhesion: str | None, form: str | None, as_json: bool, out: Path | None) -> None:
     """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code.
 
@@ -41,13 +46,15 @@ def command(reference: str, adhesion: str | None, form: str | None, as_json: boo
     """
     if as_json and form is not None:
         raise InputError(f"--format: {form!r} beside --json is not allowed; give one of the two")
-    _check_out(out)
+    if out is not None:
+        _check_out(out)  # before the work, not after it
     text = _text(_reference(reference), adhesion, "json" if as_json else _format(form))
     if out is None:
         click.echo(text, nl=False)
         return
+    made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
     write_files(out.parent, {out.name: lambda path: _write(path, text)})
-    progress(f"wrote {out}")
+    progress(f"wrote {out}{made}")
 
 
 def _reference(word: str) -> Reference:
@@ -63,9 +70,11 @@ def _format(form: str | None) -> str:
     return form or "text"
 
 
-def _check_out(out: Path | None) -> None:
-    if out is not None and (out.name == "" or out.is_dir()):
+def _check_out(out: Path) -> None:
+    """InputError where the file could not be written."""
+    if out.name == "" or out.is_dir():
         raise InputError(f"--out: {str(out)!r} is a folder; give the path of a file")
+    check_directory(out.absolute().parent, [out.name])
 
 
 def _text(reference: Reference, adhesion: str | None, form: str) -> str:

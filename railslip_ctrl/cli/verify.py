@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import click
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.report.verification import verification_json, verification_text
 from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
-from railslip_ctrl.sliding_verification import verify_with_actuator
+from railslip_ctrl.sliding_verification import Law, verify_with_actuator
 
 from .options import Quantity
 from .output import print_json
+
+LAWS: tuple[Law, ...] = get_args(Law)
 
 
 @click.command()
@@ -19,22 +23,24 @@ from .output import print_json
     "--law",
     default="paper",
     show_default=True,
-    metavar="paper|robust",
-    help="The published law with the robust variants after it, or the robust variants alone.",
+    metavar="|".join(LAWS),
+    help="The published law with the robust variants after it, the robust variants alone, or the layered law that "
+    "accounts for the actuator.",
 )
 @click.option(
     "--K",
     "gain",
     type=Quantity("N*m", ge=0),
     metavar="X",
-    help="Gain on sgn s of that law, N*m.  [default: Table 4's 70; robust: 1.1 times what (40) asks for]",
+    help="Gain on sgn s of that law, N*m.  [default: Table 4's 70; robust: 1.1 times what (40) asks for; layered: 1.05 "
+    "times what its bound asks for]",
 )
 @click.option(
     "--D",
     "damping",
     type=Quantity("N*m/(m/s)", gt=0),
     metavar="X",
-    help="Gain on s of that law, N*m/(m/s).  [default: Table 4's 1.53 N*m/(km/h)]",
+    help="Gain on s of that law, N*m/(m/s); the layered law has none.  [default: Table 4's 1.53 N*m/(km/h)]",
 )
 @click.option(
     "--inertia-scale",
@@ -59,12 +65,13 @@ def command(
     as_json: bool,
 ) -> None:
     """Which stability conditions of the sliding-mode law hold, how that was decided, and on what evidence. Exit status
-    1 if one fails: of the published law several do.
+    1 if one fails: of the published law several do, and of the robust variants those with the actuator.
 
-    Example: railslip verify --law robust
+    Example: railslip verify --law layered
     """
-    if law not in ("paper", "robust"):
-        raise InputError(f"--law: {law!r} is not known; choose paper or robust")
+    chosen = _law(law)
+    if chosen == "layered" and damping is not None:
+        raise InputError(f"--D: {damping:g} is not allowed; the layered law has no D, leave it out")
     for option, value, (low, high) in (
         ("--K", gain, (0.0, LARGEST_GAIN)),
         ("--D", damping, (LEAST_D, LARGEST_GAIN)),
@@ -73,15 +80,20 @@ def command(
         if value is not None and not low <= value <= high:
             raise InputError(f"{option}: {value:g} is not allowed; give a value from {low:g} to {high:g}")
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    full = verify_with_actuator(
-        law="paper" if law == "paper" else "robust", vehicle=vehicle, K=gain, D=damping, seed=_seed(seed)
-    )
+    full = verify_with_actuator(law=chosen, vehicle=vehicle, K=gain, D=damping, seed=_seed(seed))
     result = full.verification
     if as_json:
         print_json(verification_json(result))
     else:
         click.echo(verification_text(result, full.conclusion), nl=False)
     ctx.exit(0 if result.all_hold else 1)
+
+
+def _law(word: str) -> Law:
+    for law in LAWS:
+        if word == law:
+            return law
+    raise InputError(f"--law: {word!r} is not known; choose one of {', '.join(LAWS)}")
 
 
 def _seed(text: str) -> int:

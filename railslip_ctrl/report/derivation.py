@@ -63,6 +63,12 @@ def _case(derivation: Derivation) -> str:
     return f"{derivation.reference} reference, {torque}"
 
 
+def _opening(derivation: Derivation) -> str:
+    """The first sentence of a document."""
+    case = _case(derivation)
+    return f"{case[0].upper()}{case[1:]}; {_outcome(derivation)}."
+
+
 def _outcome(derivation: Derivation) -> str:
     failed = [step.name for step in derivation.steps if not step.checked]
     if failed:
@@ -126,7 +132,7 @@ def _sources_line() -> str:
 
 def derivation_markdown(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
     """Markdown with LaTeX formulas."""
-    lines = [f"# {_TITLE}", "", f"{_case(derivation)}; {_outcome(derivation)}.".capitalize(), ""]
+    lines = [f"# {_TITLE}", "", _opening(derivation), ""]
     for number, step in enumerate(derivation.steps, 1):
         lines += [
             f"## {number}. {step.name}",
@@ -166,9 +172,14 @@ _PREAMBLE = r"""\documentclass[a4paper]{article}
 \usepackage[utf8]{inputenc}
 \usepackage{amsmath}
 \usepackage{graphicx}
+\usepackage{listings}
 \usepackage[margin=25mm]{geometry}
 \newcommand{\formula}[1]{\begin{center}\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}%
 {$\displaystyle #1$}\end{center}}
+\renewcommand{\arraystretch}{1.8} % fractions in matrices keep apart
+\lstset{basicstyle=\ttfamily\scriptsize, columns=fullflexible, keepspaces=true, breaklines=true,
+  postbreak={\mbox{$\hookrightarrow$\space}}}
+\setlength{\emergencystretch}{3em}
 \begin{document}
 """
 
@@ -184,10 +195,10 @@ _ESCAPES = {
 
 
 def derivation_latex(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
-    """A LaTeX document that needs amsmath, graphicx and geometry; a formula too wide for the page is made to fit."""
+    """A LaTeX document that needs amsmath, geometry, graphicx and listings; too wide a formula is made to fit."""
     lines = [
         _PREAMBLE + rf"\section*{{{_escape(_TITLE)}}}",
-        _escape(f"{_case(derivation)}; {_outcome(derivation)}."),
+        _escape(_opening(derivation)),
         r"\section{Steps}",
     ]
     for step in derivation.steps:
@@ -205,12 +216,12 @@ def derivation_latex(derivation: Derivation, errata: Sequence[Erratum], code: La
             rf"\formula{{\text{{derived: }} {row.derived_latex}}}",
             _escape(f"{row.sign_and_size}. {row.explanation}"),
         ]
-    lines += [r"\section{Code}", r"{\footnotesize", *_verbatim(code.python), *_verbatim(code.c), "}"]
+    lines += [r"\section{Code}", *_listing("Python", code.python), *_listing("C99", code.c)]
     return "\n".join([*lines, _escape(_sources_line()), r"\end{document}", ""])
 
 
-def _verbatim(text: str) -> list[str]:
-    return [r"\begin{verbatim}", text.rstrip(), r"\end{verbatim}"]
+def _listing(title: str, text: str) -> list[str]:
+    return [rf"\subsection*{{{title}}}", r"\begin{lstlisting}", text.rstrip(), r"\end{lstlisting}"]
 
 
 def _escape(text: str) -> str:

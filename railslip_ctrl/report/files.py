@@ -26,7 +26,15 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
             raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
 
 
-def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) -> list[Path]:
+def check_file(path: Path, option: str) -> None:
+    """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
+    if path.is_dir() or not path.name:
+        raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
+
+
+def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]], *, option: str = "--out") -> list[Path]:
     """Write files into `directory` (made if missing), all or none.
 
     Parameters
@@ -34,6 +42,8 @@ def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) 
     directory : Path
     writers : mapping
         By file name, what writes that file at the path it is given.
+    option : str
+        What an error begins with.
 
     Returns
     -------
@@ -59,6 +69,6 @@ def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]]) 
                 os.replace(Path(staging) / name, directory / name)
     except OSError as error:
         raise InputError(
-            f"--out: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"
+            f"{option}: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"
         ) from None
     return [directory / name for name in writers]

@@ -12,7 +12,13 @@ from railslip_ctrl.sliding.conditions import Condition, Verification
 
 from .layout import WIDTH, facts, heading, render, table
 
-_LAWS = {"paper": "published law (45), (49), and the robust variants", "robust": "robust variants"}
+_LAWS = {
+    "paper": "published law (45), (49), and the robust variants",
+    "robust": "robust variants",
+    "layered": "layered law with a lead on the actuator's lag",
+}
+_ACTUATOR = "none (the torque acts at once) but where a condition names it"
+_ACTUATORS = {"layered": "lag and dead time throughout"}
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
@@ -50,10 +56,10 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
     return [
         ("Law", _LAWS[verification.law]),
         ("K", f"{verification.K:.5g} N m"),
-        ("D", f"{verification.D:.5g} N m/(m/s)"),
+        *([] if verification.D is None else [("D", f"{verification.D:.5g} N m/(m/s)")]),
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
-        ("Actuator", "none (the torque acts at once) but where a condition names it"),
+        ("Actuator", _ACTUATORS.get(verification.law, _ACTUATOR)),
     ]
 
 

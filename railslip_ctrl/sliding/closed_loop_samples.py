@@ -1,14 +1,14 @@
 """The closed loop at random states: s' and V' from the plant's numeric rates, and the worst point of s s' in a box.
 
-The rates are those the simulation uses (`numeric`), the law is the derived (45): what is compared with a derived
-expression has not come from it.
+The rates are those the simulation uses (`numeric`); where s' and V' are compared with the derived expressions the law
+is the one generated for the controller.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from railslip_ctrl.units import KMH
 
 from .derivation import derive
 from .gains import LawGains
-from .ideal_loop import control_function
+from .ideal_loop import control_function, generated_control, law_parameters
 from .reaching_bound import ADHESION_NOISE, TORQUE_FRACTION
 
 Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ def worst_point(box: Box, vehicle: Vehicle, gains: LawGains, *, seed: int, estim
 
     generator = np.random.default_rng(seed)
     low, high = np.array(box.bounds).T
-    corners = np.array(list(itertools.product(*box.bounds)))
+    corners = np.array(list(product(*box.bounds)))
     inside = low + (high - low) * generator.random((_RANDOM_STARTS, len(AXES)))
     evaluated = 0
 
@@ -166,13 +166,12 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> I
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
     known = {**draw, "Ta": r * force, "omega": (v - sigma) / r, "Fr": fr, "r": r, "e": e, "v_rate": v_rate}
-    Tb = _torque(known)
+    Tb, known["s"], *hat_rates = _generated_law(known)
     rates = functions.rates(v, sigma, z, Tb, draw["Td"], draw["Tr"], p)
     surface = draw["lambda_d"] * rates[0] - rates[1] + draw["rho"] * e
     theta = ((1.0 / mass - 1.0 / draw["Mn"]) / r, -draw["Bp"] * r / draw["J"])
     known |= {f"theta{i}_tilde": theta[i - 1] - draw[f"theta{i}_hat"] for i in (1, 2)}
-    hat_rates = [draw["k"] * draw["s"] * known[name] for name in ("Ta", "omega")]
-    lyapunov = draw["s"] * surface
+    lyapunov = known["s"] * surface
     lyapunov -= sum(known[f"theta{i}_tilde"] * rate / draw["k"] for i, rate in zip((1, 2), hat_rates, strict=True))
     derived_s, derived_V = _derived(known)
     scale = np.abs(rates[0]) + np.abs(rates[1]) + r / draw["J"] * np.abs(Tb) + np.abs(surface)
@@ -208,11 +207,12 @@ def _ranges(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
     }
 
 
-def _torque(known: dict[str, Any]) -> Any:
-    """Tb of the derived law at the drawn values."""
-    states = (known[name] for name in ("e", "v_rate", "Ta", "omega", "theta1_hat", "theta2_hat"))
-    parameters = (known[name] for name in ("J", "r", "D", "K", "rho", "lambda_d", "Mn", "Bn"))
-    return control_function()(known["s"], np.sign(known["s"]), *states, *parameters)
+def _generated_law(known: dict[str, Any]) -> Floats:
+    """The generated law at the drawn values, each with parameters of its own."""
+    names = ("J", "Mn", "Bn", "lambda_d", "rho", "D", "K")
+    drawn = zip(*(known[name].tolist() for name in (*names, "k")), strict=True)
+    parameters = (law_parameters(r=known["r"], k1=k, k2=k, **dict(zip(names, row, strict=True))) for *row, k in drawn)
+    return generated_control({**known, "e_integral": (known["s"] - known["e"]) / known["rho"]}, parameters)
 
 
 @cache

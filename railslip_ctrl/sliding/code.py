@@ -3,7 +3,20 @@
 Sampling, with period h: the integral of e and the filter s/(tau s + 1) that estimates v' by backward Euler (it cannot
 ring, whatever h/tau is), the adhesion state of a dynamic law too; the estimates theta_hat by forward Euler, used from
 the next sample on. Each update is solved from its differential equation. sgn s is s/boundary, held to -1 .. 1, where
-`boundary` > 0. The torque is held to torque_min .. torque_max; integral and adaptation go on while it is.
+`boundary` > 0. The torque is held to torque_min .. torque_max.
+
+The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gain_parameters`) and anti-windup; at
+their default 0 the law is the paper's:
+
+- leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
+- dead_zone 1: the adaptation is driven by s - boundary sat(s/boundary) in place of s;
+- theta_i_min < theta_i_max: theta_hat_i is held between them (projection);
+- anti_windup 1: while the torque is at a limit the estimates rest, and so does the integral where e would drive the
+  torque, which grows with s, farther beyond the limit.
+
+Defined for every measurement: one that is not finite is a sample left out (state unchanged, s = 0, a torque of 0 held
+to its limits). What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the inverse of 0 is
+`LARGEST`^2. So finite measurements of any size give finite numbers, the same in Python and C.
 """
 
 from __future__ import annotations
@@ -16,9 +29,11 @@ import sympy as sp
 
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.errors import InputError
 from railslip_ctrl.notation import NOTATION
 
 from .derivation import Derivation
+from .gains import LawGains
 from .symbols import SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
@@ -26,6 +41,12 @@ SWITCHING = sp.Symbol("switching", real=True)
 """What stands for sgn s."""
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
+_DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)
+_LEAK, _DEAD_ZONE = sp.Symbol("leak", nonnegative=True), sp.Symbol("dead_zone", nonnegative=True)
+
+LARGEST = 1e12
+"""What numbers of the generated code are held to, SI: far beyond a train's, far from overflow in products of them."""
+
 _OWN_MEANINGS = {
     "period": ("s", "sampling period, > 0"),
     "filter_time": ("s", "time constant of the filter of v', > 0"),
@@ -33,8 +54,18 @@ _OWN_MEANINGS = {
     "torque_min": ("N*m", "least torque"),
     "torque_max": ("N*m", "largest torque"),
     "v_filtered": ("m/s", "state of the filter of v'"),
+    "leak": ("1/s", "rate at which the estimates leak; 0: none"),
+    "dead_zone": ("1", "1: the adaptation rests within the boundary layer; 0: it does not"),
+    "theta1_min": ("1/(kg*m)", "least theta1_hat, in force where below the largest"),
+    "theta1_max": ("1/(kg*m)", "largest theta1_hat"),
+    "theta2_min": ("m/s", "least theta2_hat, in force where below the largest"),
+    "theta2_max": ("m/s", "largest theta2_hat"),
+    "anti_windup": ("1", "1: integral and estimates rest while the torque is at a limit; 0: they do not"),
 }
 _LIMITS = ("boundary", "torque_min", "torque_max", "period")
+OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta2_max", "anti_windup")
+"""Parameters that have a default, 0: with it the law is the paper's."""
+
 PREFIX = "adhesion_"
 """Before the names of an adhesion law's parameters."""
 
@@ -50,13 +81,13 @@ class SampledLaw:
     measured : tuple of str
         Arguments of a step: v, omega, and Ta where no adhesion law is put in.
     parameters, states : tuple of str
-        Names, in order. A state starts at 0, `v_filtered` at v.
+        Names, in order, the `OPTIONS` last. A state starts at 0, `v_filtered` at v.
     prepare : tuple of assignments
         From measured values and states to e, e_integral, v_rate, Ta; what is a state is its new value.
     surface : Expr
         s.
     control : tuple of assignments
-        torque, theta1_hat_rate, theta2_hat_rate, with `SWITCHING` for sgn s.
+        torque, drive (what stands for s in the adaptation), theta1_hat_rate, theta2_hat_rate; `SWITCHING` for sgn s.
     control_arguments : tuple of str
         What the continuous law is a function of, besides the parameters.
     note : str
@@ -104,14 +135,32 @@ def python_law(derivation: Derivation) -> ModuleType:
     return module
 
 
+def gain_parameters(gains: LawGains) -> dict[str, float]:
+    """The generated law's parameters of those names, from the record of the robust variants.
+
+    InputError for a box without width: 0 .. 0 in the generated law is no projection.
+    """
+    values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
+    values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
+    for i, (low, high) in enumerate(gains.box or (), 1):
+        if not low < high:
+            raise InputError(
+                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
+            )
+        values |= {f"theta{i}_min": low, f"theta{i}_max": high}
+    return values
+
+
 def sampled_law(derivation: Derivation) -> SampledLaw:
     """The derivation's law with its integrals and filters made discrete."""
     own = _own_expressions(derivation)
     torque = derivation.adaptive_law_control.replace(sp.sign, lambda _: SWITCHING)
-    control = (
-        ("torque", torque),
-        *zip(("theta1_hat_rate", "theta2_hat_rate"), derivation.adaptation_matrix, strict=True),
+    s = sliding_symbol("s")
+    rates = (
+        (f"theta{i}_hat_rate", rate.subs(s, _DRIVE) - _LEAK * sliding_symbol(f"theta{i}_hat"))
+        for i, rate in enumerate(derivation.adaptation_matrix, 1)
     )
+    control = (("torque", torque), ("drive", s - _DEAD_ZONE * _BOUNDARY * SWITCHING), *rates)
     used = set().union(*(e.free_symbols for _, e in (*own.prepare, *control))) | derivation.s.free_symbols
     names = {str(symbol) for symbol in used}
     order = ("J", "r", "Mn", "Bn", "lambda_d", "sigma_d", "rho", "D", "K", "k1", "k2", "filter_time", "N")
@@ -120,7 +169,7 @@ def sampled_law(derivation: Derivation) -> SampledLaw:
     arguments = ("e", "e_integral", "omega", "Ta", "v_rate", "theta1_hat", "theta2_hat")
     return SampledLaw(
         measured=("v", "omega") if own.has_torque else ("v", "omega", "Ta"),
-        parameters=(*plain, *adhesion, *_LIMITS),
+        parameters=(*plain, *adhesion, *_LIMITS, *OPTIONS),
         states=(*own.states, "theta1_hat", "theta2_hat"),
         prepare=own.prepare,
         surface=derivation.s,

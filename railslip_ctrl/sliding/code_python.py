@@ -1,14 +1,31 @@
-"""The sampled law as Python source."""
+"""The sampled law as Python source: plain functions of floats, as the ideal loop runs them and Numba can compile."""
 
 from __future__ import annotations
 
 import sympy as sp
+from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.pycode import PythonCodePrinter
 
-from .code import SampledLaw, meaning
+from .code import LARGEST, OPTIONS, SampledLaw, meaning
+
+HELPERS = ("reciprocal", "exponential")
+"""Functions of the generated code that stand for x^-1 and exp where an argument may be anything."""
+
+_HIGHEST_PRODUCT = 4  # powers up to it are written as products, which overflow to infinity where Python's ** raises
 
 
-class _Printer(PythonCodePrinter):  # type: ignore[misc]
+class ProductPowers:
+    """Printer part: small whole powers as products, the same arithmetic in every language."""
+
+    def _print_Pow(self, expression: sp.Expr, **options: object) -> str:
+        base, exponent = expression.as_base_exp()
+        if exponent.is_Integer and 1 < exponent <= _HIGHEST_PRODUCT:
+            factor = self.parenthesize(base, PRECEDENCE["Pow"])  # type: ignore[attr-defined]
+            return "(" + "*".join([factor] * int(exponent)) + ")"
+        return str(super()._print_Pow(expression, **options))  # type: ignore[misc]
+
+
+class _Printer(ProductPowers, PythonCodePrinter):  # type: ignore[misc]
     """sgn 0 is 0 here and in C; SymPy prints copysign, for which it is 1."""
 
     def _print_sign(self, expression: sp.Expr) -> str:
@@ -33,64 +50,110 @@ def switching(s, boundary):
     return float((s > 0.0) - (s < 0.0))
 '''
 
+_BOUNDED = f'''
+def bounded(x):
+    """x held to -{LARGEST:.0e} .. {LARGEST:.0e}; 0 for what is no number."""
+    if -{LARGEST:.1e} <= x <= {LARGEST:.1e}:
+        return x
+    if x != x:
+        return 0.0
+    return {LARGEST:.1e} if x > 0.0 else -{LARGEST:.1e}
+'''
+
+_OPTIONAL = {
+    "reciprocal": f'''
+def reciprocal(x):
+    """1/x; {LARGEST**2:.0e} for 0."""
+    return 1.0 / x if x != 0.0 else {LARGEST**2:.1e}
+''',
+    "exponential": '''
+def exponential(x):
+    """exp(x), held below what overflows."""
+    return math.exp(x) if x < 700.0 else math.exp(700.0)
+''',
+}
+
 
 def python_source(law: SampledLaw) -> str:
     """A module with `Parameters`, `State`, `start`, `control` and `step`."""
+    functions = [_control(law), _step(law)]
     parts = [
         _HEAD.format(note=law.note),
         _record("Parameters", law.parameters),
         _record("State", law.states),
-        _start(law),
         _SWITCHING,
-        _control(law),
-        _step(law),
+        _BOUNDED,
+        _start(law),
+        *(text for name, text in _OPTIONAL.items() if any(f"{name}(" in function for function in functions)),
+        *functions,
     ]
     return "\n".join(parts)
 
 
 def _record(name: str, fields: tuple[str, ...]) -> str:
-    lines = [f"    {field}: float  # {meaning(field)}" for field in fields]
+    lines = [f"    {field}: float{' = 0.0' if field in OPTIONS else ''}  # {meaning(field)}" for field in fields]
     return "\n" + "\n".join([f"class {name}(NamedTuple):", *lines]) + "\n"
 
 
 def _start(law: SampledLaw) -> str:
-    values = ", ".join("v" if state == "v_filtered" else "0.0" for state in law.states)
+    values = ", ".join("bounded(v)" if state == "v_filtered" else "0.0" for state in law.states)
     return (
         f'\ndef start(v):\n    """The state when the brake is applied at speed v, m/s."""\n    return State({values})\n'
     )
 
 
 def _control(law: SampledLaw) -> str:
+    results = ("torque", "s", "theta1_hat_rate", "theta2_hat_rate")
     lines = [
         f"def control({', '.join(law.control_arguments)}, p):",
         '    """The continuous law: (torque, s, theta1_hat_rate, theta2_hat_rate); a pure function."""',
+        *(f"    {name} = bounded({name})" for name in law.control_arguments),
         *assignments([("s", law.surface)], law.parameters),
         "    switching_ = switching(s, p.boundary)",
-        *assignments(list(law.control), law.parameters),
-        "    return torque, s, theta1_hat_rate, theta2_hat_rate",
+        *(line for one in law.control for line in assignments([one], law.parameters)),
+        f"    return {', '.join(f'bounded({name})' for name in results)}",
     ]
     return "\n" + "\n".join(lines) + "\n"
 
 
 def _step(law: SampledLaw) -> str:
-    prepared = [line for one in law.prepare for line in assignments([one], law.parameters)]
     lines = [
         f"def step(state, {', '.join(law.measured)}, p):",
         '    """One sample: (torque, s, new state)."""',
+        f"    if not ({' and '.join(f'math.isfinite({name})' for name in law.measured)}):",
+        "        return min(max(0.0, p.torque_min), p.torque_max), 0.0, state",
+        *(f"    {name} = bounded({name})" for name in law.measured),
         f"    {', '.join(law.states)} = state",
-        *prepared,
+        *_prepared(law),
         f"    torque, s, theta1_hat_rate, theta2_hat_rate = control({', '.join(law.control_arguments)}, p)",
-        "    theta1_hat = theta1_hat + p.period * theta1_hat_rate",
-        "    theta2_hat = theta2_hat + p.period * theta2_hat_rate",
-        "    torque = min(max(torque, p.torque_min), p.torque_max)",
-        f"    return torque, s, State({', '.join(law.states)})",
+        "    limited = min(max(torque, p.torque_min), p.torque_max)",
+        "    if p.anti_windup > 0.0 and limited != torque:",
+        "        theta1_hat_rate = theta2_hat_rate = 0.0",
+        "        if (torque - limited) * e > 0.0:",
+        "            e_integral = state.e_integral",
     ]
+    for i in (1, 2):
+        lines += [
+            f"    theta{i}_hat = bounded(theta{i}_hat + p.period * theta{i}_hat_rate)",
+            f"    if p.theta{i}_min < p.theta{i}_max:",
+            f"        theta{i}_hat = min(max(theta{i}_hat, p.theta{i}_min), p.theta{i}_max)",
+        ]
+    lines.append(f"    return limited, s, State({', '.join(law.states)})")
     return "\n" + "\n".join(lines) + "\n"
+
+
+def _prepared(law: SampledLaw) -> list[str]:
+    lines = []
+    for name, value in law.prepare:
+        lines += assignments([(name, value)], law.parameters)
+        if name in law.states:
+            lines.append(f"    {name} = bounded({name})")
+    return lines
 
 
 def assignments(targets: list[tuple[str, sp.Expr]], parameters: tuple[str, ...]) -> list[str]:
     """Lines that assign the targets, common parts first; parameters are read from `p`."""
-    printer = _Printer({"fully_qualified_modules": True})
+    printer = _Printer({"fully_qualified_modules": True, "user_functions": {name: name for name in HELPERS}})
     return [
         f"    {name} = {printer.doprint(expression)}"
         for name, expression in common_parts(targets, {name: f"p.{name}" for name in parameters})
@@ -98,21 +161,41 @@ def assignments(targets: list[tuple[str, sp.Expr]], parameters: tuple[str, ...])
 
 
 def common_parts(targets: list[tuple[str, sp.Expr]], names: dict[str, str]) -> list[tuple[str, sp.Expr]]:
-    """Targets after `cse`, temporaries before them, symbols renamed by `names`; the same for both languages."""
+    """Targets after `cse`, temporaries before them, parameters renamed by `names`; the same for every language.
+
+    What depends on more than parameters is divided by and exponentiated with the `HELPERS`.
+    """
     temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
     renamed = {**names, "switching": "switching_"}
-    lines = [
-        *((str(symbol), value) for symbol, value in temporaries),
-        *zip((n for n, _ in targets), values, strict=True),
-    ]
+    constant = set(names)
+    lines: list[tuple[str, sp.Expr]] = []
+    for symbol, value in temporaries:
+        if {one.name for one in value.free_symbols} <= constant:
+            constant.add(symbol.name)
+        lines.append((symbol.name, value))
+    lines += zip((name for name, _ in targets), values, strict=True)
+    return [(name, _renamed(_guarded(value, constant), renamed)) for name, value in lines]
 
-    def rename(expression: sp.Expr) -> sp.Expr:
-        return expression.xreplace(
-            {
-                symbol: sp.Symbol(renamed[symbol.name], **symbol.assumptions0)
-                for symbol in expression.free_symbols
-                if symbol.name in renamed
-            }
-        )
 
-    return [(name, rename(expression)) for name, expression in lines]
+def _guarded(expression: sp.Expr, constant: set[str]) -> sp.Expr:
+    """x^-n as reciprocal(x^n) and exp as exponential, but where x is made of constants."""
+    reciprocal, exponential = (sp.Function(name) for name in HELPERS)
+
+    def varies(x: sp.Expr) -> bool:
+        return not {symbol.name for symbol in x.free_symbols} <= constant
+
+    guarded = expression.replace(
+        lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and varies(x.base),
+        lambda x: reciprocal(x.base**-x.exp),
+    )
+    return guarded.replace(lambda x: isinstance(x, sp.exp), lambda x: exponential(x.args[0]))
+
+
+def _renamed(expression: sp.Expr, renamed: dict[str, str]) -> sp.Expr:
+    return expression.xreplace(
+        {
+            symbol: sp.Symbol(renamed[symbol.name], **symbol.assumptions0)
+            for symbol in expression.free_symbols
+            if symbol.name in renamed
+        }
+    )

@@ -21,7 +21,7 @@ from .robust import design_gain
 from .robust_conditions import robust_conditions
 from .verdict import Condition, Verification
 
-__all__ = ["Condition", "LawName", "Verification", "verify"]
+__all__ = ["Condition", "LawName", "Verification", "check_arguments", "verify"]
 
 LawName = Literal["paper", "robust"]
 
@@ -54,7 +54,7 @@ def verify(
         Its `inertia_scale` is the reading: 1 SI, 3.6 as published.
     K, D : float, optional
         Gains of `law`, N m (0 to 1e4) and N m/(m/s) (0.1 to 1e4). Left out: Table 4's, bristle column; for the
-        robust law K is 1.1 times what (40) asks for.
+        robust law K is 1.1 times what (40) asks for over the published run.
     seed : int
         First seed of sampled and simulated conditions, 0 to 2^31.
 
@@ -63,7 +63,9 @@ def verify(
     InputError
         A value outside its range.
     """
-    _check(law, vehicle, K, D, seed)
+    if law not in get_args(LawName):
+        raise InputError(f"law: {law!r} is not known; choose paper or robust")
+    check_arguments(vehicle, K, D, seed)
     design = design_gain(vehicle)
     conditions: tuple[Condition, ...] = ()
     own = PUBLISHED_LAW if law == "paper" else replace(PUBLISHED_LAW, K=design)
@@ -77,9 +79,8 @@ def verify(
     return Verification(law, vehicle.inertia_scale, own.K, own.D, seed, conditions)
 
 
-def _check(law: str, vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
-    if law not in get_args(LawName):
-        raise InputError(f"law: {law!r} is not known; choose paper or robust")
+def check_arguments(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
+    """InputError for a gain, inertia scale or seed outside the range that `verify` takes."""
     for name, value, low, high in (
         ("K", K, 0.0, LARGEST_GAIN),
         ("D", D, LEAST_D, LARGEST_GAIN),

@@ -20,6 +20,7 @@ from railslip_ctrl.sources import cite
 from .adaptation import PHI, Adaptation, derive_adaptation
 from .identities import vanishes
 from .reaching import D, K, derive_reaching
+from .statement_steps import statement_steps
 from .steps import Step, step
 from .surface import Reference, Surface, derive_surface, e, s
 from .symbols import sliding_symbol
@@ -123,7 +124,7 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
     return Derivation(
         reference=reference,
         adhesion=None if law is None else law_class(law).name,
-        steps=(*surface.steps, *reaching.steps, *adaptive.steps, estimates_step, *adhesion_steps),
+        steps=(*surface.steps, *reaching.steps, *adaptive.steps, estimates_step, *statement_steps(), *adhesion_steps),
         s=surface.definition,
         error=surface.error,
         reference_rate=surface.reference_rate,

@@ -17,6 +17,8 @@ from railslip_ctrl.units import KMH, to_unit
 from . import printed
 from .derivation import Derivation
 from .erratum import Erratum, told
+from .gains import PUBLISHED_LAW
+from .reaching_bound import least_gain, operating_set, reference_set, surface_needed
 
 _WHEEL = PARK2008.wheel
 
@@ -40,25 +42,29 @@ def random_disturbance(derivation: Derivation) -> float:
 
 
 def _reaching_gain(derivation: Derivation) -> Erratum:
-    D, K = TABLE4_SLIDING_PRINTED["bristle"].D / KMH, TABLE4_SLIDING_PRINTED["bristle"].K
+    D, K = PUBLISHED_LAW.D, PUBLISHED_LAW.K
     ratio = _WHEEL.radius / _WHEEL.inertia
-    d = random_disturbance(derivation)
     resistance = PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] * KMH) ** 2 / PARK2008.mass
-    K0, D0 = ratio * K, ratio * D
-    needed = (d + resistance - K0) / D0
+    d = random_disturbance(derivation) + resistance
+    K0 = ratio * K
+    boxes = [reference_set(PARK2008, sigmas=1.0, with_torque=torque) for torque in (False, True)]
+    without, needed = (surface_needed(PARK2008, box, K=K, D=D) for box in boxes)
+    least = ratio * least_gain(PARK2008, boxes[1])
+    widest = least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0))
     return told(
         "(40) with Table 4",
         r"D_0 |s| + K_0 > |d| + \eta",
-        rf"K_0 = {K0:.3f} < |d| = {d + resistance:.3f}\ \mathrm{{m/s^2}}",
+        rf"K_0 = {K0:.3f} < |d| = {d:.3f}\ \mathrm{{m/s^2}}",
         how="computed",
         sign_and_size=(
-            f"K0 = (r/J) K = {K0:.3f} m/s^2; one standard deviation of Tr with Fr at 100 km/h is {d + resistance:.3f} "
-            f"m/s^2 ({(d + resistance) / K0:.1f} times as much), three are {3 * d + resistance:.2f}; |s| would have to "
-            f"exceed {needed:.1f} m/s of {printed.SPEEDS_KMH[0] * KMH:.1f} m/s. The ratio is the same at every "
-            "inertia scale"
+            f"K0 = (r/J) K = {K0:.3f} m/s^2; without Td, one standard deviation of Tr with Fr at 100 km/h is {d:.3f} "
+            f"m/s^2 ({d / K0:.1f} times as much) and |s| would have to exceed {without:.1f} m/s of "
+            f"{printed.SPEEDS_KMH[0] * KMH:.1f} m/s; with Td = 0.05 of the acting torque, the law's own in it, K0 > "
+            f"{least:.3f} m/s^2 or |s| > {needed:.1f} m/s; over the whole run at three deviations K > {widest:.0f} N*m "
+            f"is asked of {K:g} N*m"
         ),
         explanation="(40) is assumed in the source, never evaluated. Gaussian noise has no bound, so no K holds it for "
-        "certain. D and K are read as N*m per km/h and N*m.",
+        "certain. D and K are read as N*m per km/h and N*m, bristle column; `verify` has the bound and its set.",
     )
 
 
@@ -97,54 +103,75 @@ def _table3() -> Erratum:
     )
 
 
+def _columns(texts: dict[str, str]) -> str:
+    """One text where both columns of Table 4 have the same, else each with its column."""
+    if len(set(texts.values())) == 1:
+        return next(iter(texts.values()))
+    return "; ".join(f"{name}: {text}" for name, text in texts.items())
+
+
 def _table4_kp() -> Erratum:
-    kp = TABLE4_PI_PRINTED["bristle"].Kp
-    as_printed = to_unit(f"{kp} N*h", "N*m/(m/s)")
-    same = to_unit(f"{kp} kN*m/(km/h)", "N*m/(m/s)")
-    read = TABLE4_PI["bristle"].kp
+    rows, reading = TABLE4_PI_PRINTED, TABLE4_PI
+    one = to_unit("1 N*h", "N*m/(m/s)")
+    same = to_unit("1 kN*m/(km/h)", "N*m/(m/s)") / one
+    sizes = {
+        name: f"as printed {row.Kp * one:.4g} N*m/(m/s), as read {reading[name].kp:.4g}, a factor of "
+        f"{row.Kp * one / reading[name].kp:.0f}"
+        for name, row in rows.items()
+    }
+    values = r",\ ".join(f"{row.Kp:g}" for row in rows.values())
     return told(
         "Table 4, Kp",
-        rf"{kp:g}\ \mathrm{{N\,h}} = {same / to_unit('1 N*h', 'N*m/(m/s)'):g}\ \mathrm{{kN\,m/(km/h)}}",
-        rf"{kp:g}\ \mathrm{{N\,m/(km/h)}}",
+        rf"{values}\ \mathrm{{N\,h}},\ 1\ \mathrm{{N\,h}} = {same:g}\ \mathrm{{kN\,m/(km/h)}}",
+        rf"{values}\ \mathrm{{N\,m/(km/h)}}",
         how="computed",
-        sign_and_size=f"as printed {as_printed:.4g} N*m/(m/s), as read {read:.4g}: a factor of {as_printed / read:.0f}",
+        sign_and_size=_columns(sizes),
         explanation="N-h is exactly kN*m/(km/h): an error of 1 km/h would ask for hundreds of kN*m of a brake whose "
         "torque is a few kN*m. That N*m/(km/h) is meant is an inference, confirmed by simulation (`reproduce`).",
     )
 
 
 def _table4_ki() -> Erratum:
-    ki = TABLE4_PI_PRINTED["bristle"].Ki
-    as_printed = to_unit(f"{ki} N", "N*m/m")
-    read = TABLE4_PI["bristle"].ki
+    rows, reading = TABLE4_PI_PRINTED, TABLE4_PI
+    sizes = {
+        name: f"as printed {to_unit(f'{row.Ki} N', 'N*m/m'):.4g} N*m/m, as read {reading[name].ki:.4g}, a factor of "
+        f"{to_unit(f'{row.Ki} N', 'N*m/m') / reading[name].ki:.3f}"
+        for name, row in rows.items()
+    }
+    values = r",\ ".join(f"{row.Ki:g}" for row in rows.values())
     return told(
         "Table 4, Ki",
-        rf"{ki:g}\ \mathrm{{N}} = {ki:g}\ \mathrm{{kN\,m/(km/h)/h}}",
-        rf"{ki:g}\ \mathrm{{N\,m/(km/h)/s}}",
+        rf"{values}\ \mathrm{{N}},\ 1\ \mathrm{{N}} = 1\ \mathrm{{kN\,m/(km/h)/h}}",
+        rf"{values}\ \mathrm{{N\,m/(km/h)/s}}",
         how="computed",
-        sign_and_size=f"as printed {as_printed:.4g} N*m/m, as read {read:.4g}: a factor of {as_printed / read:.3f}",
+        sign_and_size=_columns(sizes),
         explanation="N is kN*m/(km/h) per hour, which differs from the reading by 1000/3600, not by 1000: kilo and "
         "hour nearly cancel. The reading per second is an inference, confirmed by simulation (`reproduce`).",
     )
 
 
 def _table4_asmc() -> Erratum:
-    D, K, rho, _ = TABLE4_SLIDING_PRINTED["bristle"]
-    D0, K0 = to_unit(f"{D} 1/h", "1/s"), to_unit(f"{K} km/h^2", "m/s^2")
-    ratio = _WHEEL.radius / _WHEEL.inertia
-    rho_printed = to_unit(f"{rho} 1/h", "1/s")
+    rows = TABLE4_SLIDING_PRINTED
+    D, K, rho = (r",\ ".join(dict.fromkeys(f"{row[i]:g}" for row in rows.values())) for i in range(3))
     return told(
         "Table 4, D, K, rho",
-        rf"D = {D:g}\ \mathrm{{h^{{-1}}}},\ K = {K:g}\ \mathrm{{km/h^2}},\ \rho = {rho:g}\ \mathrm{{h^{{-1}}}}",
-        rf"D = {D:g}\ \mathrm{{N\,m/(km/h)}},\ K = {K:g}\ \mathrm{{N\,m}},\ \rho = {rho:g}\ \mathrm{{s^{{-1}}}}",
+        rf"D = {D}\ \mathrm{{h}}^{{-1}},\ K = {K}\ \mathrm{{km/h^2}},\ \rho = {rho}\ \mathrm{{h}}^{{-1}}",
+        rf"D = {D}\ \mathrm{{N\,m/(km/h)}},\ K = {K}\ \mathrm{{N\,m}},\ \rho = {rho}\ \mathrm{{s}}^{{-1}}",
         how="computed",
-        sign_and_size=(
-            f"as rates, the units of (39), D and K would be {D0:.2e} 1/s and {K0:.2e} m/s^2, i.e. torques of "
-            f"{D0 / ratio:.2e} N*m/(m/s) and {K0 / ratio:.2e} N*m; as read {D / KMH:.2f} N*m/(m/s) and {K:g} N*m, i.e. "
-            f"{D / KMH * ratio:.2e} 1/s and {K * ratio:.2e} m/s^2; rho as printed {rho_printed:.2e} 1/s"
-        ),
+        sign_and_size=_columns({name: _sliding_sizes(*row[:3]) for name, row in rows.items()}),
         explanation="1/h and km/h^2 are the units of (39), not of (41), and an integral that acts within an hour does "
         "nothing in a stop of a minute. The readings are inferences, confirmed by simulation (`reproduce`).",
+    )
+
+
+def _sliding_sizes(D: float, K: float, rho: float) -> str:
+    """One column's D, K, rho as printed and as read."""
+    D0, K0 = to_unit(f"{D} 1/h", "1/s"), to_unit(f"{K} km/h^2", "m/s^2")
+    ratio = _WHEEL.radius / _WHEEL.inertia
+    return (
+        f"as rates, the units of (39), D and K would be {D0:.2e} 1/s and {K0:.2e} m/s^2, i.e. torques of "
+        f"{D0 / ratio:.2e} N*m/(m/s) and {K0 / ratio:.2e} N*m; as read {D / KMH:.2f} N*m/(m/s) and {K:g} N*m, i.e. "
+        f"{D / KMH * ratio:.2e} 1/s and {K * ratio:.2e} m/s^2; rho as printed {to_unit(f'{rho} 1/h', '1/s'):.2e} 1/s"
     )
 
 

@@ -1,14 +1,17 @@
 """The loop the proof is about, simulated: the derived law acting at once on the plant, without the actuator.
 
-The torque is computed once a step and held; the plant is integrated by Heun's method; runs that differ by their seed
+The law is the generated one (`code.python_law`), its `control` called for each run. The torque is computed once a step
+and held; the plant is integrated by Heun's method; runs that differ by their seed
 are integrated together. A relay's s chatters within (one step) * K0 of zero.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import repeat
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,7 @@ from railslip_ctrl.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
 from railslip_ctrl.units import KMH
 
+from .code import gain_parameters, generate, python_law
 from .derivation import derive
 from .gains import LawGains
 from .reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
@@ -172,8 +176,14 @@ class _Loop:
         self.plant: NumericPlant = numeric_plant(type(law))
         self.p = plant_parameters(law, vehicle)
         self.M, self.J, self.r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-        self.nominal = (nominal.effective_mass, nominal.effective_viscous_friction)
-        self.known = (self.J, self.r, gains.D, gains.K, gains.rho, slip)
+        self.law_parameters = law_parameters(
+            **gain_parameters(replace(gains, box=None)),  # the box is kept in `_adapt`, as the generated step does
+            J=self.J,
+            r=self.r,
+            Mn=nominal.effective_mass,
+            Bn=nominal.effective_viscous_friction,
+            lambda_d=slip,
+        )
         self.theta = true_theta(vehicle, nominal)
         self.rates = np.array([gains.k1, gains.k2])
         self.resistance = vehicle.resistance
@@ -189,23 +199,21 @@ class _Loop:
 
     def step(self, t: float, state: _State, force: Floats, noise: Floats) -> Floats:
         """The row of signals at t; moves `state` on by one step."""
-        gains, Tr = self.gains, self.r * force
+        Tr = self.r * force
         v_rate = self._plant_rates(state.v, state.sigma, state.z, 0.0, 0.0, Tr)[0]
         Ta = self._measured_torque(state, noise)
         measured = state.sigma + noise
         e = self.slip * state.v - measured
-        s = e + gains.rho * state.e_integral
-        inside = np.clip(s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(s)
-        phi = np.stack((Ta, (state.v - measured) / self.r))
-        Tb = control_function()(s, inside, e, v_rate, *phi, *state.theta_hat, *self.known, *self.nominal)
+        signals = {"e": e, "e_integral": state.e_integral, "omega": (state.v - measured) / self.r, "Ta": Ta}
+        signals |= {"v_rate": v_rate, "theta1_hat": state.theta_hat[0], "theta2_hat": state.theta_hat[1]}
+        Tb, s, *rates = generated_control(signals, repeat(self.law_parameters))
         Td = self._disturbance_torque(t, Tb)
         fr = self.resistance.constant + self.resistance.linear * state.v + self.resistance.quadratic * state.v**2
         d = disturbance_function()(Tr, fr, Td, self.M, self.J, self.r) * self.J / self.r
         running = self.running(state)
         row = np.array([state.v, state.sigma, s, self._lyapunov(s, state.theta_hat), *state.theta_hat, d, Tb])
         self._move(state, running, e, noise, (Tb, Td, Tr))
-        driving = s - gains.layer * inside if gains.dead_zone else s
-        self._adapt(state, np.where(running, driving, 0.0) * phi)
+        self._adapt(state, np.where(running, np.array(rates), 0.0))
         return np.where(running, row, np.nan)
 
     def _plant_rates(self, *arguments: Any) -> tuple[Any, Any, Any]:
@@ -246,8 +254,8 @@ class _Loop:
         state.z = state.z + h * (first[2] + second[2])
         state.e_integral = state.e_integral + h * (e + self.slip * state.v - state.sigma - noise)
 
-    def _adapt(self, state: _State, drive: Floats) -> None:
-        theta_hat = state.theta_hat + STEP * (self.rates[:, None] * drive - self.gains.leak * state.theta_hat)
+    def _adapt(self, state: _State, rates: Floats) -> None:
+        theta_hat = state.theta_hat + STEP * rates
         if self.gains.box is not None:
             low, high = np.array(self.gains.box).T
             theta_hat = np.clip(theta_hat, low[:, None], high[:, None])
@@ -266,15 +274,36 @@ _SWITCH = sp.Symbol("switch", real=True)
 
 @cache
 def control_function() -> Callable[..., Any]:
-    """(45): Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho, lambda_d, Mn, Bn).
-
-    `switch` stands for sgn s: the boundary layer puts sat(s/Phi) there.
+    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
+    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
     """
     s = sliding_symbol("s")
     law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
     arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
     arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
     return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
+
+
+@cache
+def _generated() -> tuple[ModuleType, tuple[str, ...]]:
+    """The generated law and the arguments of its `control`; kept, as looking it up by its derivation takes time."""
+    return python_law(derive()), generate(derive()).law.control_arguments
+
+
+def law_parameters(**values: float) -> Any:
+    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
+    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": STEP, "filter_time": STEP}
+    return _generated()[0].Parameters(**{**free, **values})
+
+
+def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
+    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
+
+    `parameters`: as of `law_parameters`, one for each column.
+    """
+    module, names = _generated()
+    control, columns = module.control, (signals[name].tolist() for name in names)
+    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
 
 
 @cache

@@ -11,7 +11,7 @@ from .closed_loop_samples import identity_errors
 from .derivation import Derivation, derive
 from .gains import LawGains
 from .identities import identical
-from .reaching_bound import least_gain, published_bounds
+from .reaching_bound import least_gain, reference_set, surface_needed
 from .robust import RATE, TILDE, gain_units
 from .symbols import sliding_symbol
 from .verdict import Condition
@@ -124,11 +124,11 @@ def with_disturbances(made: Derivation, vehicle: Vehicle, gains: LawGains) -> Co
     chosen = {plant.Tr: 0, plant.Td: 0, plant.Fr: resistance}
     rate = sp.simplify(made.V_rate_disturbed.subs(chosen).subs(_s, x / (2 * _D)))
     positive = bool(rate.is_positive)
-    asked = least_gain(vehicle, published_bounds(vehicle, sigmas=1.0))
-    reach = (asked - gains.K) / gains.D
+    mildest = reference_set(vehicle, sigmas=1.0)
+    asked, reach = least_gain(vehicle, mildest), surface_needed(vehicle, mildest, K=gains.K, D=gains.D)
     numbers = (
-        f"With the published disturbances (1 sigma) (J/r) max|d| = {asked:.4g} N m: V' can be positive for all "
-        f"|s| < {reach:.4g} m/s at K = {gains.K:g} N m."
+        f"With the published disturbances (1 sigma, at the reference slip, Td of the acting torque) (J/r) max|d| = "
+        f"{asked:.4g} N m: V' can be positive for all |s| < {reach:.4g} m/s at K = {gains.K:g} N m."
         if reach > 0
         else f"At K = {gains.K:g} N m the published disturbances (1 sigma, {asked:.4g} N m) do not reach that size."
     )
@@ -178,7 +178,7 @@ def invariant_set(made: Derivation) -> Condition:
         "The error system in (s, theta_tilde) is autonomous, as the invariant-set theorem needs.",
         autonomous,
         "symbolic",
-        f"s' contains {', '.join(map(str, outside))}, which is no function of (s, theta_tilde): omega = {speed} and "
+        f"s' contains {', '.join(map(str, outside))}, no functions of (s, theta_tilde): omega = {speed} and "
         f"v' = {motion} is not 0 in braking. At 25 s the mass step adds {sp.factor(mass_step)} to theta1, and B = "
         "0.25 - 0.01 t moves theta2: time enters explicitly. With v as a state there is no compact invariant set: v "
         "reaches 0 in finite time.",

@@ -15,7 +15,15 @@ from railslip_ctrl.units import KMH
 from .closed_loop_samples import operating_box, worst_point
 from .gains import LawGains
 from .ideal_loop import PUBLISHED, Disturbances, IdealRun, simulate, true_theta
-from .reaching_bound import largest_disturbance, least_gain, published_bounds, reaching_time
+from .reaching_bound import (
+    ReachingSet,
+    least_gain,
+    operating_set,
+    reaching_time,
+    reference_set,
+    reference_slip,
+    surface_needed,
+)
 from .robust import LAYER_WIDTH
 from .verdict import Condition
 
@@ -49,31 +57,52 @@ def reaching_conditions(vehicle: Vehicle, gains: LawGains, *, seed: int) -> tupl
 
 
 def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
-    """(40) for the published disturbances, in closed form."""
-    least = {
-        (sigmas, torque): least_gain(vehicle, published_bounds(vehicle, sigmas=sigmas, with_torque=torque))
-        for sigmas in (1.0, 3.0)
-        for torque in (True, False)
-    }
+    """(40) for the published disturbances, exact over two boxes."""
+    box = operating_set(vehicle, sigmas=1.0)
+    asked = _least(vehicle, gains, box)
     other = 1.0 if vehicle.inertia_scale != 1.0 else AS_PUBLISHED_INERTIA_SCALE
     rescaled = vehicle.model_copy(update={"inertia_scale": other})
-    again = least_gain(rescaled, published_bounds(rescaled, sigmas=1.0))
-    asked = least[1.0, True]
-    listed = "; ".join(
-        f"{sigmas:g} sigma {'with' if torque else 'without'} Td: K_min = {value:.1f} N m, {_ratio(value, gains.K)} K"
-        for (sigmas, torque), value in least.items()
-    )
+    again = _least(rescaled, gains, operating_set(rescaled, sigmas=1.0))
     return Condition(
         "reaching condition (40)",
-        "D |s| + K > (J/r)|(1/(r M) + r/J) Tr + Fr/M - (r/J) Td| + (J/r) eta for all s, eta -> 0.",
+        "D |s| + K > (J/r)|(1/(r M) + r/J) Tr + Fr/M - (r/J) Td| + (J/r) eta for all s, eta -> 0, Td = q Tb with the "
+        "acting Tb = Ueq + D s + K sgn s, |q| <= 0.05.",
         asked < gains.K,
         "symbolic",
-        f"K_min = max (J/r)|d| - D|s| + (J/r) eta, the maximum of a linear d at a corner of the box Tr = r 431 N, "
-        f"Fr = 0.63 v^2 at 100 km/h, |Td| <= 0.05 of the holding torque. K = {gains.K:g} N m against, at s = 0: "
-        f"{listed}. Only J/M enters: at inertia scale {other:g} K_min = {again:.1f} N m (1 sigma with Td). D|s| would "
-        f"have to supply {max(0.0, asked - gains.K):.1f} N m: |s| >= "
-        f"{max(0.0, asked - gains.K) / gains.D:.4g} m/s with D = {gains.D:.4g} N m/(m/s).",
+        "Td has the law's own torque in it: (1 - c)(K + D|s|) > max[(J/r)|d(Tr, Fr)| + c |Ueq|] with c = 0.05, where "
+        f"(J/r) rho |e| is part of Ueq; the maximum is at a corner of the box. K = {gains.K:g} N m against, at s = 0: "
+        f"{_at_reference(vehicle, gains)}. Over the box ({box.text(reference_slip())}): 1 sigma K_min = {asked:.1f} "
+        f"N m, {_ratio(asked, gains.K)} K, 3 sigma {_least(vehicle, gains, operating_set(vehicle, sigmas=3.0)):.1f} "
+        f"N m; at inertia scale {other:g} (J/r) rho e weighs {other / vehicle.inertia_scale:.3g} times: "
+        f"{again:.1f} N m (1 sigma). {_needed(vehicle, gains)}",
         claimed=True,
+    )
+
+
+def _least(vehicle: Vehicle, gains: LawGains, box: ReachingSet) -> float:
+    return least_gain(vehicle, box, rho=gains.rho)
+
+
+def _at_reference(vehicle: Vehicle, gains: LawGains) -> str:
+    """K_min where e = 0, with and without Td."""
+    cases = []
+    for sigmas in (1.0, 3.0):
+        for torque in (True, False):
+            value = _least(vehicle, gains, reference_set(vehicle, sigmas=sigmas, with_torque=torque))
+            words = f"{sigmas:g} sigma {'with' if torque else 'without'} Td"
+            cases.append(f"{words}: K_min = {value:.1f} N m, {_ratio(value, gains.K)} K")
+    return "at the reference slip, 100 km/h, e = 0: " + "; ".join(cases)
+
+
+def _needed(vehicle: Vehicle, gains: LawGains) -> str:
+    """|s| from which on D |s| makes up for K, at the reference, 1 sigma: the statement of the errata too."""
+    with_torque, without = (
+        surface_needed(vehicle, reference_set(vehicle, sigmas=1.0, with_torque=torque), K=gains.K, D=gains.D)
+        for torque in (True, False)
+    )
+    return (
+        f"At the reference (1 sigma) D|s| makes up for K from |s| = {with_torque:.1f} m/s on, without Td from "
+        f"{without:.1f} m/s, D = {gains.D:.4g} N m/(m/s)."
     )
 
 
@@ -134,7 +163,7 @@ def _after_first_zero(run: IdealRun) -> tuple[bool, float]:
 
 def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
     """A boundary layer in the published law: its ultimate bound in closed form."""
-    largest = largest_disturbance(vehicle, published_bounds(vehicle, sigmas=1.0))
+    largest = _least(vehicle, gains, reference_set(vehicle, sigmas=1.0))
     bound = ultimate_bound(largest, gains, LAYER_WIDTH)
     return Condition(
         "boundary layer with K",
@@ -142,12 +171,13 @@ def published_layer(vehicle: Vehicle, gains: LawGains) -> Condition:
         bound <= LAYER_WIDTH,
         "symbolic",
         f"|s| ends below (J/r)d/(D + K/Phi) where that is within Phi, else below ((J/r)d - K)/D. With (J/r)d = "
-        f"{largest:.4g} N m (1 sigma, Td): {bound:.4g} m/s; the train runs at {INITIAL_SPEED_KMH * KMH:.4g} m/s.",
+        f"{largest:.4g} N m (1 sigma, Td, at the reference): {bound:.4g} m/s; the train runs at "
+        f"{INITIAL_SPEED_KMH * KMH:.4g} m/s.",
     )
 
 
 def ultimate_bound(torque: float, gains: LawGains, layer: float) -> float:
-    """Ultimate bound of |s|, m/s, for (J/r)|d| <= torque (N m): inside the layer, else outside it."""
+    """Ultimate bound of |s|, m/s, for (J/r)|d| <= torque (N m), d effective: inside the layer, else outside it."""
     inside = torque / (gains.D + gains.K / layer)
     return inside if inside <= layer else (torque - gains.K) / gains.D
 

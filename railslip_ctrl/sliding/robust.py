@@ -1,8 +1,9 @@
 """Variants of the law whose promises survive disturbances, derived: layer, dead zone, projection, leak, matrix gain.
 
-All start from the derived error dynamics s' = theta_tilde' phi + d - D0 s - K0 sgn s and from V with a gain for each
-component. Nothing here is about the actuator: the torque acts at once. d_max bounds |d|, m/s^2; in torque it is
-(J/r) d_max, and K_min of (40) is where K0 = d_max.
+All start from the derived error dynamics and from V with a gain for each component. With Td = q Tb, Tb acting, they
+are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, with an effective disturbance d in which neither
+s, D nor K is left (`effective_disturbance`). d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of
+(40). Nothing here is about the actuator: the torque acts at once.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .derivation import Derivation, derive
 from .gains import PUBLISHED_LAW, LawGains
 from .ideal_loop import true_theta
 from .identities import identical
-from .reaching_bound import least_gain, published_bounds
+from .reaching_bound import TORQUE_FRACTION, ReachingSet, least_gain, operating_set
 from .symbols import sliding_symbol
 
 s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
@@ -31,6 +32,7 @@ GAINS = (k1, k2)
 LAYER = sp.Symbol("Phi", positive=True)
 LEAK = sp.Symbol("ell", positive=True)
 d, d_max = sp.Symbol("d", real=True), sp.Symbol("d_max", nonnegative=True)
+SHARE = sp.Symbol("h", positive=True)  # 1 + Td/Tb
 # slacks of the proofs: how far s is outside a bound, d below d_max, the gain above what (40) asks
 _outside = sp.Symbol("x", positive=True)
 _below, _spare = sp.Symbol("y", nonnegative=True), sp.Symbol("m", nonnegative=True)
@@ -69,9 +71,28 @@ class Variant:
     argument: str
 
 
+@cache
+def effective_disturbance() -> sp.Expr:
+    """d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, where Td = (h - 1) Tb of the law itself.
+
+    ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
+    """
+    made = derive()
+    rate = made.error_dynamics.subs(plant.Td, (SHARE - 1) * made.adaptive_law_control)
+    ideal = made.error_dynamics - made.disturbance_perturbed
+    known = ideal.subs(dict.fromkeys(TILDE, 0))
+    effective = sp.factor(sp.expand(rate - (ideal - known) - SHARE * known) / SHARE)
+    if effective.has(s, D, K, *TILDE):
+        raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
+    return effective
+
+
 def _error_rate(made: Derivation) -> sp.Expr:
-    """s' in theta_tilde and the symbol d in place of the disturbances."""
-    return made.error_dynamics - made.disturbance_perturbed + d
+    """s' in theta_tilde, h and the symbol d in place of `effective_disturbance`."""
+    effective_disturbance()  # raises where s' has not this form
+    ideal = made.error_dynamics - made.disturbance_perturbed
+    known = ideal.subs(dict.fromkeys(TILDE, 0))
+    return sp.expand(ideal - known + SHARE * (known + d))
 
 
 def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
@@ -86,14 +107,14 @@ def boundary_layer() -> Variant:
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
-    # above the bound (its mirror below follows, s' being odd in (s, d)) s falls at least at the rate x (D0 + K0/Phi)
+    # above the bound (its mirror below follows, s' being odd in (s, d)) s falls at least at the rate h x (D0 + K0/Phi)
     beyond = inside.subs(d, d_max - _below).subs(s, bound + _outside)
     above = known.subs(sp.sign(s), 1).subs(s, LAYER + _outside).subs(d, d_max - _below)
     entered = sp.expand(above.subs(d_max, K0 + D0 * LAYER - _spare))
     odd = identical(known.subs({s: -s, d: -d}, simultaneous=True), -known)
     proved = (
         odd,
-        sp.expand(sp.simplify(beyond)).equals(sp.expand(-_below - (D0 + K0 / LAYER) * _outside)),
+        sp.expand(sp.simplify(beyond)).equals(sp.expand(-SHARE * (_below + (D0 + K0 / LAYER) * _outside))),
         bool(sp.expand(-entered).is_positive),
         bool(sp.simplify(LAYER - bound.subs(d_max, K0 + D0 * LAYER - _spare)).is_nonnegative),
     )
@@ -101,14 +122,14 @@ def boundary_layer() -> Variant:
         "boundary layer",
         sp.factor(bound),
         all(map(bool, proved)),
-        "outside the layer s' = -(spare gain) - (slack of d) - D0 x < 0 at s = Phi + x, inside "
-        "s' <= -(D0 + K0/Phi) x at x above the bound; both odd in (s, d)",
+        "with h = 1 + Td/Tb > 0, outside the layer s'/h = -(spare gain) - (slack of d) - D0 x < 0 at s = Phi + x, "
+        "inside s'/h <= -(D0 + K0/Phi) x at x above the bound; both odd in (s, d)",
     )
 
 
 @cache
 def dead_zone() -> Variant:
-    """Boundary layer with theta_hat' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi): V' <= -D0 s_D^2, so |s| -> [0, Phi].
+    """Boundary layer with theta_hat' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi): V' <= -h D0 s_D^2, so |s| -> [0, Phi].
 
     V has s_D in place of s. Inside the layer s_D = 0, nothing moves theta_hat and V' = 0.
     """
@@ -124,14 +145,14 @@ def dead_zone() -> Variant:
     proved = (
         all(sp.expand(one) == 0 for one in drives),
         not final.has(*TILDE),
-        bool(sp.expand(-final - D0 * _outside**2).is_nonnegative),
+        bool(sp.expand(-final - SHARE * D0 * _outside**2).is_nonnegative),
     )
     return Variant(
         "dead zone",
-        -D0 * _outside**2,
+        -SHARE * D0 * _outside**2,
         all(proved),
         "theta_hat' solved from the cross term is k_i (s - Phi) phi_i above the layer; there "
-        "-V' - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0",
+        "-V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
     )
 
 
@@ -162,9 +183,9 @@ def projection() -> Variant:
 
 @cache
 def leak() -> Variant:
-    """theta_hat_i' = k_i s phi_i - ell theta_hat_i, K0 >= d_max: V' <= -c V + ell V_theta, c = min(2 D0, ell).
+    """theta_hat_i' = k_i s phi_i - ell theta_hat_i, K0 >= d_max: V' <= -c V + ell V_theta, c = min(2 h D0, ell).
 
-    V_theta = sum theta_i^2/(2 k_i), so V ends below ell V_theta/c.
+    V_theta = sum theta_i^2/(2 k_i), so V ends below ell V_theta/c for the smallest h.
     """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made))
@@ -173,16 +194,16 @@ def leak() -> Variant:
     rate = sp.expand(rate.subs(leaking).subs(hats))
     of_theta = sum(theta**2 / (2 * gain) for theta, gain in zip(THETA, GAINS, strict=True))
     of_error = sum(tilde**2 / (2 * gain) for tilde, gain in zip(TILDE, GAINS, strict=True))
-    bound = -2 * D0 * s**2 / 2 - LEAK * of_error + LEAK * of_theta
+    bound = -2 * SHARE * D0 * s**2 / 2 - LEAK * of_error + LEAK * of_theta
     # what is left is |s| (K0 - d sgn s) and ell theta_hat^2/(2 k): squares and a term that (40) makes positive
     slack = sp.expand(bound - rate)
     squares = sum(LEAK * (theta - tilde) ** 2 / (2 * g) for theta, tilde, g in zip(THETA, TILDE, GAINS, strict=True))
-    rest = K0 * s * sp.sign(s) - s * d
+    rest = SHARE * (K0 * s * sp.sign(s) - s * d)
     return Variant(
         "sigma-modification",
-        LEAK * of_theta / sp.Min(2 * D0, LEAK),
+        LEAK * of_theta / sp.Min(2 * SHARE * D0, LEAK),
         identical(slack, squares + rest),
-        "V' = -D0 s^2 - ell V_error + ell V_theta - sum ell theta_hat_i^2/(2 k_i) - |s| (K0 - d sgn s): "
+        "V' = -h D0 s^2 - ell V_error + ell V_theta - sum ell theta_hat_i^2/(2 k_i) - h |s| (K0 - d sgn s): "
         "the last two are never positive where K0 >= d_max",
     )
 
@@ -191,7 +212,7 @@ def leak() -> Variant:
 def matrix_gain() -> Variant:
     """theta_hat_i' = k_i s phi_i: the cross term vanishes for any two positive gains; V' = -(r/J)(D s^2 + K |s|)."""
     made = derive()
-    rate = _lyapunov_rate(made, _error_rate(made).subs(d, 0))
+    rate = _lyapunov_rate(made, _error_rate(made).subs({d: 0, SHARE: 1}))
     final = sp.expand(rate.subs(dict(zip(RATE, made.adaptation_matrix, strict=True))))
     expected = -D0 * s**2 - K0 * s * sp.sign(s)
     return Variant("matrix gain", sp.factor(final), identical(final, expected), "the cross term vanishes identically")
@@ -219,9 +240,20 @@ def _gain_unit(phi: str) -> str:
 # --- a design ------------------------------------------------------------------------------------------------------
 
 
+def robust_set(vehicle: Vehicle) -> ReachingSet:
+    """The published run with the random force at `SIGMAS` deviations and theta_hat anywhere in `parameter_box`."""
+    first, second = parameter_box(vehicle)
+    return replace(operating_set(vehicle, sigmas=SIGMAS), theta_hat1=first, theta_hat2=second)
+
+
+def effective_torque(vehicle: Vehicle) -> float:
+    """(J/r) d_max over `robust_set`, N*m: the least K of (40)."""
+    return least_gain(vehicle, robust_set(vehicle))
+
+
 def design_gain(vehicle: Vehicle) -> float:
-    """K, N*m: `GAIN_MARGIN` over (40)'s for the published disturbances at `SIGMAS` deviations."""
-    return GAIN_MARGIN * least_gain(vehicle, published_bounds(vehicle, sigmas=SIGMAS))
+    """K, N*m: `GAIN_MARGIN` over (40)'s for `robust_set`."""
+    return GAIN_MARGIN * effective_torque(vehicle)
 
 
 def layered_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
@@ -237,9 +269,14 @@ def layered_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLI
 
 
 def leaking_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
-    """Relay with the leak ell = 2 D0: the largest that costs nothing in the bound."""
-    rate = 2.0 * vehicle.wheel.radius / vehicle.effective_inertia * D
+    """Relay with the leak ell = 2 h D0 at the smallest h: the largest that costs nothing in the bound."""
+    rate = slowest_rate(vehicle, D)
     return replace(PUBLISHED_LAW, K=design_gain(vehicle) if K is None else K, D=D, leak=rate)
+
+
+def slowest_rate(vehicle: Vehicle, D: float) -> float:
+    """2 h D0, 1/s, at the smallest h = 1 + Td/Tb."""
+    return 2.0 * (1.0 - TORQUE_FRACTION) * vehicle.wheel.radius / vehicle.effective_inertia * D
 
 
 def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -11,18 +11,22 @@ from railslip_ctrl.parameters import Vehicle
 
 from .gains import LawGains
 from .ideal_loop import PUBLISHED, IdealRun, simulate, true_theta
-from .reaching_bound import largest_disturbance, published_bounds
+from .reaching_bound import TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY, reference_slip
 from .reaching_conditions import RUNS
+from .reaching_search import search
 from .robust import (
     SIGMAS,
     boundary_layer,
     dead_zone,
+    effective_torque,
     gain_units,
     layered_design,
     leak,
     leaking_design,
     matrix_gain,
     projection,
+    robust_set,
+    slowest_rate,
 )
 from .verdict import Condition
 
@@ -31,6 +35,9 @@ _SAMPLES = 100_000
 _RISE_TOLERANCE = 1e-3
 """Largest rise of V in a run, relative to V(0), put down to the steps of 2 ms."""
 
+_BESIDE = 1e-3
+"""How far beside K_min the search shows that the bound is tight."""
+
 _BOUND_TOLERANCE = 0.01
 """A sampled relay overshoots a bound by one step of K0: this fraction of it is put down to that."""
 
@@ -38,11 +45,12 @@ _BOUND_TOLERANCE = 0.01
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
     """All of them; K of the design unless given (N m), D in N m/(m/s)."""
     layered, leaking = layered_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
-    largest = largest_disturbance(vehicle, published_bounds(vehicle, sigmas=SIGMAS))
+    largest = effective_torque(vehicle)
     seeds = tuple(range(seed, seed + RUNS))
     return (
         _units(),
-        _gain(layered, largest),
+        _gain(vehicle, layered, largest),
+        _gain_search(vehicle, layered, largest, seed),
         _layer(layered, largest),
         _layer_runs(vehicle, layered, largest, seeds),
         _dead_zone(layered, largest),
@@ -68,14 +76,34 @@ def _units() -> Condition:
     )
 
 
-def _gain(gains: LawGains, largest: float) -> Condition:
+def _gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
     return Condition(
         "robust gain",
-        "K > (J/r) max|d|: the reaching condition (40) down to s = 0.",
+        "K > (J/r) d_max: the reaching condition (40) down to s = 0, with Td a fraction of the torque K is part of.",
         largest < gains.K,
         "symbolic",
-        f"K = {gains.K:.4g} N m against {largest:.4g} N m: Tr at {SIGMAS:g} sigma, Fr at 100 km/h, |Td| <= 0.05 of the "
-        "holding torque; the torque acts at once (no actuator).",
+        f"K = {gains.K:.4g} N m against {largest:.4g} N m, the maximum of [(J/r)|d(Tr, Fr)| + c |Ueq|]/(1 - c), c = "
+        f"{TORQUE_FRACTION:g}, over: {robust_set(vehicle).text(reference_slip())}, theta_hat in the box of the "
+        f"projection, Tr at {SIGMAS:g} sigma; the torque acts at once (no actuator).",
+    )
+
+
+def _gain_search(vehicle: Vehicle, gains: LawGains, largest: float, seed: int) -> Condition:
+    """The plant's own s s' at this K, and beside the bound whether it is tight."""
+    box = robust_set(vehicle)
+    own = search(box, vehicle, gains, seed=seed)
+    below, above = (
+        search(box, vehicle, replace(gains, K=factor * largest), seed=seed) for factor in (1 - _BESIDE, 1 + _BESIDE)
+    )
+    return Condition(
+        "robust gain, search",
+        "No point of that box has s s' >= 0 at s -> 0 under the law with this K.",
+        own.excess < 0,
+        "sampled",
+        f"Largest s s'/|s| of the plant's numeric rates found: {own.excess:.4g} m/s^2 at {own.text()}; at K_min less "
+        f"{100 * _BESIDE:g} % {below.excess:+.2g}, at K_min and {100 * _BESIDE:g} % more {above.excess:+.2g} m/s^2. "
+        f"Differential evolution from random points (seed {seed}), then L-BFGS-B; "
+        f"{own.evaluations + below.evaluations + above.evaluations} evaluations.",
     )
 
 
@@ -102,7 +130,7 @@ def _layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[
     run = simulate(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
     bound = layer_bound(gains, largest)
     reached, highest = _after_entry(run, gains.layer, bound)
-    disturbed = float(np.nanmax(np.abs(run.disturbance)))
+    disturbed = float(np.nanmax(np.abs(effective_disturbance(run, gains))))
     return Condition(
         "boundary layer, runs",
         "In disturbed ideal stops |s| stays below the ultimate bound once it is inside.",
@@ -121,6 +149,14 @@ def _runs_text(vehicle: Vehicle, seeds: tuple[int, ...]) -> str:
     )
 
 
+def effective_disturbance(run: IdealRun, gains: LawGains) -> np.ndarray:
+    """(J/r) d of s' = theta_tilde' phi + h (d - D0 s - K0 sat), N*m, along a run with the published Td."""
+    switched = np.clip(run.s / gains.layer, -1.0, 1.0) if gains.layer > 0 else np.sign(run.s)
+    fraction = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * run.time) * np.sin(TORQUE_FREQUENCY * run.time)
+    q = fraction[:, None]
+    return np.asarray((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))
+
+
 def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, float]:
     """Latest first time inside the bound, s (inf where a run never is), and the largest |s| after each run's own."""
     size = np.abs(run.s)
@@ -137,8 +173,8 @@ def _dead_zone(gains: LawGains, largest: float) -> Condition:
     variant = dead_zone()
     return Condition(
         "dead zone in the adaptation",
-        "theta_hat_i' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi), V in s_D: V' <= -D0 s_D^2 for all |d| <= d_max, "
-        "so s_D -> 0 with theta unknown (constant).",
+        "theta_hat_i' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi), V in s_D: V' <= -(1 - c) D0 s_D^2 for all |d| <= "
+        "d_max, so s_D -> 0 with theta unknown (constant).",
         variant.proved and largest <= gains.K + gains.D * gains.layer,
         "symbolic",
         f"{variant.argument}. s_D^2 is integrable and s_D' bounded, so |s| -> [0, Phi] (Barbalat); theta_hat is "
@@ -209,7 +245,7 @@ def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tu
     hats = run.theta_hat[np.isfinite(run.theta_hat[..., 0])]
     boxed = bool(np.all((hats >= low) & (hats <= high)))
     reached, highest = _after_entry(run, gains.layer, gains.layer)
-    disturbed = float(np.nanmax(np.abs(run.disturbance)))
+    disturbed = float(np.nanmax(np.abs(effective_disturbance(run, gains))))
     within = highest <= gains.layer * (1 + _BOUND_TOLERANCE)
     return Condition(
         "layer, dead zone, projection: runs",
@@ -251,7 +287,7 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
     """For the loaded vehicle's theta."""
     theta = true_theta(vehicle.loaded(), vehicle)
     of_theta = float(theta[0] ** 2 / (2 * gains.k1) + theta[1] ** 2 / (2 * gains.k2))
-    c = min(2.0 * vehicle.wheel.radius / vehicle.effective_inertia * gains.D, gains.leak)
+    c = min(slowest_rate(vehicle, gains.D), gains.leak)
     level = gains.leak * of_theta / c
     return LeakBound(c, level, math.sqrt(2.0 * level))
 
@@ -261,13 +297,13 @@ def _leak(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
     bound = leak_bound(vehicle, gains)
     return Condition(
         "sigma-modification, bound",
-        "theta_hat_i' = k_i s phi_i - ell theta_hat_i, K >= (J/r)d_max: V' <= -c V + ell V_theta, c = min(2 D0, ell), "
-        "V_theta = sum theta_i^2/(2 k_i): V ends below ell V_theta/c.",
+        "theta_hat_i' = k_i s phi_i - ell theta_hat_i, K >= (J/r)d_max: V' <= -c V + ell V_theta, c = min(2 h D0, "
+        f"ell), h >= {1 - TORQUE_FRACTION:g}, V_theta = sum theta_i^2/(2 k_i): V ends below ell V_theta/c.",
         variant.proved and largest <= gains.K,
         "symbolic",
-        f"{variant.argument}. ell = 2 D0 = {gains.leak:.3g} 1/s, loaded vehicle's theta: V ends below "
-        f"{bound.level:.4g} m^2/s^2, |s| below {bound.surface:.3g} m/s: bounded without knowing a box, but looser than "
-        "the layer.",
+        f"{variant.argument}. ell = 2 h D0 = {gains.leak:.3g} 1/s, loaded vehicle's theta: V ends below "
+        f"{bound.level:.4g} m^2/s^2, |s| below {bound.surface:.3g} m/s: looser than the layer. "
+        "d_max counts theta_hat in the box of the projection, which the leak does not enforce: the runs show it.",
     )
 
 
@@ -278,7 +314,7 @@ def _leak_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[i
     decay = np.exp(-bound.rate * run.time)[:, None]
     envelope = run.V[0] * decay + bound.level * (1.0 - decay)
     share = float(np.nanmax(run.V / envelope))
-    disturbed = float(np.nanmax(np.abs(run.disturbance)))
+    disturbed = float(np.nanmax(np.abs(effective_disturbance(run, gains))))
     return Condition(
         "sigma-modification, runs",
         "In disturbed ideal stops V stays below V(0) exp(-c t) + (ell V_theta/c)(1 - exp(-c t)).",

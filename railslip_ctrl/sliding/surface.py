@@ -129,7 +129,8 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, St
     """(e, e', s, the step, s') by differentiating (33) along time; s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
-    reference_t = lambda_d * v_t if reference == "proportional" else sigma_d
+    at_reference = sp.solve(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma)[0].subs(plant.v, v_t)
+    reference_t = at_reference if reference == "proportional" else sigma_d
     error_t = reference_t - sigma_t
     surface_t = error_t + rho * sp.Integral(error_t.subs(t, x), (x, 0, t))
     names = {v_t.diff(t): plant.v_rate, sigma_t.diff(t): _SIGMA_RATE}

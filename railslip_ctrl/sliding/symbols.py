@@ -17,7 +17,7 @@ _ENTRIES = (
     Notation("e", "e", "m/s", "tracking error sigma_d - sigma"),
     Notation(
         "e_integral",
-        r"{\textstyle\int_0^t e\,\mathrm{d}t}",
+        r"\left({\textstyle\int_0^t e\,\mathrm{d}t}\right)",
         "m",
         "integral of the tracking error since the brake was applied",
     ),
@@ -49,6 +49,8 @@ _ENTRIES = (
     Notation("s_rate_change", r"\Delta\dot s", "m/s^2", "what estimates in the law add to the rate of s"),
     Notation("s_times_s_rate", r"s\dot s", "m^2/s^3", "s times its rate: negative where s approaches 0"),
     Notation("sigma_rate", r"\dot\sigma", "m/s^2", "rate of the slip velocity"),
+    Notation("Ga", "G_a", "1", "transfer function of the actuator, commanded to acting brake torque"),
+    Notation("Tb_rate", r"\dot T_b", "N*m/s", "rate of the acting brake torque"),
     Notation("V", "V", "m^2/s^2", "Lyapunov function"),
     Notation("V_rate", r"\dot V", "m^2/s^3", "rate of V"),
     Notation("k", "k", "mixed", "scalar adaptation gain; its unit cannot fit both components", positive=True),

@@ -40,14 +40,15 @@ class Condition:
 class Verification:
     """The conditions of a law, in order, and what they were decided for.
 
-    `law` is "paper" (which has the robust variants' conditions too) or "robust"; K (N*m) and D (N*m/(m/s)) are those
-    of that law; `inertia_scale` is the reading (1 SI, 3.6 as published); `seed` is where random numbers start.
+    `law` is "paper" (which has the robust variants' conditions too), "robust" or "layered"; K (N*m) and D (N*m/(m/s);
+    None for the layered law, which has none) are those of that law; `inertia_scale` is the reading (1 SI, 3.6 as
+    published); `seed` is where random numbers start.
     """
 
     law: str
     inertia_scale: float
     K: float
-    D: float
+    D: float | None
     seed: int
     conditions: tuple[Condition, ...]
 

@@ -4,19 +4,22 @@ Knows nothing of reports, plots or braking runs.
 """
 
 from .adaptation import Survivors, ideal_adaptation, largest_adaptation, largest_relay, survivors
-from .effects import ActuatorEffect, actuator_effect, conclusion, cycle_table, published_loop
+from .effects import ActuatorEffect, RelayCycle, actuator_effect, conclusion, cycle_table, published_loop
 from .law import TABLE4_SLIDING, FeedForward, SlidingGains
 from .layered import LayerBound, LayeredDesign, induced_gains, layer_bound, layer_loop
-from .limit_cycle import LimitCycle, critical_gains, exact_limit_cycle, predict_limit_cycle, smallest_layer
+from .limit_cycle import LimitCycle, critical_gains, linear_limit_cycle, predict_limit_cycle, smallest_layer
+from .nonlinear_cycle import LINEAR_CHANGE, linearisation_change, nonlinear_limit_cycle
 from .surface_loop import SlidingExistence, SurfaceLoop
 
 __all__ = [
+    "LINEAR_CHANGE",
     "TABLE4_SLIDING",
     "ActuatorEffect",
     "FeedForward",
     "LayerBound",
     "LayeredDesign",
     "LimitCycle",
+    "RelayCycle",
     "SlidingExistence",
     "SlidingGains",
     "SurfaceLoop",
@@ -25,13 +28,15 @@ __all__ = [
     "conclusion",
     "critical_gains",
     "cycle_table",
-    "exact_limit_cycle",
     "ideal_adaptation",
     "induced_gains",
     "largest_adaptation",
     "largest_relay",
     "layer_bound",
     "layer_loop",
+    "linear_limit_cycle",
+    "linearisation_change",
+    "nonlinear_limit_cycle",
     "predict_limit_cycle",
     "published_loop",
     "smallest_layer",

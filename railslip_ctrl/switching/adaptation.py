@@ -17,7 +17,8 @@ import numpy as np
 from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.parameters import Actuator
 
-from .limit_cycle import critical_gains, exact_limit_cycle, smallest_layer
+from .limit_cycle import critical_gains, linear_limit_cycle, smallest_layer
+from .nonlinear_cycle import linearisation_change
 from .surface_loop import SurfaceLoop
 
 _RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
@@ -136,13 +137,13 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 
 
 def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
-    """Largest K, N*m, whose limit cycle without load stays within a slip amplitude (ratio, > 0): exact, linear in K.
+    """Largest K, N*m, whose limit cycle without load stays within a slip amplitude (ratio, > 0): linearised.
 
     A load makes the cycle smaller. InputError for an amplitude that is not positive.
     """
     if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
         raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
-    return slip_amplitude / exact_limit_cycle(loop, K=1.0).slip_amplitude
+    return slip_amplitude / linear_limit_cycle(loop, K=1.0).slip_amplitude
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,9 @@ class Survivors:
     k, k_any_relay, relay_gain_for_k : float
         Largest k; over all relay gains; and that relay gain, N*m/(m/s).
     K, slip_amplitude : float
-        Largest K, N*m, for a limit cycle within this slip amplitude.
+        Largest K, N*m, for a limit cycle within this slip amplitude, linearised.
+    linear_change : float
+        `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint.
     rho, D : float
         1/s, N*m/(m/s); inf without bound.
     relay_gain : float
@@ -173,6 +176,7 @@ class Survivors:
     relay_gain_for_k: float
     K: float
     slip_amplitude: float
+    linear_change: float
     rho: float
     D: float
     relay_gain: float
@@ -181,18 +185,20 @@ class Survivors:
 
 
 def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
-    """Bisect each gain on exact stability; K by the exact limit cycle."""
+    """Bisect each gain on exact stability; K by the linearised limit cycle."""
     gains = loop.gains
     k_any, relay_for_k = most_favourable_adaptation(loop)
     stable = loop.is_stable()
     layer = smallest_layer(loop)
+    relay = largest_relay(loop, slip_amplitude)
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop),
         k_any_relay=k_any,
         relay_gain_for_k=relay_for_k,
-        K=largest_relay(loop, slip_amplitude),
+        K=relay,
         slip_amplitude=slip_amplitude,
+        linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)),
         rho=first_limit(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
         D=first_limit(lambda D: loop.with_gains(D=D).is_stable(), gains.D) if stable else 0.0,
         relay_gain=gains.K / layer if layer > 0 else math.inf,

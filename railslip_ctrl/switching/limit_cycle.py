@@ -1,4 +1,4 @@
-"""The limit cycle of the relay in the loop around s: describing function, and exactly.
+"""The limit cycle of the relay in the linearised loop around s: describing function, and with every harmonic.
 
 The relay's input is s, its output K sgn(s), and W leads from there to -s. A load (a constant torque the law leaves
 out) shifts s until relay and D carry it together; the cycle is then not symmetric.
@@ -6,8 +6,11 @@ out) shifts s until relay and D carry it together; the cycle is then not symmetr
 First harmonic ([Tsypkin1984], biased as in [Gelb1968]): with s = s0 + A sin, 1 + N W(j omega) = 0 and
 N = 4 K/(pi A) sqrt(1 - (s0/A)^2), (2 K/pi) asin(s0/A) + D s0 = load. So frequency and N do not depend on K.
 
-Exactly, for the linear plant: v = K on a share of the period and -K on the rest, all harmonics through W,
-s = 0 at both switches, and D s0 + K (2 share - 1) = load. Without load this is Tsypkin's locus.
+With every harmonic, so exactly for the linearised plant: v = K on a share of the period and -K on the rest, all
+harmonics through W, s = 0 at both switches, and D s0 + K (2 share - 1) = load. Without load: Tsypkin's locus.
+
+Both are the wheel's own only while the swing is small beside what the adhesion curve bends over: see
+`nonlinear_cycle`, which also has the cycle of the wheel as it is.
 """
 
 from __future__ import annotations
@@ -47,19 +50,21 @@ class LimitCycle:
     Attributes
     ----------
     method : str
-        "describing function" or "exact".
+        "describing function" or "linearised" (every harmonic), both of the linearised loop; or "nonlinear".
     K, load, layer : float
         N*m, N*m, and m/s (0 is the relay).
     frequency : float
         rad/s.
     relay_gain : float
-        N at the cycle, N*m/(m/s): describing-function value; of the exact cycle first harmonic over first harmonic.
+        N at the cycle, N*m/(m/s): describing-function value; of the others first harmonic over first harmonic.
     surface_amplitude, sigma_amplitude, torque_amplitude : float
         m/s, m/s, N*m (acting torque): half of peak to peak.
     surface_mean : float
         m/s.
     slip_amplitude : float
         sigma_amplitude/v.
+    sigma_range : tuple of float
+        Least and largest slip velocity, m/s.
     stable : bool
         By the describing function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
     """
@@ -75,6 +80,7 @@ class LimitCycle:
     torque_amplitude: float
     surface_mean: float
     slip_amplitude: float
+    sigma_range: tuple[float, float]
     stable: bool
 
     @property
@@ -227,18 +233,20 @@ def _harmonic_cycle(
         torque_amplitude=relay * abs(complex(loop.torque_response(omega))),
         surface_mean=mean,
         slip_amplitude=sigma / loop.plant.point.speed,
+        sigma_range=(loop.plant.point.sigma - sigma, loop.plant.point.sigma + sigma),
         stable=critical.stable_below,
     )
 
 
-# --- exactly ---------------------------------------------------------------------------------------------------------
+# --- with every harmonic ---------------------------------------------------------------------------------------------
 
 
-def exact_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
-    """The periodic solution with two switches a period, every harmonic counted; arguments as of the prediction.
+def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
+    """The linearised loop's periodic solution with two switches a period, every harmonic counted; arguments as of the
+    prediction.
 
-    Exact for the linear plant to the truncation of its Fourier series, about 1e-5. The solution found is the one the
-    describing function starts from; s is checked to have one sign between switches.
+    Exact for the linearised plant to the truncation of its Fourier series, about 1e-5. The solution found is the one
+    the describing function starts from; s is checked to have one sign between switches.
 
     Raises
     ------
@@ -270,10 +278,11 @@ def exact_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float 
             f"limit cycle: with K = {height:g} N*m and a load of {load:g} N*m there is none with two switches a period "
             "(s would change sign in between); change K or the load"
         )
-    sigma = _half_range(height * _series(loop.slip_response, omega, part, phase))
+    swing = height * _series(loop.slip_response, omega, part, phase)
+    sigma = _half_range(swing)
     fundamental = complex(loop.surface_response(omega))
     return LimitCycle(
-        method="exact",
+        method="linearised",
         K=height,
         load=load,
         layer=0.0,
@@ -284,6 +293,7 @@ def exact_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float 
         torque_amplitude=height * _half_range(_series(loop.torque_response, omega, part, phase)),
         surface_mean=height * mean,
         slip_amplitude=sigma / loop.plant.point.speed,
+        sigma_range=(loop.plant.point.sigma + float(swing.min()), loop.plant.point.sigma + float(swing.max())),
         stable=first.stable,
     )
 

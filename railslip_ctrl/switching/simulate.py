@@ -18,6 +18,8 @@ from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import Actuator
 
+from .actuation import torque_rate_function
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -127,7 +129,7 @@ def _nothing(_t: float) -> float:
 
 def _rates(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[[_State, float, float], _State]:
     functions, p = numeric_plant(type(point.law)).rates, plant_parameters(point.law, point.vehicle)
-    lag = actuator.lag
+    lag, torque_rate = actuator.lag, torque_rate_function()
 
     def rates(state: _State, command: float, load: float) -> _State:
         v, sigma, z, torque = state
@@ -137,7 +139,7 @@ def _rates(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[
             0.0 if frozen else float(v_rate),
             float(sigma_rate),
             float(z_rate),
-            (command - torque) / lag if lag > 0 else 0.0,
+            torque_rate(torque, command, lag) if lag > 0 else 0.0,
         )
 
     return rates

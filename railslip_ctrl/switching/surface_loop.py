@@ -26,6 +26,7 @@ from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.parameters import Actuator
 
+from .actuation import actuator_dead_time, actuator_lag, actuator_response
 from .law import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
 
 if TYPE_CHECKING:
@@ -156,8 +157,8 @@ class SurfaceLoop:
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
         """The loop opened at the commanded torque, dead time exact; arguments as of `controller`."""
         wheel = Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
-        system = self.controller(relay_gain=relay_gain, adaptation=adaptation) * _lag(self.actuator.lag) * wheel
-        return DeadTimeLoop(system, self.actuator.dead_time)
+        system = self.controller(relay_gain=relay_gain, adaptation=adaptation) * actuator_lag(self.actuator) * wheel
+        return DeadTimeLoop(system, actuator_dead_time(self.actuator))
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
         """Whether the linear loop is stable, by the exact root count."""
@@ -173,37 +174,34 @@ class SurfaceLoop:
     def slip_response(self, omega: ArrayLike) -> Complexes:
         """From the relay's output to sigma, (m/s)/(N*m): W/G."""
         s = 1j * np.asarray(omega, dtype=float)
-        actuator = np.exp(-self.actuator.dead_time * s) / (self.actuator.lag * s + 1)
-        return np.asarray(actuator / (self._inverse_wheel(s) + actuator * self.controller()(s)))
+        actuator = actuator_response(self.actuator, s)
+        return np.asarray(actuator / (self.inverse_wheel(s) + actuator * self.controller()(s)))
 
     def torque_response(self, omega: ArrayLike) -> Complexes:
         """From the relay's output to the acting torque, N*m/(N*m)."""
         s = 1j * np.asarray(omega, dtype=float)
-        return np.asarray(self.slip_response(omega) * self._inverse_wheel(s))
+        return np.asarray(self.slip_response(omega) * self.inverse_wheel(s))
 
-    def _inverse_wheel(self, s: Complexes) -> Complexes:
+    def inverse_wheel(self, s: Complexes) -> Complexes:
+        """1/P(s): from sigma to the torque that moves it, N*m/(m/s), at complex s (1/s)."""
         zeros, poles = self._wheel
         return np.asarray(self.inertia_over_radius * np.polyval(poles, s) / np.polyval(zeros, s))
 
     def sliding_existence(self) -> SlidingExistence:
         """Whether an ideal sliding mode exists; see `SlidingExistence`."""
-        lag, dead_time = self.actuator.lag, self.actuator.dead_time
+        lag, dead_time = actuator_lag(self.actuator), actuator_dead_time(self.actuator)
         # 1/P + Ga C grows as (J/r) s, and G tends to 1
-        degree = 1 + (1 if lag > 0 else 0)
-        gain = self.plant.gain / (lag if lag > 0 else 1.0)
+        degree = 1 + lag.poles.size - lag.zeros.size
+        gain = self.plant.gain * lag.gain
         exists = degree == 1 and dead_time == 0
         if exists:
             reason = f"W ~ {gain:.4g}/s: a switch of the relay changes the sign of s' at once"
         elif dead_time > 0:
             reason = (
                 f"a switch reaches the wheel {dead_time:g} s later"
-                + (f", and through a lag of {lag:g} s acts on s'' first" if lag > 0 else "")
+                + (f", and through a lag of {self.actuator.lag:g} s acts on s'' first" if degree > 1 else "")
                 + "; s leaves 0 in between, and the relay oscillates"
             )
         else:
             reason = f"W ~ {gain:.4g}/s^2: a switch acts on s'' and not on s'"
         return SlidingExistence(degree, gain, dead_time, exists, reason)
-
-
-def _lag(lag: float) -> Rational:
-    return Rational(np.array([]), np.array([-1 / lag]) if lag > 0 else np.array([]), 1 / lag if lag > 0 else 1.0)
