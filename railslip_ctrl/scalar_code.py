@@ -10,7 +10,7 @@ The functions take (v, sigma, z, Tb, Td, Tr, p, table): m/s, m/s, m, N*m three t
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,8 +46,9 @@ def scalar_source(law: type[AdhesionLaw]) -> str:
     return generate_scalar(law)
 
 
-def adhesion_table(law: AdhesionLaw) -> Floats:
-    """The law's force over the slip ratio 0 to 1, for a law whose statement has functions without a closed form.
+@lru_cache(maxsize=32)  # a campaign gives the same rails to many controllers, and a table costs as much as half a run
+def adhesion_table(law: AdhesionLaw, wheel_load: float) -> Floats:
+    """The law's force over the slip ratio 0 to 1 at a wheel load, N, for a law with functions without a closed form.
 
     Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) in turn. A law
     in closed form needs none and has one of a single zero. Where the law's domain ends before slip 1, so does it.
@@ -57,12 +58,13 @@ def adhesion_table(law: AdhesionLaw) -> Floats:
     speed = 1.0  # a function of the slip ratio alone: any speed gives the same table
     last = min(1.0, law.domain_limit(speed)[0] * (1.0 - 1e-6))
     slip = np.linspace(0.0, last, TABLE_INTERVALS + 1)
-    functions, p = numeric_plant(type(law)), (1.0,) * 8 + law.parameters()
+    functions, p = numeric_plant(type(law)), (*(1.0,) * 7, wheel_load, *law.parameters())
     force = functions.force(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     slope = functions.force_gradient(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)[1] * speed
     table = np.empty(2 * slip.size + 1)
     table[0] = TABLE_INTERVALS / last
     table[1::2], table[2::2] = force, slope / table[0]
+    table.flags.writeable = False
     return table
 
 
@@ -80,7 +82,7 @@ def generate_scalar(law: type[AdhesionLaw]) -> str:
 
     closed = plant.close(law)
     names = [*plant.VEHICLE_PARAMETERS, *law.parameter_names()]
-    printer = _printer(tuple(closed.functions))
+    printer = _printer(law)
     functions = {
         "rates": closed.rates,
         "rates_and_powers": (*closed.rates, *powers(closed.force)),  # together: the force is worked out once
@@ -122,20 +124,26 @@ def powers(force: Any) -> tuple[Any, ...]:
     return tuple(part.subs(plant.Fa, force) for part in parts)
 
 
-def _printer(tabulated: tuple[str, ...]) -> Any:
-    """Python with `math`; a function without a closed form is looked up in the table by its first argument."""
+def _printer(law: type[AdhesionLaw]) -> Any:
+    """Python with `math`; a function without a closed form, or its slope, is looked up in the table by its argument."""
+    from sympy.core.function import AppliedUndef, Function
     from sympy.printing.pycode import PythonCodePrinter
+
+    statement = law.statement()
+    own = {type(found).__name__ for found in statement.force.atoms(Function, AppliedUndef)} & set(statement.functions)
+    readers = {name: "tabulated" if name in own else "tabulated_slope" for name in statement.functions}
 
     class Printer(PythonCodePrinter):  # type: ignore[misc]
         """sgn 0 is 0, as in the NumPy functions; SymPy would print copysign, for which it is 1."""
 
         def _print_sign(self, expression: Any) -> str:
             argument = self._print(expression.args[0])
-            return f"(({argument} > 0.0) - ({argument} < 0.0))"
+            return f"(int({argument} > 0.0) - int({argument} < 0.0))"
 
         def _print_Function(self, expression: Any) -> str:
-            if type(expression).__name__ in tabulated:
-                return f"tabulated({self._print(expression.args[0])}, table)"
+            reader = readers.get(type(expression).__name__)
+            if reader is not None:
+                return f"{reader}({self._print(expression.args[0])}, table)"
             return str(super()._print_Function(expression))
 
     return Printer({"fully_qualified_modules": True})

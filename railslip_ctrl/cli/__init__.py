@@ -21,6 +21,7 @@ _COMMANDS = {
     "margins": "stability-margin report of a PI loop, exact dead time",
     "tune": "PI gains from a specification, for one or many operating points",
     "derive": "the sliding-mode law derived step by step; errata; generated code",
+    "identify": "adhesion curve, fitted models and the slip to hold, from a brake-rig log",
     "verify": "the Lyapunov and reaching conditions of the sliding-mode law, decided",
 }
 

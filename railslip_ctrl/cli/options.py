@@ -71,7 +71,7 @@ class CaseOptions:
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
         """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
-        chosen = PARK2008 if self.vehicle is None else _from_file("--vehicle", self.vehicle, load_vehicle)
+        chosen = PARK2008 if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
         for note in chosen.notes:
             click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
         if self.loaded:
@@ -245,7 +245,7 @@ def gain_options(function: F) -> F:
     return function
 
 
-def _from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
+def from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
     """What `load` makes of the file, with the option named in its complaint."""
     if str(path) in ("", "."):
         raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
@@ -257,7 +257,7 @@ def _from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
 
 def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
     if adhesion.lower().endswith(".toml"):
-        return _from_file("--adhesion", Path(adhesion), load_law).on(rail)
+        return from_file("--adhesion", Path(adhesion), load_law).on(rail)
     return published_law(adhesion, rail, initial_speed, wheel_load)
 
 

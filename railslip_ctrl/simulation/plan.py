@@ -53,8 +53,8 @@ class Plan:
 class _Laws:
     """Adhesion laws in use, each with its table and domain once."""
 
-    def __init__(self, top_speed: float) -> None:
-        self._top_speed, self._laws = top_speed, list[AdhesionLaw]()
+    def __init__(self, top_speed: float, wheel_load: float) -> None:
+        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, list[AdhesionLaw]()
 
     def number(self, law: AdhesionLaw) -> int:
         if law not in self._laws:
@@ -62,7 +62,7 @@ class _Laws:
         return self._laws.index(law)
 
     def tables(self) -> Floats:
-        tables = [adhesion_table(law) for law in self._laws]
+        tables = [adhesion_table(law, self._wheel_load) for law in self._laws]
         joined = np.zeros((len(tables), max(table.size for table in tables)))
         for row, table in zip(joined, tables, strict=True):
             row[: table.size] = table
@@ -77,7 +77,7 @@ class _Laws:
 
 
 def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan:
-    laws = _Laws(scenario.initial_speed)
+    laws = _Laws(scenario.initial_speed, scenario.vehicle.wheel_load)
     rail, factor = scenario.rail, scenario.adhesion_factor
     vehicle = scenario.vehicle
     law = scenario.law(rail, factor)

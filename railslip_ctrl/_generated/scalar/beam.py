@@ -80,7 +80,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     a = p[9]
     Kx = p[10]
     _x0 = 1/J
-    _x1 = ((sigma > 0.0) - (sigma < 0.0))
+    _x1 = (int(sigma > 0.0) - int(sigma < 0.0))
     _x2 = 1/N
     _x3 = 1/mu_max
     _x4 = 1/v

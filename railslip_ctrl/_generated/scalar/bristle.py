@@ -64,7 +64,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     _x1 = abs(sigma)
     _x2 = -_x1 + gamma
     _x3 = alpha*beta/_x2
-    _x4 = z*((sigma > 0.0) - (sigma < 0.0))
+    _x4 = z*(int(sigma > 0.0) - int(sigma < 0.0))
     return float(-B*_x0), float(-_x0*alpha*r**2 - alpha/M), float(-_x1*_x4*alpha*beta/_x2**2 - _x3*_x4 + 1), float(-_x1*_x3)
 
 
@@ -79,7 +79,7 @@ def rest_state(v, sigma, z, Tb, Td, Tr, p, table):
     alpha = p[8]
     beta = p[9]
     gamma = p[10]
-    return float((gamma - abs(sigma))*((sigma > 0.0) - (sigma < 0.0))/(alpha*beta))
+    return float((gamma - abs(sigma))*(int(sigma > 0.0) - int(sigma < 0.0))/(alpha*beta))
 
 
 @compiled

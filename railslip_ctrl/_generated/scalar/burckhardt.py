@@ -71,7 +71,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     _x3 = math.tanh((1/2)*_x2*sigma)
     _x4 = abs(_x3) + 1
     _x5 = 1 - _x3**2
-    _x6 = N*(-_x1*c3 + _x1*_x5*c1*c2/_x4 - _x2*_x3*_x5*c1*((_x3 > 0.0) - (_x3 < 0.0))/_x4**2)
+    _x6 = N*(-_x1*c3 + _x1*_x5*c1*c2/_x4 - _x2*_x3*_x5*c1*(int(_x3 > 0.0) - int(_x3 < 0.0))/_x4**2)
     return float(-B*_x0 - _x0*_x6*r**2 - _x6/M), float(0), float(0), float(0)
 
 

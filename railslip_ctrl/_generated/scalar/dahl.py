@@ -57,7 +57,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     Fc = p[9]
     _x0 = 1/J
     _x1 = alpha/Fc
-    return float(-B*_x0), float(-_x0*alpha*r**2 - alpha/M), float(-_x1*z*((sigma > 0.0) - (sigma < 0.0)) + 1), float(-_x1*abs(sigma))
+    return float(-B*_x0), float(-_x0*alpha*r**2 - alpha/M), float(-_x1*z*(int(sigma > 0.0) - int(sigma < 0.0)) + 1), float(-_x1*abs(sigma))
 
 
 @compiled
@@ -70,7 +70,7 @@ def adhesion_force(v, sigma, z, Tb, Td, Tr, p, table):
 def rest_state(v, sigma, z, Tb, Td, Tr, p, table):
     alpha = p[8]
     Fc = p[9]
-    return float(Fc*((sigma > 0.0) - (sigma < 0.0))/alpha)
+    return float(Fc*(int(sigma > 0.0) - int(sigma < 0.0))/alpha)
 
 
 @compiled

@@ -78,7 +78,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     _x4 = Fc + _x3
     _x5 = alpha/_x4
     _x6 = abs(sigma)
-    _x7 = -2*_x2*_x3*_x6*alpha*sigma*z/_x4**2 - _x5*z*((sigma > 0.0) - (sigma < 0.0)) + 1
+    _x7 = -2*_x2*_x3*_x6*alpha*sigma*z/_x4**2 - _x5*z*(int(sigma > 0.0) - int(sigma < 0.0)) + 1
     _x8 = _x7*alpha1 + alpha2
     _x9 = _x0*r**2
     _x10 = _x5*_x6
@@ -104,7 +104,7 @@ def rest_state(v, sigma, z, Tb, Td, Tr, p, table):
     Fs = p[11]
     Fc = p[12]
     vs = p[13]
-    return float((Fc + (-Fc + Fs)*math.exp(-sigma**2/vs**2))*((sigma > 0.0) - (sigma < 0.0))/alpha)
+    return float((Fc + (-Fc + Fs)*math.exp(-sigma**2/vs**2))*(int(sigma > 0.0) - int(sigma < 0.0))/alpha)
 
 
 @compiled

@@ -86,7 +86,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     b = p[15]
     c11 = p[16]
     _x0 = 1/J
-    _x1 = ((sigma > 0.0) - (sigma < 0.0))
+    _x1 = (int(sigma > 0.0) - int(sigma < 0.0))
     _x2 = 1/math.pi
     _x3 = 1/M
     _x4 = 1 - A

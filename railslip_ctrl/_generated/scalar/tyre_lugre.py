@@ -82,7 +82,7 @@ def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
     _x3 = (-mu_c + mu_s)*math.exp(-_x2)
     _x4 = _x3 + mu_c
     _x5 = alpha/_x4
-    _x6 = z*((sigma > 0.0) - (sigma < 0.0))
+    _x6 = z*(int(sigma > 0.0) - int(sigma < 0.0))
     _x7 = -1/2*_x2*_x3*_x6*alpha/_x4**2 - _x5*_x6 + 1
     _x8 = _x7*alpha1 + alpha2
     _x9 = N/M
@@ -112,7 +112,7 @@ def rest_state(v, sigma, z, Tb, Td, Tr, p, table):
     mu_s = p[11]
     mu_c = p[12]
     vs = p[13]
-    return float((mu_c + (-mu_c + mu_s)*math.exp(-math.sqrt(abs(sigma))/math.sqrt(vs)))*((sigma > 0.0) - (sigma < 0.0))/alpha)
+    return float((mu_c + (-mu_c + mu_s)*math.exp(-math.sqrt(abs(sigma))/math.sqrt(vs)))*(int(sigma > 0.0) - int(sigma < 0.0))/alpha)
 
 
 @compiled

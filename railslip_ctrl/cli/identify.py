@@ -1,0 +1,216 @@
+"""`railslip identify`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify, identify_several
+from railslip_ctrl.identification.models import MODELS, parameter_unit
+from railslip_ctrl.identification.observed import Observer
+from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle
+from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.report.identification import (
+    campaign_json,
+    campaign_text,
+    identification_json,
+    identification_text,
+    model_toml,
+)
+from railslip_ctrl.units import KMH, shown, to_unit
+
+from .options import Quantity, from_file
+from .output import print_json, progress
+
+_BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
+
+
+@click.command()
+@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG.csv...")
+@click.option(
+    "--model",
+    default="best",
+    show_default=True,
+    metavar="|".join(("best", *MODELS)),
+    help="Model to fit. best: all but curve and bristle_rest; of those with a formula the one with the lowest BIC.",
+)
+@click.option("--rail", default="dry", show_default=True, metavar="dry|wet", help="Rail condition of the log.")
+@click.option("--vehicle", type=click.Path(path_type=Path), metavar="FILE", help="Vehicle.  [default: the published]")
+@click.option("--loaded", is_flag=True, help="Use the vehicle's loaded wheel load.")
+@click.option(
+    "--initial-speed",
+    type=Quantity("km/h", gt=0),
+    metavar="KMH",
+    help="Speed v0 at which the brake was applied, km/h.  [default: the log's highest]",
+)
+@click.option(
+    "--slip-acceleration",
+    type=Quantity("m/s^2", gt=0),
+    metavar="X",
+    help="Slip acceleration R of the ramps, m/s^2, for bristle and curve.  [default: the log's; curve: 2.93]",
+)
+@click.option(
+    "--tau",
+    type=Quantity("s", gt=0),
+    metavar="S",
+    help="Time constant of the observer, s.  [default: 0.05, or five intervals of the log if that is more]",
+)
+@click.option("--observer", default="corrected", show_default=True, metavar="corrected|printed", help="Its form.")
+@click.option("--column", multiple=True, metavar="NAME=HEADER", help="Header of a quantity's column; repeatable.")
+@click.option("--unit", multiple=True, metavar="NAME=UNIT", help="Unit of a quantity's column; repeatable.")
+@click.option("--fix", multiple=True, metavar="PARAMETER=VALUE", help="Parameter not to be fitted; repeatable.")
+@click.option("--bound", multiple=True, metavar="PARAMETER=LOW:HIGH", help="Bounds of a parameter; repeatable.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the model's file, reports and pictures."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+def command(
+    logs: tuple[Path, ...], vehicle: Path | None, loaded: bool, out: Path | None, as_json: bool, **given: Any
+) -> None:
+    """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
+
+    LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
+    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]". Example:
+
+    railslip identify run.csv --rail wet --out fitted; railslip margins --adhesion fitted/model.toml --rail wet
+    """
+    options = _options(given)
+    if len(logs) > 1 and options.initial_speed is not None:
+        raise InputError("--initial-speed: is one speed, but there are several logs; leave it to them")
+    if out is not None:
+        check_directory(out, _file_names(len(logs)))
+    chosen = _vehicle(vehicle, loaded)
+    with _bar(logs, as_json) as advance:
+        found: Identification | Campaign = (
+            identify(logs[0], chosen, options, progress=advance)
+            if len(logs) == 1
+            else identify_several(logs, chosen, options, progress=advance)
+        )
+    _warn(found)
+    single = isinstance(found, Identification)
+    text = identification_text(found) if isinstance(found, Identification) else campaign_text(found)
+    content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
+    if out is not None:
+        files = write_files(out, _writers(found, text, content))
+        progress(f"wrote {len(files)} files to {out}{', the model to model.toml' if single else ''}")
+    if as_json:
+        print_json(content)
+    else:
+        click.echo(text, nl=False)
+
+
+def _options(given: Mapping[str, Any]) -> Options:
+    rail, observer, initial = given["rail"].lower(), given["observer"].lower(), given["initial_speed"]
+    if rail not in tuple(Rail):
+        raise InputError(f"--rail: {shown(given['rail'])} is not a rail condition; choose dry or wet")
+    if observer not in tuple(Observer):
+        raise InputError(f"--observer: {shown(given['observer'])} is not known; choose {' or '.join(Observer)}")
+    return Options(
+        model=given["model"].lower().replace("-", "_"),
+        rail=Rail(rail),
+        initial_speed=None if initial is None else initial * KMH,
+        slip_acceleration=given["slip_acceleration"],
+        time_constant=given["tau"],
+        observer=Observer(observer),
+        columns=_pairs("--column", given["column"]),
+        units=_pairs("--unit", given["unit"]),
+        fixed={name: _value("--fix", name, text) for name, text in _pairs("--fix", given["fix"]).items()},
+        bounds={name: _bounds(name, text) for name, text in _pairs("--bound", given["bound"]).items()},
+    )
+
+
+def _pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not (sign and name.strip() and value.strip()):
+            raise InputError(f"{option}: {shown(text)} is not allowed; give NAME=VALUE")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def _value(option: str, name: str, text: str) -> float:
+    return to_unit(text, parameter_unit(name), name=f"{option} {name}")
+
+
+def _bounds(name: str, text: str) -> tuple[float, float]:
+    low, sign, high = text.partition(":")
+    if not sign:
+        raise InputError(f"--bound {name}: {shown(text)} is not allowed; give LOW:HIGH")
+    return _value("--bound", name, low), _value("--bound", name, high)
+
+
+def _vehicle(path: Path | None, loaded: bool) -> Vehicle:
+    chosen = PARK2008 if path is None else from_file("--vehicle", path, load_vehicle)
+    for note in chosen.notes:
+        click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+    return chosen.loaded() if loaded else chosen
+
+
+@contextmanager
+def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], None] | None]:
+    """A progress bar on standard error while large logs are read."""
+    if sum(path.stat().st_size for path in logs if path.is_file()) < _BAR_FROM_BYTES:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task("reading", total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def _warn(found: Identification | Campaign) -> None:
+    for each in (found,) if isinstance(found, Identification) else found.logs:
+        for note in each.curve.notes:
+            click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
+        for warning in each.curve.warnings:
+            click.echo(f"railslip: warning: {warning}", err=True)
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+def _model_names(count: int) -> list[str]:
+    return ["model.toml"] if count == 1 else [f"model-{i + 1}.toml" for i in range(count)]
+
+
+def _pictures(count: int) -> tuple[str, ...]:
+    return ("adhesion", "peak") if count == 1 else ("adhesion", "coefficients")
+
+
+def _file_names(count: int) -> list[str]:
+    pictures = [f"{name}.{suffix}" for name in _pictures(count) for suffix in ("png", "svg")]
+    return [*_model_names(count), "identification.txt", "identification.json", *pictures]
+
+
+def _writers(
+    found: Identification | Campaign, text: str, content: Mapping[str, Any]
+) -> dict[str, Callable[[Path], None]]:
+    from railslip_ctrl.plots import adhesion_figure, coefficients_figure, drift_figure, save_figure
+
+    logs = (found,) if isinstance(found, Identification) else found.logs
+    second = drift_figure(found) if isinstance(found, Identification) else coefficients_figure(found)
+    texts = {
+        **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
+        "identification.txt": text,
+        "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
+    }
+    writers: dict[str, Callable[[Path], None]] = {}
+    for name, written in texts.items():
+        writers[name] = lambda path, written=written: _write_text(path, written)  # type: ignore[misc]
+    for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), second), strict=True):
+        for suffix in ("png", "svg"):
+            writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
+    return writers
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,190 @@
+"""The columns of a log: the quantities, the names by which a header may call them, and their units.
+
+A header cell is a name with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "brake_torque_kNm". Case,
+spaces, underscores and hyphens do not count. Accepted names, any one of each row of `NAMES`:
+
+    time              time, t, timestamp
+    train_speed       train speed, v, vehicle speed, speed, reference speed
+    wheel_speed       wheel speed, v wheel, vw, circumferential speed, rolling speed
+    wheel_angular_speed   wheel angular speed, omega, w, angular speed, angular velocity, rotational speed
+    brake_torque      brake torque, tb, torque, braking torque
+    wheel_load        wheel load, n, load, normal force, axle load
+
+Time, train speed, brake torque and one of the wheel's two speeds must be there; other columns are not read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters.validation import close_match
+from railslip_ctrl.units import shown, to_unit
+
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "time": "s",
+        "train_speed": "m/s",
+        "wheel_speed": "m/s",
+        "wheel_angular_speed": "rad/s",
+        "brake_torque": "N*m",
+        "wheel_load": "N",
+    }
+)
+"""The quantities of a log and their SI units."""
+
+NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "time": ("time", "t", "timestamp"),
+        "train_speed": ("train speed", "v", "vehicle speed", "speed", "reference speed"),
+        "wheel_speed": ("wheel speed", "v wheel", "vw", "circumferential speed", "rolling speed"),
+        "wheel_angular_speed": (
+            "wheel angular speed",
+            "omega",
+            "w",
+            "angular speed",
+            "angular velocity",
+            "rotational speed",
+        ),
+        "brake_torque": ("brake torque", "tb", "torque", "braking torque"),
+        "wheel_load": ("wheel load", "n", "load", "normal force", "axle load"),
+    }
+)
+"""Accepted names by quantity, the first the one this package writes."""
+
+# Spellings of measurement systems that a unit grammar does not know, or reads as something else: 1/min is rad/min to
+# it, but revolutions a minute in a column of speeds.
+_SPELLINGS = MappingProxyType(
+    {
+        **{"knm": "kN*m", "nm": "N*m", "kmh": "km/h", "kph": "km/h", "rads": "rad/s", "kn": "kN"},
+        **{
+            "1/min": "rpm",
+            "min^-1": "rpm",
+            "u/min": "rpm",
+            "r/min": "rpm",
+            "rev/min": "rpm",
+            "rev/s": "turn/s",
+            "sec": "s",
+        },
+    }
+)
+_HEADER = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))?\s*")
+_SUFFIX = re.compile(r"(?P<name>.+)[_ ](?P<unit>kmh|ms|rads|rpm|knm|nm|kn|s|n)", re.IGNORECASE)
+_SUFFIX_UNITS = MappingProxyType({"ms": "m/s", "s": "s", "n": "N", "rpm": "rpm"})
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity is in a log: the column's number, its header, and what one of its unit is in SI."""
+
+    quantity: str
+    index: int
+    header: str
+    factor: float
+    unit_given: bool
+
+
+def find_columns(
+    header: Sequence[str], columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+) -> dict[str, Column]:
+    """The columns of a header by quantity, in the order of `UNITS`.
+
+    Parameters
+    ----------
+    header : sequence of str
+        The header's cells.
+    columns : mapping, optional
+        Header cell by quantity, where the names above do not find it.
+    units : mapping, optional
+        Unit by quantity; wins over the header's. Without either a column is SI.
+
+    Raises
+    ------
+    InputError
+        An unknown quantity, a header that is not there, two columns of one name, a missing column, or a unit of
+        another dimension.
+    """
+    columns, units = columns or {}, units or {}
+    for option, given in (("--column", columns), ("--unit", units)):
+        for quantity in given:
+            if quantity not in UNITS:
+                raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
+    found = {}
+    for quantity in UNITS:
+        index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
+        if index is not None:
+            found[quantity] = _column(quantity, index, header[index], units.get(quantity))
+    _check_complete(found, header)
+    return found
+
+
+def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
+    at = [i for i, cell in enumerate(header) if wanted.strip() in (cell.strip(), _split(cell)[0])]
+    if len(at) != 1:
+        count = f"{len(at)} columns are" if at else "no column is"
+        hint = close_match(wanted, header)
+        raise InputError(f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}")
+    return at[0]
+
+
+def _recognised(header: Sequence[str], quantity: str) -> int | None:
+    names = {_plain(name) for name in NAMES[quantity]}
+    at = [i for i, cell in enumerate(header) if {_plain(cell), _plain(_split(cell)[0])} & names]
+    if len(at) > 1:
+        cells = _cells([header[i] for i in at])
+        raise InputError(f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER")
+    return at[0] if at else None
+
+
+def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
+    in_header = _split(cell)[1]
+    given = unit if unit is not None else in_header
+    if not given:
+        return Column(quantity, index, cell.strip(), 1.0, unit_given=False)
+    spelled = _SPELLINGS.get(given.strip().lower(), given.strip())
+    where = f"--unit {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
+    try:
+        factor = to_unit(f"1 {spelled}", UNITS[quantity])
+    except InputError:
+        raise InputError(
+            f"{where}: {shown(given)} is not a unit of {quantity}; give one convertible to {UNITS[quantity]!r}, "
+            f"in the header or as --unit {quantity}=UNIT"
+        ) from None
+    return Column(quantity, index, cell.strip(), factor, unit_given=True)
+
+
+def _split(cell: str) -> tuple[str, str]:
+    """A header cell's name and unit, the latter empty where there is none."""
+    match = _HEADER.fullmatch(cell)
+    if match is None:
+        return cell.strip(), ""
+    name, unit = match["name"], match["square"] or match["round"] or ""
+    suffix = _SUFFIX.fullmatch(name)
+    if not unit and suffix is not None:
+        return suffix["name"], _SUFFIX_UNITS.get(suffix["unit"].lower(), suffix["unit"])
+    return name, unit
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_\-]+", "", name).lower()
+
+
+def _cells(header: Sequence[str]) -> str:
+    return ", ".join(shown(cell.strip()) for cell in header[:12]) + (", ..." if len(header) > 12 else "")
+
+
+def _check_complete(found: Mapping[str, Column], header: Sequence[str]) -> None:
+    wheel = ("wheel_angular_speed", "wheel_speed")
+    missing = [q for q in ("time", "train_speed", "brake_torque") if q not in found]
+    if not any(q in found for q in wheel):
+        missing.append("wheel_speed")
+    if missing:
+        quantity = missing[0]
+        called = " or ".join(repr(name) for name in NAMES[quantity][:2])
+        raise InputError(
+            f"header: no column for {quantity}; call one {called}, or give --column {quantity}=HEADER "
+            f"(the header has {_cells(header)})"
+        )

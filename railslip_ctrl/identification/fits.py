@@ -1,0 +1,282 @@
+"""Least squares over all samples by way of their cells, with intervals that know how few of them are independent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.errors import InputError
+
+from .cells import Cells, Stretches
+from .models import FitModel, Setting
+
+Floats = NDArray[np.float64]
+
+CONFIDENCE = 0.99
+"""Of the intervals given."""
+
+NORMAL_QUANTILE = 2.5758293035489004
+"""Half width of a normal 99 % interval in standard errors."""
+
+_LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to that of shorter stretches
+
+# Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can
+# move without the curve following. Differences of numbers of 1e-16, over steps of 1e-5 of a parameter, leave 1e-10.
+_SINGULAR = 1e-8
+
+_CONVERGED = 1e-14
+_AT_BOUND = 1e-6  # of a parameter's size: the search stays inside its bounds and only tends to them
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A fitted parameter, SI.
+
+    `stderr` is the half width of its 99 % interval over 2.576, so that it holds the uncertainty of the noise level
+    too; NaN where the parameter is not identified or rests on a bound. `status` is "fitted", "at lower bound",
+    "at upper bound" or "not identifiable".
+    """
+
+    name: str
+    value: float
+    stderr: float
+    status: str
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 99 % interval."""
+        half = NORMAL_QUANTILE * self.stderr
+        return self.value - half, self.value + half
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted.
+
+    Attributes
+    ----------
+    model : FitModel
+    law : AdhesionLaw
+        With the fitted parameters.
+    parameters : tuple of Parameter
+    covariance : array, (p, p)
+        Of the fitted values, scaled as `Parameter.stderr`; rows of parameters without one are NaN.
+    residual_squares : float
+        Sum of the squared deviations of all samples from the model.
+    cell_coefficients : array
+        The model's mean mu of each cell.
+    long_run_variance : float
+        Of the noise: the variance of a mean over n samples is this over n. NaN where it cannot be had.
+    degrees_of_freedom : int
+        Of the long-run variance.
+    notes : tuple of str
+    """
+
+    model: FitModel
+    law: AdhesionLaw
+    parameters: tuple[Parameter, ...]
+    covariance: Floats
+    residual_squares: float
+    cell_coefficients: Floats
+    long_run_variance: float
+    degrees_of_freedom: int
+    notes: tuple[str, ...]
+
+    @property
+    def values(self) -> Floats:
+        """The fitted values."""
+        return np.array([p.value for p in self.parameters])
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation of the estimates, NaN as in `covariance`."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        result: Floats = self.covariance / np.outer(deviation, deviation)
+        return result
+
+
+def fit(model: FitModel, cells: Cells, stretches: Stretches, setting: Setting, peak_slip: float, tau: float) -> Fit:
+    """Fit a model to the cells: the sum over all samples of (mu - model)^2 is made least, within the bounds.
+
+    `peak_slip` parts the regimes, for models of sliding alone; `tau` is the observer's time constant, s.
+
+    Raises
+    ------
+    InputError
+        Fewer cells than parameters.
+    """
+    used = cells.slip >= peak_slip if model.sliding_only else np.ones(len(cells.slip), dtype=bool)
+    if used.sum() <= len(model.names):
+        raise InputError(
+            f"model: {used.sum()} distinct slips are too few for the {len(model.names)} parameters of {model.name!r}; "
+            "give a log with more slip"
+        )
+    problem = _Problem(model, cells, used, setting.wheel_load)
+    values, scale = problem.solve()
+    active = _active(values, model, scale)
+    mean, spread = problem.in_every_cell(values)
+    jacobian = problem.jacobian(values)
+    dead = np.zeros(len(values), dtype=bool)
+    dead[active == 0] = _unidentified((jacobian * scale)[:, active == 0])
+    free = ~dead & (active == 0)
+    variance, freedom = _long_run_variance(mean, used, stretches, int(free.sum()), tau)
+    covariance = _covariance(jacobian, free, variance, freedom)
+    parameters = tuple(
+        Parameter(name, float(value), math.sqrt(covariance[i, i]), _status(int(active[i]), bool(dead[i])))
+        for i, (name, value) in enumerate(zip(model.names, values, strict=True))
+    )
+    return Fit(
+        model=model,
+        law=model.make(values, setting.rail),
+        parameters=parameters,
+        covariance=covariance,
+        # of the scatter in a cell, that which the model has there too is no residual
+        residual_squares=float(
+            np.sum(np.maximum(cells.squares - cells.count * spread, 0.0) + cells.count * (cells.mu - mean) ** 2)
+        ),
+        cell_coefficients=mean,
+        long_run_variance=variance,
+        degrees_of_freedom=freedom,
+        notes=(*model.notes, *_remarks(parameters, variance)),
+    )
+
+
+class _Problem:
+    """The residuals of the cells used, and their solution by SciPy, in parameters scaled by the start."""
+
+    def __init__(self, model: FitModel, cells: Cells, used: NDArray[np.bool_], wheel_load: float) -> None:
+        self.model, self.cells, self.used, self.load = model, cells, used, wheel_load
+        self.root = np.sqrt(cells.count[used])
+
+    def means(self, values: Floats) -> Floats:
+        """The model's mean of mu in the cells used."""
+        c, at = self.cells, self.used
+        mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], self.load)
+        result: Floats = np.sum(c.weights[:, at] * mu, axis=0)
+        return result
+
+    def in_every_cell(self, values: Floats) -> tuple[Floats, Floats]:
+        """The model's mean and variance of mu in every cell."""
+        c = self.cells
+        mu = self.model.coefficient(values, c.nodes, c.node_speeds, self.load)
+        mean: Floats = np.sum(c.weights * mu, axis=0)
+        return mean, np.sum(c.weights * (mu - mean) ** 2, axis=0)
+
+    def solve(self) -> tuple[Floats, Floats]:
+        """The best of the solutions from all starts, and the size of its parameters."""
+        from scipy.optimize import least_squares
+
+        model, best = self.model, None
+        for start in model.starts:
+            scale = np.maximum(np.abs(start), 1e-9)
+            inside = np.clip(start, model.lower + 1e-6 * scale, model.upper - 1e-6 * scale)
+            found = least_squares(
+                lambda x, scale=scale: self.root * (self.means(x * scale) - self.cells.mu[self.used]),
+                inside / scale,
+                jac="3-point",
+                bounds=(model.lower / scale, model.upper / scale),
+                x_scale="jac",
+                ftol=_CONVERGED,
+                xtol=_CONVERGED,
+                gtol=_CONVERGED,
+                max_nfev=300,
+            )
+            if best is None or found.cost < best[0]:
+                best = found.cost, found.x * scale, np.maximum(scale, np.abs(found.x * scale))
+        assert best is not None
+        return best[1], best[2]
+
+    def jacobian(self, values: Floats) -> Floats:
+        """Derivatives of the residuals by the parameters, (cells used, parameters), by central differences."""
+        columns = []
+        for i, value in enumerate(values):
+            step = 1e-5 * max(abs(value), 1e-9)
+            high, low = values.copy(), values.copy()
+            high[i], low[i] = min(value + step, self.model.upper[i]), max(value - step, self.model.lower[i])
+            columns.append(self.root * (self.means(high) - self.means(low)) / (high[i] - low[i]))
+        return np.stack(columns, axis=1)
+
+
+def _active(values: Floats, model: FitModel, scale: Floats) -> NDArray[np.int_]:
+    """Which bound each parameter rests on: -1 the lower, 1 the upper, 0 none."""
+    low, high = values - model.lower <= _AT_BOUND * scale, model.upper - values <= _AT_BOUND * scale
+    return np.where(low, -1, np.where(high, 1, 0))
+
+
+def _unidentified(scaled: Floats) -> NDArray[np.bool_]:
+    """Parameters that take part in a direction in which the residuals do not change."""
+    if not scaled.size:
+        return np.zeros(scaled.shape[1], dtype=bool)
+    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
+    flat = singular <= _SINGULAR * singular[0]
+    result: NDArray[np.bool_] = (np.abs(directions[flat]) > 1e-3).any(axis=0)
+    return result
+
+
+def _status(active: int, dead: bool) -> str:
+    if dead:
+        return "not identifiable"
+    return {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}[active]
+
+
+def _covariance(jacobian: Floats, free: NDArray[np.bool_], variance: float, freedom: int) -> Floats:
+    """Long-run variance times the inverse of the normal matrix, widened from Student's quantile to the normal one."""
+    from scipy.stats import t as student
+
+    size = jacobian.shape[1]
+    covariance = np.full((size, size), np.nan)
+    if free.any() and math.isfinite(variance):
+        width = float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
+        _, triangle = np.linalg.qr(jacobian[:, free])
+        root = np.linalg.inv(triangle)
+        covariance[np.ix_(free, free)] = variance * width**2 * (root @ root.T)
+    return covariance
+
+
+def _long_run_variance(
+    mean: Floats, used: NDArray[np.bool_], stretches: Stretches, parameters: int, tau: float
+) -> tuple[float, int]:
+    """Variance of sums of the residuals over stretches of time, by sample, and its degrees of freedom.
+
+    The largest over all lengths of stretch that leave some freedom: too short ones do not see scatter from run to run.
+    What the correlation through the filter alone takes from a stretch of finite length is given back.
+    """
+    entry = used[stretches.cell]
+    stretch, length = stretches.stretch[entry], stretches.length
+    deviation = stretches.total[entry] - stretches.count[entry] * mean[stretches.cell[entry]]
+    count = stretches.count[entry].sum()
+    best = (math.nan, 0)
+    while True:
+        _, place = np.unique(stretch, return_inverse=True)
+        sums = np.bincount(place, deviation)
+        freedom = len(sums) - parameters
+        if freedom < 1 or (freedom < _LEAST_FREEDOM and best[1]):
+            return best
+        share = 1.0 - tau / length * -math.expm1(-length / tau)
+        variance = float(np.sum(sums**2)) / count * len(sums) / freedom / share
+        if not variance <= best[0]:
+            best = variance, freedom
+        stretch, length = stretch // 2, 2.0 * length
+        if len(sums) < 2:
+            return best
+
+
+def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
+    remarks = []
+    dead = [p.name for p in parameters if p.status == "not identifiable"]
+    if dead:
+        remarks.append(
+            f"{', '.join(dead)}: not identifiable from this log, as the curve stays the same when "
+            f"{'it changes' if len(dead) == 1 else 'they change together'}"
+        )
+    remarks += [f"{p.name}: rests {p.status.replace('at', 'on its', 1)}" for p in parameters if "bound" in p.status]
+    loose = [p.name for p in parameters if p.stderr > abs(p.value)]
+    if loose:
+        remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")
+    if math.isnan(variance):
+        remarks.append("too few independent stretches of data for standard errors")
+    return tuple(remarks)

@@ -1,0 +1,331 @@
+"""The job: a log, or several, to adhesion curve, fits and the slip to hold, as records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import Rail, Vehicle
+
+from .cells import Accumulator, Bins, Cells, Stretches
+from .comparison import Score, compare, peak_slip
+from .fits import Fit, fit
+from .logs import BLOCK_BYTES, Log, Rows
+from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
+from .observed import AdhesionStream, Observer, Survey
+from .outliers import OutlierFilter
+from .polynomials import ParameterPolynomial, over_initial_speed
+from .reference import PeakSlip, drift
+
+Floats = NDArray[np.float64]
+
+_LEAST_SAMPLES = 20
+_LINE_POINTS = 200
+_DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the initial speed
+_RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
+_LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify; see `railslip identify --help`.
+
+    `initial_speed` in m/s, `slip_acceleration` in m/s^2, `time_constant` in s; None: from the log.
+    """
+
+    model: str = "best"
+    rail: Rail = Rail.DRY
+    initial_speed: float | None = None
+    slip_acceleration: float | None = None
+    time_constant: float | None = None
+    observer: Observer = Observer.CORRECTED
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    block_bytes: int = BLOCK_BYTES
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What was taken from a log before anything is fitted.
+
+    Attributes
+    ----------
+    name : str
+        The file.
+    survey : Survey
+    time_constant : float
+        tau, s.
+    bins, cells, stretches : Bins, Cells, Stretches
+    peak_slip : float
+        Where the data's mu is highest: the adhesion regime lies below.
+    adhesion_samples, sliding_samples : int
+    broken_lines, outliers : int
+    warnings, notes : tuple of str
+        What was wrong with the log; what was assumed.
+    """
+
+    name: str
+    survey: Survey
+    time_constant: float
+    bins: Bins
+    cells: Cells
+    stretches: Stretches
+    peak_slip: float
+    adhesion_samples: int
+    sliding_samples: int
+    broken_lines: int
+    outliers: int
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelLine:
+    """A fitted model's mu over slip, at the mean speed that the log has at each slip."""
+
+    name: str
+    slip: Floats
+    mu: Floats
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A log identified.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+    options : Options
+    curve : Curve
+    setting : Setting
+    scores : tuple of Score
+        All models fitted, the lowest BIC first.
+    chosen : Score
+        The model asked for, or the first that is not the table.
+    not_fitted : tuple of str
+        Models left out of the comparison, and why.
+    peaks : tuple of PeakSlip
+        Over speed, on the log's rail and on wet rail.
+    reference : ReferenceSlip or None
+        Slips to hold at the initial speed; None without a peak.
+    lines : tuple of ModelLine
+        The models' curves, in the order of `scores`.
+    """
+
+    vehicle: Vehicle
+    options: Options
+    curve: Curve
+    setting: Setting
+    scores: tuple[Score, ...]
+    chosen: Score
+    not_fitted: tuple[str, ...]
+    peaks: tuple[PeakSlip, ...]
+    reference: ReferenceSlip | None
+    lines: tuple[ModelLine, ...]
+
+
+def read_curve(
+    path: Path, vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
+) -> Curve:
+    """The adhesion curve of a log; memory does not grow with it. `progress` is told the share read.
+
+    InputError with one line for a log that cannot be used.
+    """
+    log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
+    outliers = OutlierFilter()
+    stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
+    sums: Accumulator | None = None
+    for rows in _kept(log, outliers):
+        samples = stream.add(rows)
+        sums = sums or (Accumulator(stream.time_constant) if len(rows) else None)
+        if sums is not None:
+            sums.add(samples)
+        if progress is not None:
+            progress(log.bytes_read / log.size)
+    stream.check(log.name)
+    if sums is None or stream.survey.used < _LEAST_SAMPLES:
+        raise InputError(
+            f"{log.name}: {stream.survey.used} of {stream.survey.rows} rows are under brake with slip between "
+            "0.005 and 0.98; give a log with braking, and check columns, units, --vehicle and the wheel's radius"
+        )
+    return _curve(log, outliers, stream, sums)
+
+
+def _kept(log: Log, outliers: OutlierFilter) -> Iterator[Rows]:
+    """The rows of a log without the outliers."""
+    for rows in log.rows():
+        yield outliers.add(rows)
+    rest = outliers.finish()
+    if rest is not None:
+        yield rest
+
+
+def _curve(log: Log, outliers: OutlierFilter, stream: AdhesionStream, sums: Accumulator) -> Curve:
+    cells, bins = sums.cells(), sums.bins()
+    peak = peak_slip(cells)
+    below = cells.slip < peak
+    return Curve(
+        name=log.name,
+        survey=stream.survey,
+        time_constant=stream.time_constant,
+        bins=bins,
+        cells=cells,
+        stretches=sums.stretches(),
+        peak_slip=peak,
+        adhesion_samples=int(cells.count[below].sum()),
+        sliding_samples=int(cells.count[~below].sum()),
+        broken_lines=log.broken.count,
+        outliers=outliers.count,
+        warnings=_warnings(log, outliers, stream.survey),
+        notes=log.notes,
+    )
+
+
+def _warnings(log: Log, outliers: OutlierFilter, survey: Survey) -> tuple[str, ...]:
+    found = [f"{log.name}: {text}" for text in log.broken.first]
+    if log.broken.count > len(log.broken.first):
+        found.append(f"{log.name}: {log.broken.count} broken lines in all; every other line is used")
+    if outliers.count:
+        found.append(
+            f"{log.name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}"
+        )
+    if survey.implausible:
+        found.append(f"{log.name}: {survey.implausible} impossible rows left out; {survey.first_implausible}")
+    for line, seconds in survey.gaps:
+        found.append(f"{log.name}: gap of {seconds:.4g} s before line {line}: the observer starts anew")
+    if survey.gap_count > len(survey.gaps):
+        found.append(f"{log.name}: {survey.gap_count} gaps in all")
+    return tuple(found)
+
+
+def identify(
+    path: Path, vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
+) -> Identification:
+    """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
+
+    InputError with one line for a log or an option that cannot be used.
+    """
+    names = CANDIDATES if options.model == "best" else (options.model,)
+    check_model(options.model)
+    check_options(names, options.fixed, options.bounds)
+    curve = read_curve(path, vehicle, options, progress=progress)
+    setting = setting_of(curve, options)
+    fits, failures = _fits(names, curve, setting)
+    if not fits:
+        raise InputError(failures[0])
+    scores = compare(fits, curve.cells, curve.peak_slip)
+    # the table follows any curve: it shows what a formula leaves, and is taken where it is asked for
+    chosen = next((score for score in scores if score.fit.model.name != "table"), scores[0])
+    peaks = _peaks(chosen, setting)
+    return Identification(
+        vehicle=vehicle,
+        options=options,
+        curve=curve,
+        setting=setting,
+        scores=scores,
+        chosen=chosen,
+        not_fitted=failures,
+        peaks=peaks,
+        reference=_reference(peaks, setting.rail),
+        lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
+    )
+
+
+def _peaks(score: Score, setting: Setting) -> tuple[PeakSlip, ...]:
+    return drift(score.fit, [share * setting.initial_speed for share in _DRIFT_SPEEDS], setting.wheel_load)
+
+
+def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
+    order = np.argsort(cells.slip)
+    slip = np.linspace(math.sqrt(cells.slip[order[0]]), math.sqrt(cells.slip[order[-1]]), _LINE_POINTS) ** 2
+    speed = np.interp(slip, cells.slip[order], cells.speed[order])
+    return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
+
+
+def setting_of(curve: Curve, options: Options) -> Setting:
+    """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
+    v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
+    rise = curve.cells.slip < max(curve.peak_slip, _RAMP_SLIP)
+    time, gain = float(curve.cells.time[rise].sum()), float(curve.cells.slip_gain[rise].sum())
+    ramp = v0 * gain / time if time > 0.0 else 0.0
+    return Setting(
+        wheel_load=curve.survey.wheel_load,
+        initial_speed=v0,
+        slip_acceleration=ramp if ramp >= _LEAST_RAMP else None,
+        given_acceleration=options.slip_acceleration,
+        rail=options.rail,
+        fixed=options.fixed,
+        bounds=options.bounds,
+    )
+
+
+def _fits(names: Sequence[str], curve: Curve, setting: Setting) -> tuple[list[Fit], tuple[str, ...]]:
+    shape = shape_of(curve.cells, curve.peak_slip)
+    fits, failures = [], []
+    for name in names:
+        try:
+            model = fit_model(name, curve.cells, shape, setting)
+            fits.append(fit(model, curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant))
+        except InputError as error:
+            failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
+    return fits, tuple(failures)
+
+
+def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
+    """The slips to hold at the initial speed, the last of each rail; of a wet log both are the wet one."""
+    held = {peak.rail: peak.reference for peak in peaks}
+    dry, wet = held.get(rail, math.nan), held[Rail.WET]
+    return ReferenceSlip(dry=dry, wet=wet) if math.isfinite(dry) and math.isfinite(wet) else None
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Several logs identified with one model, and its parameters over the initial speed."""
+
+    logs: tuple[Identification, ...]
+    polynomials: tuple[ParameterPolynomial, ...]
+
+
+def identify_several(
+    paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
+) -> Campaign:
+    """Identify logs at several initial speeds with one model; of "best", the one with the lowest sum of BIC.
+
+    InputError as `identify`.
+    """
+    done = []
+    for i, path in enumerate(paths):
+        share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
+        done.append(identify(path, vehicle, options, progress=share))
+    if options.model == "best":
+        done = _with_one_model(done)
+    fits = [each.chosen.fit for each in done]
+    return Campaign(tuple(done), over_initial_speed([each.setting.initial_speed for each in done], fits))
+
+
+def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
+    totals: dict[str, float] = {}
+    for score in done[0].scores:
+        name = score.fit.model.name
+        same = [s for each in done for s in each.scores if s.fit.model.name == name]
+        if len(same) == len(done) and name != "table":  # the knots of tables differ from log to log
+            totals[name] = sum(s.bic for s in same)
+    if not totals:
+        raise InputError("model: no model fits every log; name one with --model")
+    best = min(totals, key=lambda name: totals[name])
+    return [_choosing(each, best) for each in done]
+
+
+def _choosing(identification: Identification, name: str) -> Identification:
+    chosen = next(s for s in identification.scores if s.fit.model.name == name)
+    peaks = _peaks(chosen, identification.setting)
+    return replace(identification, chosen=chosen, peaks=peaks, reference=_reference(peaks, identification.setting.rail))

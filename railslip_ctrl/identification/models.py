@@ -1,0 +1,380 @@
+"""What can be fitted: for each model its law, which parameters are free, where a search starts and its bounds.
+
+"bristle" is fitted with the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
+Fig. 17), the only motion that shows alpha; "bristle_rest" and "lugre" with their steady state, over the sliding regime
+alone, as the rise of the adhesion is none of it. What a steady state does not show keeps a stated value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.adhesion import INITIAL_SPEED_RANGE_KMH, AdhesionLaw, law_class
+from railslip_ctrl.adhesion.bristle import published_coefficients
+from railslip_ctrl.adhesion.curve import SLIP_ACCELERATION
+from railslip_ctrl.adhesion.polach import KALKER_C11, SEMI_AXIS, SHEAR_MODULUS
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.numeric import numeric_plant
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.parameters.validation import close_match
+from railslip_ctrl.units import KMH, shown
+
+from .cells import Cells
+
+Floats = NDArray[np.float64]
+
+TABLE_KNOTS = 12
+"""Knots of a fitted table, equally spaced in the square root of the slip ratio."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a fit takes as known.
+
+    Attributes
+    ----------
+    wheel_load : float
+        N.
+    initial_speed : float
+        v0, m/s.
+    slip_acceleration : float or None
+        R of the log's slip ramps, m/s^2; None where it has none.
+    given_acceleration : float or None
+        R as given by the user.
+    rail : Rail
+        Which the log was taken on.
+    fixed : mapping
+        Parameters not to be fitted, SI, by name.
+    bounds : mapping
+        Lower and upper bound, SI, by name.
+    knots : tuple of float
+        Slip ratios of a table; empty: chosen from the data.
+    """
+
+    wheel_load: float
+    initial_speed: float
+    slip_acceleration: float | None
+    given_acceleration: float | None = None
+    rail: Rail = Rail.DRY
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    knots: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Marks of the data's curve from which a search starts: its rise, its peak and its end."""
+
+    slope: float
+    peak_slip: float
+    peak: float
+    end_slip: float
+    end: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class FitModel:
+    """One model, ready to be fitted.
+
+    Attributes
+    ----------
+    name : str
+    law : type
+        The law that comes out.
+    force_law : type
+        The law whose force at rest is fitted; not `law` where a build-up is.
+    names : tuple of str
+        The free parameters.
+    starts : array, (starts, names)
+    lower, upper : array, (names,)
+    known : mapping
+        The other parameters of either law.
+    sliding_only : bool
+        Whether data before the peak are left out.
+    notes : tuple of str
+    """
+
+    name: str
+    law: type[AdhesionLaw]
+    force_law: type[AdhesionLaw]
+    names: tuple[str, ...]
+    starts: Floats
+    lower: Floats
+    upper: Floats
+    known: Mapping[str, float | tuple[float, ...]]
+    sliding_only: bool = False
+    notes: tuple[str, ...] = ()
+
+    def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float) -> Floats:
+        """mu for parameter values, at slip ratios and speeds of one shape; 0 beyond the law's domain."""
+        functions = numeric_plant(self.force_law)
+        p = (*_NO_VEHICLE, wheel_load, *self._flat(values))
+        sigma = slip * speed
+        z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
+        mu = np.asarray(functions.force(speed, sigma, z, 0.0, 0.0, 0.0, p), dtype=float) / wheel_load
+        return np.where(np.isfinite(mu), mu, 0.0)
+
+    def _flat(self, values: Floats) -> tuple[float, ...]:
+        if self.name == "table":
+            knots = self.known["slip"]
+            assert isinstance(knots, tuple)
+            return (*knots, *(float(x) for x in values))
+        given = {**self.known, **dict(zip(self.names, values, strict=True))}
+        return tuple(float(given[name]) for name in self.force_law.parameter_names())
+
+    def make(self, values: Floats, rail: Rail) -> AdhesionLaw:
+        """The law with these parameters."""
+        return self._made(self.law, values, rail)
+
+    def make_force_law(self, values: Floats, rail: Rail) -> AdhesionLaw:
+        """The law whose force was fitted, with these parameters: its peak is that of the curve seen in the log."""
+        return self._made(self.force_law, values, rail)
+
+    def _made(self, law: type[AdhesionLaw], values: Floats, rail: Rail) -> AdhesionLaw:
+        if self.name == "table":
+            return law.model_validate({"slip": self.known["slip"], "mu": tuple(values.tolist()), "rail": rail})
+        given = {**self.known, **dict(zip(self.names, values.tolist(), strict=True))}
+        return law.model_validate({**{name: given[name] for name in law.parameter_names()}, "rail": rail})
+
+
+_NO_VEHICLE = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the force depends on nothing of the vehicle but N
+
+
+def shape_of(cells: Cells, peak_slip: float) -> Shape:
+    """The marks of the cells' curve, its peak given."""
+    order = np.argsort(cells.slip)
+    slip, mu, n = cells.slip[order], cells.mu[order], cells.count[order]
+    near = np.abs(slip - peak_slip) <= 0.1 * peak_slip
+    last = slip >= slip[-1] - 0.1 * (slip[-1] - slip[0])
+    first = slip <= max(0.3 * peak_slip, slip[0])
+    return Shape(
+        slope=max(float(np.sum(n * mu * slip * first) / np.sum(n * slip**2 * first)), 1e-3),
+        peak_slip=peak_slip,
+        peak=max(float(np.average(mu[near], weights=n[near])) if near.any() else float(mu.max()), 1e-3),
+        end_slip=float(np.average(slip[last], weights=n[last])),
+        end=max(float(np.average(mu[last], weights=n[last])), 1e-4),
+        speed=float(np.average(cells.speed, weights=cells.count)),
+    )
+
+
+def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    """The model of a name, for the data of these cells.
+
+    Raises
+    ------
+    InputError
+        An unknown name; no slip ramp for a model that needs one; a fixed or bounded parameter it does not have.
+    """
+    check_model(name)
+    model = _MODELS[name](cells, shape, setting)
+    return _restricted(model, setting)
+
+
+def check_model(name: str) -> None:
+    """InputError, listing the names, unless a model is called so or it is "best"."""
+    if name != "best" and name not in _MODELS:
+        hint = close_match(name, _MODELS)
+        raise InputError(f"--model: {shown(name)} cannot be fitted; {hint}choose best or one of {', '.join(_MODELS)}")
+
+
+def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
+    """InputError where a fixed or bounded parameter belongs to none of the models."""
+    known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
+    for option, given in (("--fix", fixed), ("--bound", bounds)):
+        for parameter in given:
+            if parameter not in known:
+                raise InputError(
+                    f"{option}: {shown(parameter)} is no parameter here; choose one of {', '.join(sorted(known))}"
+                )
+
+
+def _restricted(model: FitModel, setting: Setting) -> FitModel:
+    """The model with the user's fixed parameters out, and within his bounds."""
+    fixed = {name: value for name, value in setting.fixed.items() if name in (*model.names, *model.known)}
+    keep = [i for i, name in enumerate(model.names) if name not in fixed]
+    names = tuple(model.names[i] for i in keep)
+    lower, upper = model.lower[keep].copy(), model.upper[keep].copy()
+    for i, name in enumerate(names):
+        low, high = setting.bounds.get(name, (-math.inf, math.inf))
+        lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
+        if not lower[i] < upper[i]:
+            raise InputError(f"--bound {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")
+    if not names:
+        raise InputError(f"--fix: every parameter of {model.name!r} is fixed; leave one to be fitted")
+    starts = np.clip(model.starts[:, keep], lower, upper)
+    known = {**model.known, **fixed}
+    return replace(model, names=names, starts=starts, lower=lower, upper=upper, known=known)
+
+
+# --- the models ----------------------------------------------------------------------------------------------------
+
+
+def _build(
+    name: str,
+    starts: Sequence[Mapping[str, float]],
+    known: Mapping[str, float],
+    *,
+    lower: Mapping[str, float] | None = None,
+) -> FitModel:
+    law = law_class(name)
+    names = tuple(starts[0])
+    least = {**dict.fromkeys(names, 0.0), **(lower or {})}
+    most = {**dict.fromkeys(names, math.inf), **({"A": 1.0} if name == "polach" else {})}
+    return FitModel(
+        name,
+        law,
+        law,
+        names,
+        np.array([[start[n] for n in names] for start in starts]),
+        # a bound of 0 is open for most parameters: the smallest number that is not nought stands for it
+        np.array([max(least[n], _TINY) for n in names]),
+        np.array([most[n] for n in names]),
+        known,
+    )
+
+
+_TINY = 1e-12
+
+
+def _beam(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    mu_max = 1.1 * shape.peak
+    a = max((mu_max - shape.end) / (shape.end_slip * shape.speed), 1e-4)
+    Kx = 3.0 * mu_max * setting.wheel_load / shape.peak_slip
+    return _build("beam", [{"mu_max": mu_max, "a": a, "Kx": f * Kx} for f in (0.7, 1.3)], {})
+
+
+def _bristle_starts(shape: Shape, setting: Setting, R: float) -> tuple[Mapping[str, float], float]:
+    v0, load = setting.initial_speed, setting.wheel_load
+    fall = max(shape.peak - shape.end, 0.02 * shape.peak) * load
+    slid = max(shape.end_slip - shape.peak_slip, 0.1 * shape.end_slip) * v0
+    beta = slid / fall
+    gamma = shape.end_slip * v0 + beta * shape.end * load
+    # a ramp builds up alpha s^2/(2 R), and peaks at some 4 times the s at which that is the peak force
+    alpha = 9.0 * R * shape.peak * load / (shape.peak_slip * v0) ** 2
+    return {"alpha": alpha, "beta": beta, "gamma": gamma}, v0
+
+
+def _curve(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    R = SLIP_ACCELERATION if setting.given_acceleration is None else setting.given_acceleration
+    built = _built_up(cells, shape, setting, R)
+    note = f"alpha and R, {R:.4g} m/s^2, count by their ratio alone: the curve is a function of the slip"
+    return replace(built, notes=(note,))
+
+
+def _built_up(cells: Cells, shape: Shape, setting: Setting, R: float) -> FitModel:
+    start, v0 = _bristle_starts(shape, setting, R)
+    starts = [{**start, "alpha": f * start["alpha"]} for f in (0.4, 1.0, 2.5)]
+    beyond = 1.0001 * float(cells.nodes.max()) * v0
+    return _build("curve", starts, {"R": R, "v0": v0}, lower={"gamma": beyond})
+
+
+def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    R = setting.given_acceleration or setting.slip_acceleration
+    if R is None:
+        raise InputError(
+            "model: the log has no ramp of rising slip, which 'bristle' is fitted along; give --slip-acceleration "
+            "(m/s^2), or --model bristle_rest"
+        )
+    built = _built_up(cells, shape, setting, R)
+    note = (
+        f"fitted as built up along steady ramps of slip of {R:.4g} m/s^2; where the slip of the log runs away instead, "
+        "beta and gamma of bristle_rest are the right ones"
+    )
+    return replace(built, name="bristle", law=law_class("bristle"), notes=(note,))
+
+
+def _stiffness(setting: Setting) -> float:
+    """A stiffness of the bristles that a steady state does not show, N/m: the published one, (30)."""
+    low, high = INITIAL_SPEED_RANGE_KMH
+    return published_coefficients(min(max(setting.initial_speed / KMH, low), high), setting.wheel_load)[0]
+
+
+def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
+    note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (--fix changes it)"
+    return replace(model, name=name, sliding_only=True, notes=("fitted to the sliding regime", note))
+
+
+def _bristle_rest(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    start, _ = _bristle_starts(shape, setting, 1.0)
+    beyond = 1.0001 * float((cells.nodes * cells.node_speeds).max())
+    starts = [{name: start[name] for name in ("beta", "gamma")}]
+    model = _build("bristle", starts, {"alpha": _stiffness(setting)}, lower={"gamma": beyond})
+    return _at_rest(model, "bristle_rest", "alpha")
+
+
+def _lugre(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    Fs, Fc = 1.05 * shape.peak * setting.wheel_load, 0.9 * shape.end * setting.wheel_load
+    vs = 0.5 * shape.end_slip * shape.speed
+    starts = [{"Fs": Fs, "Fc": Fc, "vs": f * vs, "alpha2": 10.0} for f in (0.3, 1.0)]
+    model = _build("lugre", starts, {"alpha": _stiffness(setting), "alpha1": 0.0})
+    return _at_rest(model, "lugre", "alpha and alpha1")
+
+
+def _polach(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    known = {"G": SHEAR_MODULUS, "a": SEMI_AXIS, "b": SEMI_AXIS, "c11": KALKER_C11}
+    # initial slope of mu over slip per unit of kA + kS
+    unit = SHEAR_MODULUS * SEMI_AXIS**2 * KALKER_C11 / (2.0 * setting.wheel_load)
+    stiffness = max(shape.slope, shape.peak / shape.peak_slip) / unit
+    fall = max(shape.peak / shape.end, 1.05)
+    starts = [
+        {"kA": 0.7 * f * stiffness, "kS": 0.3 * f * stiffness, "mu0": 1.3 * shape.peak, "A": A, "Bw": rate}
+        for f in (0.7, 2.0)
+        for A, rate in ((0.4, 0.4), (0.7 / fall, 2.0 / (shape.end_slip * shape.speed)))
+    ]
+    return _build("polach", starts, known)
+
+
+def _burckhardt(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    c1 = 1.05 * shape.peak
+    c3 = max((c1 - shape.end) / shape.end_slip, 1e-3)
+    return _build("burckhardt", [{"c1": c1, "c2": 4.0 / shape.peak_slip, "c3": c3}], {})
+
+
+def _table(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
+    low, high = float(cells.slip.min()), float(cells.nodes.max())
+    # no knot below the data: it would have nothing to rest on; the last just holds the last node
+    chosen = np.linspace(math.sqrt(low), math.sqrt(min(high * (1 + 1e-9), 1.0)), TABLE_KNOTS) ** 2
+    knots = setting.knots or tuple(chosen.tolist())
+    order = np.argsort(cells.slip)
+    start = np.interp(knots, cells.slip[order], np.maximum(cells.mu[order], 1e-6))
+    law = law_class("table")
+    names = tuple(f"mu({slip:.4g})" for slip in knots)
+    zeros = np.zeros(len(knots))
+    return FitModel("table", law, law, names, start[None], zeros, zeros + np.inf, {"slip": knots})
+
+
+_MODELS: Mapping[str, Callable[[Cells, Shape, Setting], FitModel]] = MappingProxyType(
+    {
+        "bristle": _bristle,
+        "beam": _beam,
+        "polach": _polach,
+        "burckhardt": _burckhardt,
+        "lugre": _lugre,
+        "bristle_rest": _bristle_rest,
+        "curve": _curve,
+        "table": _table,
+    }
+)
+_LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name for name in _MODELS})
+
+MODELS = tuple(_MODELS)
+"""Names of the models that can be fitted."""
+
+CANDIDATES = tuple(name for name in MODELS if name not in ("bristle_rest", "curve"))
+"""Those among which the best is looked for: "curve" is fitted as "bristle" is, "bristle_rest" to a part of the data."""
+
+
+def parameter_unit(name: str) -> str:
+    """SI unit of a parameter of any of the models; "1" for one that none has."""
+    for law in dict.fromkeys(_LAWS.values()):
+        info = law_class(law).model_fields.get(name)
+        if info is not None and isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra:
+            return str(info.json_schema_extra["unit"])
+    return "1"

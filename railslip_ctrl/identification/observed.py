@@ -1,0 +1,306 @@
+"""From rows of a log to adhesion coefficients over slip: the observer, and the slip seen through the same filter.
+
+The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip of the moment it would shift a curve by
+tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
+that an observed mu is the mean over, which is all that a fit needs (`cells`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.observer.filters import FilterObserver, Form
+from railslip_ctrl.observer.recursion import linear_recursion
+from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.units import KMH
+
+from .logs import Rows
+
+Floats = NDArray[np.float64]
+
+DEFAULT_TIME_CONSTANT = 0.05
+"""tau of the observer, s, where the log is sampled fast enough."""
+
+INTERVALS_PER_TIME_CONSTANT = 5.0
+"""Least tau, in intervals of the log, that is chosen by itself."""
+
+SLIP_RANGE = (0.005, 0.98)
+"""Slip ratios used: below, noise of the speeds is most of it; above, the wheel is locked and its torque unknown."""
+
+LOWEST_SPEED = 5.0 * KMH
+"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
+
+_GAP_INTERVALS = 5.0
+_SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
+_LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not applied
+
+# What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
+_FASTEST = 200.0
+_LARGEST_TORQUE = 1e6
+_LEAST_SLIP = -0.5
+_TOLERATED_SHARE = 0.01
+
+
+class Observer(StrEnum):
+    """CORRECTED: every term filtered; PRINTED: [Park2008] (27) as it stands, the brake torque unfiltered."""
+
+    CORRECTED = "corrected"
+    PRINTED = "printed"
+
+
+class TorqueObserver(Protocol):
+    """What is asked of an observer: the estimates of a chunk, and the state to go on from (`observer.filters`)."""
+
+    def run(self, time: Any, torque: Any, omega: Any, state: Any = None) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Samples of adhesion over slip, each an array of one length.
+
+    Attributes
+    ----------
+    time : s
+    slip, slip2, slip3 : filtered slip ratio, its square and its cube.
+    speed : filtered train speed, m/s.
+    slip_speed : filtered product of both, m/s.
+    mu : observed adhesion coefficient.
+    step, slip_step : time and change of the filtered slip since the row before; 0 after a row that is not used.
+    """
+
+    time: Floats
+    slip: Floats
+    slip2: Floats
+    slip3: Floats
+    speed: Floats
+    slip_speed: Floats
+    mu: Floats
+    step: Floats
+    slip_step: Floats
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def where(self, kept: NDArray[np.bool_]) -> Observed:
+        """The samples that are kept."""
+        return Observed(*(getattr(self, f.name)[kept] for f in fields(self)))
+
+
+@dataclass
+class Survey:
+    """What was met on the way.
+
+    Attributes
+    ----------
+    rows, used : int
+        Rows observed, and those with the brake applied in the range of slip and speed.
+    runs : int
+        Stretches of rows used, apart by at least the settling time.
+    gaps : list of (line, seconds)
+        The first gaps; the observer starts anew after each.
+    gap_count, implausible : int
+        All gaps; rows left out as impossible.
+    first_implausible : str
+        The first of them.
+    initial_speed : float
+        Highest train speed, m/s, filtered.
+    interval : float
+        Median interval of the first rows, s.
+    load_sum : float
+        Sum of the wheel load over the rows used, N.
+    """
+
+    rows: int = 0
+    used: int = 0
+    runs: int = 0
+    gaps: list[tuple[int, float]] = field(default_factory=list)
+    gap_count: int = 0
+    implausible: int = 0
+    first_implausible: str = ""
+    initial_speed: float = 0.0
+    interval: float = math.nan
+    load_sum: float = 0.0
+
+    @property
+    def wheel_load(self) -> float:
+        """Mean wheel load of the rows used, N."""
+        return self.load_sum / self.used
+
+
+class AdhesionStream:
+    """Observed adhesion of a log that comes in blocks of rows.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Wheel, and wheel load where the log has none.
+    time_constant : float, optional
+        tau, s; left out, 0.05 s or five intervals of the log, whichever is more.
+    observer : Observer
+        Which form.
+
+    Raises
+    ------
+    InputError
+        tau not above 0; while running, a log of which more than one row in a hundred is impossible.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, *, time_constant: float | None = None, observer: Observer = Observer.CORRECTED
+    ) -> None:
+        self.vehicle, self.kind = vehicle, observer
+        self.survey = Survey()
+        self._tau = time_constant
+        self._observer: TorqueObserver | None = None
+        self._state: Any = None
+        self._filtered: Floats | None = None  # of each channel, after the last row
+        self._input: Floats | None = None
+        self._last = self._settled = -math.inf
+        self._last_used = False
+        self._last_slip = 0.0
+        self._last_run = -math.inf
+        if time_constant is not None:
+            self._start_with(time_constant)
+
+    @property
+    def time_constant(self) -> float:
+        """tau, s; known once the first rows are in."""
+        return math.nan if self._tau is None else self._tau
+
+    def _start_with(self, tau: float) -> None:
+        self._tau = tau
+        self._observer = FilterObserver.of(self.vehicle, tau, Form(self.kind.value))
+
+    def add(self, rows: Rows) -> Observed:
+        """The samples of the next rows."""
+        rows, omega = self._possible(rows)
+        if not len(rows):
+            return _joined([])
+        time = rows.columns["time"]
+        if len(time) > 1 and math.isnan(self.survey.interval):
+            self.survey.interval = float(np.median(np.diff(time)))
+        if self._observer is None:
+            least = INTERVALS_PER_TIME_CONSTANT * self.survey.interval if len(time) > 1 else 0.0
+            self._start_with(max(DEFAULT_TIME_CONSTANT, least))
+        steps = np.diff(time, prepend=self._last)
+        new = np.flatnonzero(steps > _GAP_INTERVALS * self.survey.interval)
+        self._note_gaps(rows, steps, new)
+        parts = []
+        for start, stop in zip([0, *new], [*new, len(rows)], strict=True):
+            if stop > start:
+                parts.append(self._stretch(rows.part(start, stop), omega[start:stop], fresh=start in new))
+        self.survey.rows += len(rows)
+        return _joined(parts)
+
+    def check(self, name: str) -> None:
+        """Raise InputError where too many rows were impossible: then it is not noise but the columns or units."""
+        survey = self.survey
+        if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
+            more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
+            raise InputError(f"{name}: {survey.first_implausible}{more}; check columns and units")
+
+    def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
+        """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
+        radius = self.vehicle.wheel.radius
+        angular = rows.columns.get("wheel_angular_speed")
+        omega = rows.columns["wheel_speed"] / radius if angular is None else angular
+        v, torque = rows.columns["train_speed"], rows.columns["brake_torque"]
+        wheel = radius * omega
+        checks = (
+            (np.abs(v) > _FASTEST, v / KMH, "train speed", "km/h is beyond any train"),
+            (np.abs(wheel) > _FASTEST, wheel / KMH, "wheel speed", "km/h is beyond any train"),
+            (np.abs(torque) > _LARGEST_TORQUE, torque, "brake torque", "N*m is beyond any wheel"),
+            (
+                (v - wheel < _LEAST_SLIP * v) & (v > LOWEST_SPEED),
+                wheel / KMH,
+                "wheel speed",
+                "km/h is far above the train's, which braking cannot cause",
+            ),
+        )
+        bad = np.zeros(len(rows), dtype=bool)
+        for wrong, value, what, why in checks:
+            if wrong.any() and not self.survey.first_implausible:
+                at = int(np.argmax(wrong))
+                self.survey.first_implausible = f"line {rows.line[at]}: {what} {value[at]:.4g} {why}"
+            bad |= wrong
+        self.survey.implausible += int(bad.sum())
+        return rows.where(~bad), omega[~bad]
+
+    def _note_gaps(self, rows: Rows, steps: Floats, new: NDArray[np.intp]) -> None:
+        real = [i for i in new if math.isfinite(steps[i])]
+        self.survey.gap_count += len(real)
+        for i in real[: max(0, 5 - len(self.survey.gaps))]:
+            self.survey.gaps.append((int(rows.line[i]), float(steps[i])))
+
+    def _stretch(self, rows: Rows, omega: Floats, *, fresh: bool) -> Observed:
+        """The samples of rows without a gap in them."""
+        assert self._observer is not None
+        time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
+        if fresh or self._filtered is None:
+            self._state, self._filtered, self._input = None, None, None
+            self._settled = time[0] + _SETTLING * self.time_constant
+            self._last_used = False
+        estimate = self._observer.run(time, torque, omega, self._state)
+        self._state = estimate.state
+        load = rows.columns.get("wheel_load", np.full(len(rows), self.vehicle.wheel_load))
+        slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
+        channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
+        steps = np.diff(time, prepend=self._last if self._last_used else time[0])
+        filtered = self._low_pass(time, channels)
+        braked = torque > _LEAST_TORQUE * self.vehicle.wheel.radius * load  # a released brake counts at once
+        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked)
+
+    def _low_pass(self, time: Floats, channels: Floats) -> Floats:
+        """Each channel through 1/(tau s + 1), taken to run straight between samples, as in the observer."""
+        before = channels[:, 0] if self._input is None else self._input
+        start = before if self._filtered is None else self._filtered
+        h = np.diff(time, prepend=time[0] if self._input is None else self._last)
+        q = np.maximum(h / self.time_constant, np.finfo(float).tiny)
+        share = -np.expm1(-q)
+        w1 = 1.0 - share / q
+        transition = (1.0 - share)[:, None, None]
+        out = np.empty_like(channels)
+        for i, u in enumerate(channels):
+            forcing = (share - w1) * np.concatenate([before[i : i + 1], u[:-1]]) + w1 * u
+            out[i] = linear_recursion(transition, forcing[:, None], start[i : i + 1])[:, 0]
+        self._filtered, self._input, self._last = out[:, -1].copy(), channels[:, -1].copy(), float(time[-1])
+        return out
+
+    def _samples(
+        self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, braked: NDArray[np.bool_]
+    ) -> Observed:
+        slip, slip2, slip3, speed, slip_speed, load = filtered
+        radius = self.vehicle.wheel.radius
+        low, high = SLIP_RANGE
+        used = (slip >= low) & (slip <= high) & (speed > LOWEST_SPEED) & (load > 0.0)
+        used &= (time >= self._settled) & braked
+        self.survey.initial_speed = max(self.survey.initial_speed, float(speed.max()))
+        follows = np.concatenate([[self._last_used], used[:-1]]) & used
+        step = np.where(follows, steps, 0.0)
+        slip_step = np.where(follows, np.diff(slip, prepend=self._last_slip), 0.0)
+        self._last_used, self._last_slip = bool(used[-1]), float(slip[-1])
+        mu = adhesion_torque / (radius * np.where(load > 0.0, load, np.inf))
+        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, step, slip_step).where(used)
+        self.survey.load_sum += float(load[used].sum())
+        self._count_runs(found.time)
+        return found
+
+    def _count_runs(self, time: Floats) -> None:
+        if len(time):
+            apart = np.diff(time, prepend=self._last_run) > _SETTLING * self.time_constant
+            self.survey.runs += int(apart.sum())
+            self.survey.used += len(time)
+            self._last_run = float(time[-1])
+
+
+def _joined(parts: list[Observed]) -> Observed:
+    if not parts:
+        return Observed(*(np.empty(0) for _ in fields(Observed)))
+    return Observed(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Observed)))

@@ -1,0 +1,93 @@
+"""Values that stand out from their neighbours: the Hampel filter, over rows that come in blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .logs import Rows
+
+Floats = NDArray[np.float64]
+
+HALF_WINDOW = 4
+"""Rows on either side with which a row is compared."""
+
+# Both must be passed: of normal noise one row in some 200 passes the local limit, as the spread of nine values is a
+# poor estimate, and practically none the overall one, which alone would not know that a wheel under brake is noisier.
+_LOCAL_LIMIT = 6.0
+_OVERALL_LIMIT = 8.0
+_SIGMA_PER_MAD = 1.4826
+
+# What is never an outlier, m/s and N*m (rad/s: of a wheel of 0.5 m): resolution of the usual pickups.
+_FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "brake_torque": 50.0}
+
+_SCALE_ROWS = 4096  # from which the noise of the log is judged
+
+
+class OutlierFilter:
+    """Leaves out rows where a speed or the torque deviates from the median of its neighbours far beyond the noise.
+
+    Rows come in blocks of any size and the result does not depend on it, as long as the first block has 4096 rows or
+    all: the last `HALF_WINDOW` rows wait for the next block. `count` and `first_line` tell what was left out.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first_line: int | None = None
+        self._waiting: Rows | None = None
+        self._scale: dict[str, float] = {}
+        self._before = 0  # rows at the front of `_waiting` that are there as neighbours only
+
+    def add(self, rows: Rows) -> Rows:
+        """The rows that can be judged now, without the outliers."""
+        together = rows if self._waiting is None else self._waiting.then(rows)
+        stop = len(together) - HALF_WINDOW
+        if stop <= self._before:
+            self._waiting = together
+            return together.part(0, 0)
+        return self._judged(together, stop)
+
+    def finish(self) -> Rows | None:
+        """The rows that were waiting, at the end of the log."""
+        if self._waiting is None:
+            return None
+        return self._judged(self._waiting, len(self._waiting))
+
+    def _judged(self, rows: Rows, stop: int) -> Rows:
+        bad = np.zeros(len(rows), dtype=bool)
+        for name in _FLOOR.keys() & rows.columns.keys():
+            bad |= self._stands_out(name, rows.columns[name])
+        start = self._before
+        bad = bad[start:stop]
+        if bad.any():
+            self.count += int(bad.sum())
+            if self.first_line is None:
+                self.first_line = int(rows.line[start:stop][bad][0])
+        keep_from = max(0, stop - HALF_WINDOW)
+        self._waiting, self._before = rows.part(keep_from, None), stop - keep_from
+        return rows.part(start, stop).where(~bad)
+
+    def _stands_out(self, name: str, values: Floats) -> NDArray[np.bool_]:
+        deviation = np.abs(values - _median(values))
+        if name not in self._scale:
+            self._scale[name] = _SIGMA_PER_MAD * float(np.median(deviation[:_SCALE_ROWS]))
+        bad: NDArray[np.bool_] = deviation > max(_OVERALL_LIMIT * self._scale[name], _FLOOR[name])
+        at = np.flatnonzero(bad)
+        bad[at] = deviation[at] > _LOCAL_LIMIT * _SIGMA_PER_MAD * _local_spread(values, at)
+        return bad
+
+
+def _median(values: Floats) -> Floats:
+    """The median of every value's window; at the ends the window is mirrored."""
+    from scipy.ndimage import median_filter
+
+    result: Floats = median_filter(values, size=2 * HALF_WINDOW + 1, mode="reflect")
+    return result
+
+
+def _local_spread(values: Floats, at: NDArray[np.intp]) -> Floats:
+    """Median absolute deviation from the median in the windows of some values."""
+    padded = np.pad(values, HALF_WINDOW, mode="symmetric")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * HALF_WINDOW + 1)[at]
+    result: Floats = np.median(np.abs(windows - np.median(windows, axis=1, keepdims=True)), axis=1)
+    return result

@@ -1,0 +1,104 @@
+"""Pictures of an identification: mu over slip with the models fitted, the peak over speed, parameters over v0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE
+from railslip_ctrl.identification.identify import Campaign, Identification
+from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.units import KMH
+
+from .style import legend_below, line_style, new_figure
+
+_MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
+_MODELS_SHOWN = 4
+
+
+def adhesion_figure(found: Sequence[Identification]) -> Figure:
+    """mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
+    columns = min(len(found), 2)
+    rows = -(-len(found) // columns)
+    title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
+    figure = new_figure(7.0 * columns, 0.5 + 4.9 * rows, title)
+    axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    for ax, each in zip(axes, found, strict=False):
+        _adhesion(ax, each)
+    for ax in axes[len(found) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def _adhesion(ax: Any, found: Identification) -> None:
+    bins = found.curve.bins
+    for name, mark, label in _MARKS:
+        ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
+    chosen = found.chosen.fit.model.name
+    errors = {score.fit.model.name: score.mean_abs_error for score in found.scores}
+    lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
+    for i, line in enumerate(lines):
+        label = f"{line.name} (mean |error| {errors[line.name]:.2g})"
+        ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
+    ax.axvline(found.curve.peak_slip, color="0.7", linewidth=0.8)
+    ax.text(found.curve.peak_slip, 0.01, " sliding", fontsize=7, color="0.4", transform=ax.get_xaxis_transform())
+    ax.set_xlim(left=0.0)
+    ax.set_ylim(bottom=min(0.0, float(bins.least.min())))
+    ax.set_title(
+        f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=9
+    )
+    ax.set_xlabel("slip ratio λ (-)")
+    ax.set_ylabel("adhesion coefficient μ (-)")
+    ax.grid(True, color="0.88")
+    legend_below(ax, 0.13, columns=2)
+
+
+def drift_figure(found: Identification) -> Figure:
+    """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition."""
+    title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
+    figure = new_figure(9.5, 4.6, title)
+    slip, height = figure.subplots(1, 2)
+    for i, rail in enumerate(dict.fromkeys(peak.rail for peak in found.peaks)):
+        peaks = [peak for peak in found.peaks if peak.rail is rail]
+        _drift(slip, height, peaks, rail, line_style(i))
+    slip.set_ylabel("slip ratio λ (-)")
+    height.set_ylabel("highest adhesion coefficient μ (-)")
+    for ax in (slip, height):
+        ax.set_xlabel("train speed (km/h)")
+        ax.set_ylim(bottom=0.0)
+        ax.grid(True, color="0.88")
+        legend_below(ax, 0.13, columns=2)
+    return figure
+
+
+def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip], rail: Rail, style: dict[str, Any]) -> None:
+    speed = np.array([peak.speed for peak in peaks]) / KMH
+    values, errors, mu, mu_errors, reference = (
+        np.array([getattr(peak, name) for peak in peaks])
+        for name in ("slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
+    )
+    width = {"capsize": 3.0, "marker": "o", "markersize": 3.5}
+    slip.errorbar(speed, values, NORMAL_QUANTILE * np.nan_to_num(errors), label=f"peak, {rail} rail", **width, **style)
+    slip.plot(speed, reference, "s", color=style["color"], fillstyle="none", label=f"reference, {rail} rail")
+    height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail", **width, **style)
+
+
+def coefficients_figure(found: Campaign) -> Figure:
+    """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial."""
+    count = len(found.polynomials)
+    figure = new_figure(3.6 * count, 3.6, f"Parameters of {found.logs[0].chosen.fit.model.name} over the initial speed")
+    axes = figure.subplots(1, count, squeeze=False).ravel()
+    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
+        errors = np.array([each.chosen.fit.parameters[k].stderr for each in found.logs])
+        ax.errorbar(p.speeds_kmh, p.values, NORMAL_QUANTILE * np.nan_to_num(errors), fmt="o", color="black", capsize=3)
+        speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
+        ax.plot(speeds, [p.at(speed) for speed in speeds], **line_style(0))
+        ax.set_title(p.name, fontsize=9)
+        ax.set_xlabel("initial speed v0 (km/h)")
+        ax.grid(True, color="0.88")
+    axes[0].set_ylabel("value (SI)")
+    return figure

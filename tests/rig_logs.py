@@ -1,0 +1,70 @@
+"""A small brake rig for the tests of identification: torque ramp, wheel and train, release past half slip."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.numeric import numeric_plant
+from railslip_ctrl.parameters import PARK2008
+
+HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [kN*m]"
+
+
+def rig_rows(
+    law: AdhesionLaw,
+    *,
+    repetitions: int = 1,
+    runs: int = 6,
+    initial_speed: float = 100.0 / 3.6,
+    force_noise: float = 431.0,
+    speed_noise: float = 0.01,
+    interval: float = 0.01,
+    seed: int = 0,
+) -> list[Rows]:
+    """Logs of `runs` runs each, one for every repetition, all simulated side by side.
+
+    Equations (3) and (4) without travelling resistance, by Heun's method in five steps an interval; the random force
+    (N) is white, held for an interval, and the pickup of the wheel's speed has white noise (rad/s).
+    """
+    generator, count, steps = np.random.default_rng(seed), repetitions * runs, 5
+    wheel, h, load = PARK2008.wheel, interval / 5, PARK2008.wheel_load
+    force, p = numeric_plant(type(law)).force, (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, load, *law.parameters())
+    v = np.full(count, initial_speed)
+    omega, released = v / wheel.radius, np.zeros(count, dtype=bool)
+    samples = round(9.0 / interval)
+    record = np.empty((3, samples, count))
+
+    def rates(v: np.ndarray, omega: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        sigma = np.maximum(v - wheel.radius * omega, 0.0)
+        adhesion = force(v, sigma, 0.0, 0.0, 0.0, 0.0, p) + noise * (sigma > 0.01)
+        turning = (wheel.radius * adhesion - torque - wheel.viscous_friction * omega) / wheel.inertia
+        return -adhesion / PARK2008.mass, turning
+
+    for i in range(samples):
+        torque = np.where(released, 0.0, 1200.0 * max(i * interval - 0.5, 0.0))
+        record[:, i] = v, omega, torque
+        noise = force_noise * generator.standard_normal(count)
+        for j in range(steps):
+            torque = np.where(released, 0.0, 1200.0 * max(i * interval + (j + 0.5) * h - 0.5, 0.0))
+            first = rates(v, omega, torque, noise)
+            second = rates(v + h * first[0], omega + h * first[1], torque, noise)
+            v = v + h / 2 * (first[0] + second[0])
+            omega = np.minimum(omega + h / 2 * (first[1] + second[1]), v / wheel.radius)  # it only brakes
+        released |= 1.0 - wheel.radius * omega / v > 0.5
+    record[1] += speed_noise * generator.standard_normal(record[1].shape)
+    time = np.arange(samples * runs) * interval
+    columns = record.reshape(3, samples, repetitions, runs).transpose(2, 0, 3, 1).reshape(repetitions, 3, -1)
+    names = ("train_speed", "wheel_angular_speed", "brake_torque")
+    return [Rows(np.arange(time.size) + 2, {"time": time, **dict(zip(names, log, strict=True))}) for log in columns]
+
+
+def write_log(path: Path, rows: Rows) -> Path:
+    """The rows as a CSV in the units of `HEADER`."""
+    c = rows.columns
+    table = np.column_stack([c["time"], 3.6 * c["train_speed"], c["wheel_angular_speed"], 1e-3 * c["brake_torque"]])
+    np.savetxt(path, table, delimiter=",", header=HEADER, comments="", fmt="%.9g")
+    return path

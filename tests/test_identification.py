@@ -1,0 +1,453 @@
+"""From samples to models: moments, cells, fits against known parameters and closed forms, intervals that cover."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from rig_logs import rig_rows
+
+from railslip_ctrl.adhesion import AdhesionLaw, law_class, load_law, published_law
+from railslip_ctrl.adhesion.bristle import published_coefficients
+from railslip_ctrl.adhesion.curve import curve_force
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.cells import Accumulator
+from railslip_ctrl.identification.comparison import compare, peak_slip
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, fit
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.model_files import law_toml
+from railslip_ctrl.identification.models import MODELS, Setting, check_model, check_options, fit_model, shape_of
+from railslip_ctrl.identification.observed import AdhesionStream, Observed
+from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
+from railslip_ctrl.numeric import adhesion_coefficient
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.units import KMH
+
+LOAD = PARK2008.wheel_load
+V100 = 100.0 * KMH
+TAU = 0.05
+
+LAWS: dict[str, AdhesionLaw] = {
+    "beam": published_law("beam", Rail.DRY),
+    "bristle": published_law("bristle", Rail.DRY),
+    "bristle_rest": published_law("bristle", Rail.DRY),
+    "curve": published_law("curve", Rail.DRY),
+    "polach": published_law("polach", Rail.WET),
+    # a road tyre's curve of a rail's height, and a LuGre model of some 0.3 falling to 0.17
+    "burckhardt": law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11}),
+    "lugre": law_class("lugre").model_validate({"alpha": 2.2e4, "alpha2": 21.0, "Fs": 1.13e4, "Fc": 6.1e3, "vs": 4.7}),
+    "table": law_class("table").model_validate(
+        {"slip": (0.02, 0.06, 0.12, 0.25, 0.5), "mu": (0.13, 0.24, 0.28, 0.25, 0.21)}
+    ),
+}
+
+
+def samples(slip, speed, mu, *, interval=0.01) -> Observed:
+    """Samples seen without a filter: the moments are the powers."""
+    slip, speed, mu = np.broadcast_arrays(np.asarray(slip, float), np.asarray(speed, float), np.asarray(mu, float))
+    time = interval * np.arange(slip.size)
+    none = np.zeros(slip.size)
+    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, none, none)
+
+
+def gathered(observed: Observed, tau: float = TAU) -> Accumulator:
+    sums = Accumulator(tau)
+    sums.add(observed)
+    return sums
+
+
+def fitted(name: str, sums: Accumulator, **setting: object) -> Fit:
+    cells = sums.cells()
+    peak = peak_slip(cells)
+    known = Setting(LOAD, V100, 2.93, **setting)  # type: ignore[arg-type]
+    model = fit_model(name, cells, shape_of(cells, peak), known)
+    return fit(model, cells, sums.stretches(), known, peak, TAU)
+
+
+def law_coefficient(name: str, slip: np.ndarray, speed: float) -> np.ndarray:
+    if name == "bristle":  # built up along a ramp of 2.93 m/s^2
+        law = LAWS[name]
+        return np.asarray(curve_force(slip, *law.parameters(), 2.93, V100)) / LOAD
+    return np.asarray(adhesion_coefficient(LAWS[name], speed, slip, LOAD))
+
+
+# --- cells ---------------------------------------------------------------------------------------------------------
+
+
+def test_cells_give_the_mean_of_a_cubic_exactly():
+    generator = np.random.default_rng(1)
+    slip = generator.beta(1.5, 6.0, 20_000)
+    cells = gathered(samples(slip, V100, 0.0)).cells()
+    total = np.sum(cells.count * np.sum(cells.weights * (2.0 - cells.nodes + 7.0 * cells.nodes**3), axis=0))
+    # rounding of moments of order 1
+    assert total == pytest.approx(np.sum(2.0 - slip + 7.0 * slip**3), rel=1e-12)
+    assert cells.count.sum() == slip.size
+
+
+def test_cells_and_bins_are_sums_over_the_samples_however_they_come():
+    generator = np.random.default_rng(2)
+    slip, speed = generator.uniform(0.01, 0.9, 3000), generator.uniform(5.0, 30.0, 3000)
+    observed = samples(slip, speed, 0.3 * slip + generator.standard_normal(3000))
+    whole, parts = gathered(observed), Accumulator(TAU)
+    for start in range(0, 3000, 700):
+        at = np.zeros(3000, dtype=bool)
+        at[start : start + 700] = True
+        parts.add(observed.where(at))
+    for name in ("count", "slip", "speed", "mu", "squares"):
+        # sums in another order
+        assert getattr(parts.cells(), name) == pytest.approx(getattr(whole.cells(), name), rel=1e-9, abs=1e-12)
+    bins = whole.bins()
+    for i in range(len(bins.slip)):
+        inside = observed.mu[(slip >= bins.low[i]) & (slip < bins.high[i])]
+        assert bins.count[i] == inside.size
+        assert (bins.least[i], bins.most[i]) == (inside.min(), inside.max())
+        assert bins.mean[i] == pytest.approx(inside.mean(), rel=1e-12, abs=1e-13)
+        assert bins.deviation[i] == pytest.approx(inside.std(ddof=1), rel=1e-9)
+
+
+def test_stretches_stay_bounded_and_lose_no_sample():
+    slip = 0.3 + 0.1 * np.sin(np.arange(60_000) / 500.0)
+    sums = gathered(samples(slip, V100, slip, interval=1.0))  # each sample further from the next than a stretch
+    stretches = sums.stretches()
+    assert len(np.unique(stretches.stretch)) <= 8192
+    assert stretches.count.sum() == slip.size
+    assert stretches.total.sum() == pytest.approx(slip.sum(), rel=1e-12)
+    assert stretches.length > 5 * TAU
+
+
+# --- fits ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_clean_data_give_the_parameters_back(name):
+    slip = np.linspace(0.006, 0.48, 4000)
+    speeds = (V100, 12.0) if name in ("beam", "polach", "lugre") else (V100,)  # of two speeds, where it counts
+    parts = [samples(slip, v, law_coefficient(name, slip, v)) for v in speeds]
+    sums = Accumulator(TAU)
+    for part in parts:
+        sums.add(part)
+    found = fitted(name, sums, knots=LAWS["table"].slip if name == "table" else ())
+    if name == "table":
+        assert found.values == pytest.approx(LAWS[name].mu, rel=1e-6)
+        return
+    for parameter in found.parameters:
+        assert parameter.value == pytest.approx(getattr(LAWS[name], parameter.name), rel=1e-6), parameter.name
+        assert parameter.status == "fitted"
+    # what the two-point rule leaves of the variance in a cell where the curve is steepest
+    assert math.sqrt(found.residual_squares / sums.cells().count.sum()) < 2e-5
+
+
+def ar1(generator, count, interval, tau):
+    """Noise of variance 1 with correlation exp(-t/tau)."""
+    decay = math.exp(-interval / tau)
+    noise = generator.standard_normal(count)
+    for i in range(1, count):
+        noise[i] = decay * noise[i - 1] + math.sqrt(1 - decay**2) * noise[i]
+    return noise
+
+
+def test_long_run_variance_of_filtered_noise_is_its_closed_form():
+    """(1 + exp(-h/tau))/(1 - exp(-h/tau)) times the variance, of samples h apart."""
+    interval, count, sigma = 0.01, 60_000, 0.01
+    slip = 0.25 + 0.23 * np.sin(np.arange(count) * interval / 3.0)
+    clean = np.asarray(adhesion_coefficient(LAWS["burckhardt"], V100, slip, LOAD))
+    noise = sigma * ar1(np.random.default_rng(4), count, interval, TAU)
+    found = fitted("burckhardt", gathered(samples(slip, V100, clean + noise, interval=interval)))
+    decay = math.exp(-interval / TAU)
+    expected = sigma**2 * (1 + decay) / (1 - decay)
+    # the largest of the estimates over lengths of stretch, some with few degrees of freedom, so above rather than below
+    assert 0.9 * expected < found.long_run_variance < 4.0 * expected
+
+
+@pytest.mark.parametrize("name", ["beam", "burckhardt"])
+def test_intervals_cover_in_95_of_100_repetitions(name):
+    """Logs of the rig with random adhesion and a noisy pickup, through the observer: 99 % intervals hold the truth."""
+    law = LAWS[name]
+    hits = dict.fromkeys(law.parameter_names(), 0)
+    widths: dict[str, list[float]] = {parameter: [] for parameter in hits}
+    for rows in rig_rows(law, repetitions=100):
+        stream = AdhesionStream(PARK2008)
+        observed = stream.add(rows)
+        for p in fitted(name, gathered(observed, stream.time_constant)).parameters:
+            hits[p.name] += abs(p.value - getattr(law, p.name)) <= NORMAL_QUANTILE * p.stderr
+            widths[p.name].append(p.stderr / p.value)
+    assert min(hits.values()) >= 95, hits
+    assert max(float(np.median(w)) for w in widths.values()) < 0.12  # and they are not wide enough to hold anything
+
+
+def test_what_a_steady_curve_does_not_show_is_said():
+    """A LuGre law that does not fall: whatever vs is, the curve is the same."""
+    slip = np.linspace(0.01, 0.4, 500)
+    flat = law_class("lugre").model_validate({"alpha": 2e4, "Fs": 9e3, "Fc": 9e3, "vs": 4.0})
+    found = fitted("lugre", gathered(samples(slip, V100, adhesion_coefficient(flat, V100, slip, LOAD))))
+    assert "vs" in {p.name for p in found.parameters if p.status == "not identifiable"}
+    assert all(math.isnan(p.stderr) for p in found.parameters if p.status != "fitted")
+    assert any("not identifiable from this log" in note for note in found.notes)
+
+
+def test_bounds_hold_and_an_active_one_is_said():
+    slip = np.linspace(0.006, 0.48, 2000)
+    sums = gathered(samples(slip, V100, law_coefficient("beam", slip, V100)))
+    found = fitted("beam", sums, bounds={"mu_max": (0.0, 0.25)})
+    by_name = {p.name: p for p in found.parameters}
+    assert by_name["mu_max"].value == pytest.approx(0.25, rel=1e-5)
+    assert by_name["mu_max"].value <= 0.25
+    assert (by_name["mu_max"].status, math.isnan(by_name["mu_max"].stderr)) == ("at upper bound", True)
+    assert math.isfinite(by_name["Kx"].stderr)
+    assert "mu_max: rests on its upper bound" in found.notes
+
+
+def test_a_fixed_parameter_stays_and_the_others_follow():
+    slip = np.linspace(0.006, 0.48, 2000)
+    sums = gathered(samples(slip, V100, law_coefficient("beam", slip, V100)))
+    found = fitted("beam", sums, fixed={"a": LAWS["beam"].a})
+    assert [p.name for p in found.parameters] == ["mu_max", "Kx"]
+    assert found.law.a == LAWS["beam"].a
+    assert found.values == pytest.approx([LAWS["beam"].mu_max, LAWS["beam"].Kx], rel=1e-6)
+
+
+def test_too_little_data_are_refused_or_without_errors():
+    few = samples([0.1, 0.1, 0.2], V100, [0.2, 0.2, 0.3])
+    with pytest.raises(InputError, match="distinct slips are too few"):
+        fitted("beam", gathered(few))
+    short = samples(np.linspace(0.01, 0.3, 8), V100, law_coefficient("beam", np.linspace(0.01, 0.3, 8), V100))
+    found = fitted("beam", gathered(short))
+    assert all(math.isnan(p.stderr) for p in found.parameters)
+    assert "too few independent stretches of data for standard errors" in found.notes
+
+
+def test_options_that_fit_no_model_are_refused():
+    with pytest.raises(InputError, match="--model: 'beem' cannot be fitted; did you mean 'beam'"):
+        check_model("beem")
+    with pytest.raises(InputError, match="--fix: 'gamma' is no parameter here; choose one of Kx, a, mu_max"):
+        check_options(("beam",), {"gamma": 1.0}, {})
+    with pytest.raises(InputError, match="--bound: 'x'"):
+        check_options(("beam",), {}, {"x": (0.0, 1.0)})
+    sums = gathered(samples(np.linspace(0.01, 0.4, 300), V100, 0.2))
+    with pytest.raises(InputError, match="every parameter of 'beam' is fixed"):
+        fitted("beam", sums, fixed={"mu_max": 0.3, "a": 0.0, "Kx": 2e5})
+    with pytest.raises(InputError, match="--bound a: 2 to 1 leaves nothing"):
+        fitted("beam", sums, bounds={"a": (2.0, 1.0)})
+    cells = sums.cells()
+    with pytest.raises(InputError, match="no ramp of rising slip"):
+        fit_model("bristle", cells, shape_of(cells, 0.1), Setting(LOAD, V100, None))
+
+
+# --- comparison ----------------------------------------------------------------------------------------------------
+
+
+def noisy_samples(name: str) -> Observed:
+    generator = np.random.default_rng(8)
+    slip = 0.005 + 0.45 * generator.uniform(size=20_000)
+    return samples(slip, V100, law_coefficient(name, slip, V100) + 0.01 * generator.standard_normal(slip.size))
+
+
+@pytest.mark.parametrize("name", ["beam", "curve", "burckhardt"])
+def test_the_model_that_made_the_data_comes_first(name):
+    sums = gathered(noisy_samples(name))
+    cells = sums.cells()
+    candidates = ("beam", "curve", "burckhardt", "table")
+    scores = compare([fitted(each, sums) for each in candidates], cells, peak_slip(cells))
+    assert scores[0].fit.model.name == name
+    assert [s.bic for s in scores] == sorted(s.bic for s in scores)
+
+
+def test_mean_absolute_errors_are_those_of_the_bins():
+    observed = noisy_samples("curve")
+    sums = gathered(observed)
+    found = fitted("beam", sums)
+    (score,) = compare([found], sums.cells(), 0.12)
+    deviation = observed.mu - np.asarray(adhesion_coefficient(found.law, V100, observed.slip, LOAD))
+    place = (observed.slip * 50).astype(int)
+    errors = np.array([abs(deviation[place == i].mean()) for i in range(place.max() + 1)])
+    # a cell across the edge of two bins counts in one: some 4 % of a bin, where the errors differ by up to 0.03
+    assert score.mean_abs_error == pytest.approx(errors.mean(), abs=6e-4)
+    assert score.adhesion_error == pytest.approx(errors[:6].mean(), abs=1.2e-3)  # bins with a mean slip below 0.12
+    assert score.sliding_error == pytest.approx(errors[6:].mean(), abs=1.2e-3)
+    assert score.adhesion_error > 1.2 * score.mean_abs_error
+
+
+# --- peak and reference --------------------------------------------------------------------------------------------
+
+
+def burckhardt_fit() -> Fit:
+    generator = np.random.default_rng(6)
+    slip = 0.005 + 0.45 * generator.uniform(size=5000)
+    mu = law_coefficient("burckhardt", slip, V100) + 0.01 * generator.standard_normal(slip.size)
+    return fitted("burckhardt", gathered(samples(slip, V100, mu)))
+
+
+def test_peak_and_its_error_in_closed_form():
+    """Burckhardt: slip log(c1 c2/c3)/c2, whose gradient is known, against differences of a search."""
+    found = burckhardt_fit()
+    c1, c2, c3 = found.values
+    slip = math.log(c1 * c2 / c3) / c2
+    gradient = np.array([1 / (c1 * c2), (1 - math.log(c1 * c2 / c3)) / c2**2, -1 / (c2 * c3)])
+    peak = peak_of_fit(found, V100, LOAD, Rail.DRY)
+    assert peak.slip == pytest.approx(slip, rel=1e-6)  # a flat maximum is found to the root of rounding
+    # differences of the search over a tenth of a standard error
+    assert peak.slip_stderr == pytest.approx(math.sqrt(gradient @ found.covariance @ gradient), rel=5e-3)
+    assert peak.reference == pytest.approx(slip - NORMAL_QUANTILE * peak.slip_stderr, rel=1e-6)
+    assert peak.reference_coefficient >= (1 - LARGEST_LOSS) * peak.coefficient
+
+
+def test_reference_gives_away_at_most_the_allowed_loss():
+    found = burckhardt_fit()
+    vague = Fit(**{**found.__dict__, "parameters": found.parameters, "covariance": 1e4 * found.covariance})
+    peak = peak_of_fit(vague, V100, LOAD, Rail.DRY)
+    assert NORMAL_QUANTILE * peak.slip_stderr > peak.slip
+    assert peak.reference_coefficient == pytest.approx((1 - LARGEST_LOSS) * peak.coefficient, rel=1e-9)
+    assert peak.reference < peak.slip
+
+
+def test_a_law_without_a_peak_has_no_reference():
+    peak = peak_of_law(LAWS["bristle_rest"], V100, LOAD)
+    assert math.isnan(peak.slip)
+    assert math.isnan(peak.reference)
+    assert peak.coefficient == pytest.approx(LAWS["bristle_rest"].gamma / LAWS["bristle_rest"].beta / LOAD, rel=1e-4)
+
+
+def test_published_peaks_of_the_beam_and_their_drift():
+    """[Park2008]: dry 0.0897, wet half of it; the slip velocity lowers the peak at speed."""
+    slip = np.linspace(0.006, 0.48, 2000)
+    found = fitted("beam", gathered(samples(slip, V100, law_coefficient("beam", slip, V100))))
+    peaks = drift(found, [20 * KMH, V100], LOAD)
+    by_case = {(p.rail, round(p.speed / KMH)): p for p in peaks}
+    assert by_case[Rail.DRY, 100].slip == pytest.approx(0.0897, abs=5e-5)
+    assert by_case[Rail.WET, 100].slip == pytest.approx(0.0448, abs=5e-5)
+    assert by_case[Rail.DRY, 100].coefficient == pytest.approx(0.2483, abs=5e-5)
+    assert by_case[Rail.DRY, 20].slip > by_case[Rail.DRY, 100].slip
+    assert by_case[Rail.DRY, 20].coefficient > by_case[Rail.DRY, 100].coefficient
+
+
+# --- over the initial speed ----------------------------------------------------------------------------------------
+
+
+def test_polynomials_of_v0_are_the_published_ones():
+    """[Park2008] (30)-(32) out of fits to clean curves at the four speeds of the rig."""
+    speeds = [30.0, 60.0, 100.0, 140.0]
+    slip = np.linspace(0.006, 0.48, 1500)
+    fits = []
+    for v0 in speeds:
+        law = published_law("curve", Rail.DRY, v0)
+        sums = gathered(samples(slip, v0 * KMH, adhesion_coefficient(law, v0 * KMH, slip, LOAD)))
+        cells = sums.cells()
+        known = Setting(LOAD, v0 * KMH, None)
+        model = fit_model("curve", cells, shape_of(cells, peak_slip(cells)), known)
+        fits.append(fit(model, cells, sums.stretches(), known, peak_slip(cells), TAU))
+    found = {p.name: p for p in over_initial_speed([v0 * KMH for v0 in speeds], fits)}
+    # SI: beta and gamma are printed in km/h; parameters good to 1e-6, and the powers cancel by some 10
+    assert found["alpha"].coefficients == pytest.approx([5.455e4, -3.641e2, 3.798e-1], rel=1e-3)
+    assert found["beta"].coefficients * 3.6 == pytest.approx([1.873e-2, -6.059e-5, 5.500e-8], rel=1e-3)
+    assert found["gamma"].coefficients * 3.6 == pytest.approx([2.345e2, -8.620e-1, 1.053e-4], rel=1e-2)
+    for name, expected in zip(("alpha", "beta", "gamma"), published_coefficients(80.0, LOAD), strict=True):
+        assert found[name].at(80.0) == pytest.approx(expected, rel=1e-5)
+
+
+def test_degree_follows_the_number_of_distinct_speeds():
+    found = burckhardt_fit()
+    assert over_initial_speed([20.0], [found])[0].coefficients == pytest.approx([found.values[0]])
+    assert len(over_initial_speed([20.0, 20.05, 30.0], [found] * 3)[0].coefficients) == 2
+    twice = over_initial_speed([20.0, 20.0], [found] * 2)[0]
+    assert twice.stderrs == pytest.approx([found.parameters[0].stderr / math.sqrt(2)])  # of a mean of two
+
+
+# --- observed ------------------------------------------------------------------------------------------------------
+
+
+def ramp_rows(count=2000, interval=0.005, noise=0.0, seed=0):
+    """Slip rising from 0 at 0.02 1/s at constant speed, and the torque that goes with mu = 2 slip."""
+    generator = np.random.default_rng(seed)
+    time = np.cumsum(interval * generator.uniform(0.5, 1.5, count))
+    slip = 0.02 * time
+    radius = PARK2008.wheel.radius
+    omega = V100 * (1 - slip) / radius
+    torque = 2 * slip * LOAD * radius + 0.02 * V100 / radius * PARK2008.wheel.inertia
+    torque = torque - PARK2008.wheel.viscous_friction * omega
+    omega = omega + noise * generator.standard_normal(count)
+    columns = {"time": time, "train_speed": np.full(count, V100), "wheel_angular_speed": omega, "brake_torque": torque}
+    return Rows(np.arange(count) + 2, columns)
+
+
+def test_observed_mu_stands_over_the_slip_it_belongs_to():
+    """The lag of the observer is in mu and in slip alike: a straight line stays the line it is."""
+    stream = AdhesionStream(PARK2008)
+    observed = stream.add(ramp_rows())
+    assert len(observed) > 1500
+    # the start is not known to the observer: exp(-20) of it is left after 20 time constants, and rounding
+    late = observed.time > observed.time[0] + 20 * stream.time_constant
+    assert observed.mu[late] == pytest.approx(2 * observed.slip[late], rel=1e-7)
+    behind = 0.02 * observed.time - observed.slip
+    assert behind == pytest.approx(np.full(len(observed), 0.02 * stream.time_constant), rel=1e-2)  # settled
+    spread = observed.slip2 - observed.slip**2  # of an exponential window: (rate tau)^2
+    # the square is taken to run straight between samples too: (interval/tau)^2 of it
+    assert spread[200:] == pytest.approx(np.full(len(spread) - 200, (0.02 * stream.time_constant) ** 2), rel=1e-2)
+
+
+def test_observed_samples_do_not_depend_on_the_blocks():
+    rows = ramp_rows(noise=0.01)
+    whole = AdhesionStream(PARK2008).add(rows)
+    stream = AdhesionStream(PARK2008)
+    parts = [stream.add(rows.part(start, start + 77)) for start in range(0, len(rows), 77)]
+    for name in ("time", "slip", "slip3", "speed", "mu", "step", "slip_step"):
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert joined == pytest.approx(getattr(whole, name), rel=1e-12, abs=1e-14)
+
+
+def test_a_gap_restarts_the_observer_and_is_told():
+    rows = ramp_rows()
+    kept = np.ones(len(rows), dtype=bool)
+    kept[800:1000] = False
+    stream = AdhesionStream(PARK2008)
+    observed = stream.add(rows.where(kept))
+    time = rows.columns["time"]
+    assert stream.survey.gap_count == 1
+    assert stream.survey.gaps == [(1002, pytest.approx(time[1000] - time[799]))]
+    after = observed.time[observed.time > time[999]]
+    assert after[0] >= time[1000] + 5 * stream.time_constant  # what the observer does not know yet is not used
+    assert observed.mu == pytest.approx(2 * observed.slip, rel=0.01)
+    assert stream.survey.runs == 2
+
+
+def test_impossible_rows_are_left_out_when_few_and_refused_when_many():
+    rows = ramp_rows()
+    rows.columns["wheel_angular_speed"][[500, 501]] = 5000.0
+    stream = AdhesionStream(PARK2008)
+    stream.add(rows)
+    stream.check("log")
+    assert stream.survey.implausible == 2
+    assert stream.survey.first_implausible.startswith("line 502: wheel speed 7740 km/h is beyond any train")
+    fast = ramp_rows()
+    fast.columns["wheel_angular_speed"] *= 1.8
+    stream = AdhesionStream(PARK2008)
+    stream.add(fast)
+    with pytest.raises(
+        InputError, match=r"log: line \d+: wheel speed .* far above the train's.*check columns and units"
+    ):
+        stream.check("log")
+
+
+def test_wheel_speed_and_wheel_load_columns_are_used():
+    rows = ramp_rows()
+    columns = dict(rows.columns)
+    columns["wheel_speed"] = columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
+    columns["wheel_load"] = np.full(len(rows), 2 * LOAD)
+    stream = AdhesionStream(PARK2008)
+    observed = stream.add(Rows(rows.line, columns))
+    assert stream.survey.wheel_load == pytest.approx(2 * LOAD)
+    late = observed.time > 2.0  # the start is forgotten by then, up to rounding of differences
+    assert observed.mu[late] == pytest.approx(observed.slip[late], rel=1e-7)
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+@pytest.mark.parametrize("rail", Rail)
+def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
+    law = LAWS[name] if LAWS[name].rail is Rail.WET else LAWS[name].on(rail)
+    path = tmp_path / "law.toml"
+    path.write_text(law_toml(law, reference=law.reference, comments=["two\nlines", "é"]), encoding="utf-8")
+    assert load_law(path) == law

@@ -1,0 +1,382 @@
+"""`railslip identify`: the contract, the files it writes, what it says of bad logs, and the lookup-table law."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import matplotlib.image
+import numpy as np
+import pytest
+import sympy as sp
+from rig_logs import HEADER, rig_rows, write_log
+from scipy.interpolate import PchipInterpolator
+
+from railslip_ctrl.adhesion import law_class, load_law, published_law
+from railslip_ctrl.adhesion.table import Table, table_force, table_slope
+from railslip_ctrl.cli import main
+from railslip_ctrl.errors import DomainError
+from railslip_ctrl.identification.identify import Options, identify
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.plots import adhesion_figure, drift_figure
+
+BEAM = published_law("beam", Rail.DRY)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A log of six runs on a rig with the published beam."""
+    return write_log(tmp_path_factory.mktemp("logs") / "beam.csv", rig_rows(BEAM, seed=3)[0])
+
+
+@pytest.fixture
+def railslip(capsys):
+    """Run the command in this process; gives (exit status, standard output, standard error)."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main([str(a) for a in arguments])
+        captured = capsys.readouterr()
+        return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+def refused(result):
+    """The one line of an error."""
+    status, out, err = result
+    assert (status, out) == (2, "")
+    assert err.startswith("railslip: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+# --- the contract --------------------------------------------------------------------------------------------------
+
+
+def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(railslip, log):
+    status, out, err = railslip("identify", log, "--model", "beam", "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert {"model", "parameters", "mean_abs_error", "points"} <= found.keys()
+    assert found["model"] == "beam"
+    assert found["parameters"].keys() == {"mu_max", "a", "Kx"}
+    for name, parameter in found["parameters"].items():
+        assert abs(parameter["value"] - getattr(BEAM, name)) < 2.576 * parameter["stderr"]
+        low, high = parameter["interval_99"]
+        assert low < getattr(BEAM, name) < high
+    assert 0.0 < found["mean_abs_error"] < 0.005  # the noise of bins, far below the 0.0085 to 0.0132 of Table 3
+    assert found["points"] == sum(bin_["count"] for bin_ in found["curve"])
+    assert found["points"] == found["log"]["adhesion_regime_points"] + found["log"]["sliding_regime_points"]
+    correlation = np.array(found["correlation"])
+    assert np.diag(correlation) == pytest.approx(np.ones(3))
+    assert correlation == pytest.approx(correlation.T)
+    for bin_ in found["curve"]:
+        assert bin_["min"] <= bin_["mean"] <= bin_["max"]
+        assert bin_["regime"] == ("adhesion" if bin_["slip"] < found["log"]["data_peak_slip"] else "sliding")
+
+
+def test_the_best_is_the_model_of_the_rig_and_all_are_compared(railslip, log):
+    status, out, _ = railslip("identify", log)
+    assert status == 0
+    assert "Model: beam (brush) model, static (beam)" in out
+    for word in ("Std. error", "Correlation", "BIC", "Max", "Reference: hold slip"):
+        assert word in out
+    for model in ("polach", "burckhardt", "bristle", "lugre", "table"):
+        assert f"\n {model} " in out
+
+
+def test_every_command_takes_the_model_that_was_fitted(railslip, log, tmp_path):
+    out = tmp_path / "fitted"
+    status, _, err = railslip("identify", log, "--model", "beam", "--out", out)
+    assert status == 0
+    assert "wrote 7 files" in err
+    names = {path.name for path in out.iterdir()}
+    assert names == {"model.toml", "identification.txt", "identification.json"} | {
+        f"{name}.{suffix}" for name in ("adhesion", "peak") for suffix in ("png", "svg")
+    }
+    found = json.loads((out / "identification.json").read_text())
+    law = load_law(out / "model.toml")
+    assert law.mu_max == found["parameters"]["mu_max"]["value"]
+    assert law.reference.dry == found["reference_slip"]["dry"]
+    for name in ("adhesion", "peak"):
+        assert matplotlib.image.imread(out / f"{name}.png").std() > 0.05  # something is drawn
+    for command in (["margins", "--kp", "190", "--ki", "5"], ["linearize"]):
+        status, text, err = railslip(*command, "--adhesion", out / "model.toml", "--json")
+        assert status in (0, 1), err
+        assert json.loads(text)["cases"][0]["slip"] == pytest.approx(law.reference.dry)
+
+
+@pytest.mark.parametrize("model", ["bristle", "bristle_rest", "lugre", "table", "curve", "polach", "burckhardt"])
+def test_every_model_gives_a_file_that_linearizes(railslip, log, tmp_path, model):
+    status, _, err = railslip("identify", log, "--model", model, "--out", tmp_path / "fitted")
+    assert status == 0, err
+    file = tmp_path / "fitted" / "model.toml"
+    slip = [] if load_law(file).reference is not None else ["--slip", "0.2"]
+    assert railslip("linearize", "--adhesion", file, *slip, "--json")[0] == 0
+
+
+def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
+    logs = []
+    for v0 in (60.0, 100.0, 140.0):
+        law = published_law("beam", Rail.DRY, v0)
+        rows = rig_rows(law, runs=3, initial_speed=v0 / 3.6, force_noise=50.0)[0]
+        logs.append(write_log(tmp_path / f"v{v0:.0f}.csv", rows))
+    status, out, err = railslip("identify", *logs, "--model", "beam", "--out", tmp_path / "fitted", "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    mu_max = found["parameters"]["mu_max"]
+    assert mu_max["initial_speeds_kmh"] == pytest.approx([60.0, 100.0, 140.0], rel=1e-6)
+    assert np.polynomial.polynomial.polyval(100.0, mu_max["coefficients"]) == pytest.approx(0.261, abs=0.003)
+    assert len(mu_max["coefficients"]) == 3
+    assert {"model", "parameters", "mean_abs_error", "points"} <= found.keys()
+    assert load_law(tmp_path / "fitted" / "model-3.toml").mu_max == pytest.approx(0.226, abs=0.003)
+    assert (tmp_path / "fitted" / "coefficients.png").exists()
+    status, out, _ = railslip("identify", *logs[:2])
+    assert status == 0
+    assert "Parameters over the initial speed v0" in out
+    assert "--initial-speed" in refused(railslip("identify", *logs, "--initial-speed", "100"))
+
+
+def test_figures_show_the_record(log):
+    found = identify(log, PARK2008, Options())
+    (ax,) = adhesion_figure([found]).axes
+    mean = next(line for line in ax.lines if line.get_label() == "mean")
+    assert np.array_equal(mean.get_ydata(), found.curve.bins.mean)
+    assert ax.get_legend().get_texts()[3].get_text().startswith("beam (mean |error|")
+    slip, _ = drift_figure(found).axes
+    dry = [peak.slip for peak in found.peaks if peak.rail is Rail.DRY]
+    assert any(np.array_equal(line.get_ydata(), dry) for line in slip.lines)
+
+
+# --- options -------------------------------------------------------------------------------------------------------
+
+
+def test_columns_units_and_speeds_by_option(railslip, log, tmp_path):
+    expected = json.loads(railslip("identify", log, "--model", "beam", "--json")[1])
+    text = log.read_text().replace(HEADER, "a,b,c,d")
+    other = tmp_path / "other.csv"
+    other.write_text(text)
+    columns = [
+        f"--column={name}={cell}"
+        for name, cell in zip(("time", "train_speed", "wheel_angular_speed", "brake_torque"), "abcd", strict=True)
+    ]
+    units = ["--unit=train_speed=km/h", "--unit=brake_torque=kNm"]
+    status, out, err = railslip("identify", other, "--model", "beam", "--json", *columns, *units)
+    assert status == 0
+    assert json.loads(out)["parameters"] == expected["parameters"]
+    assert "column 'a' names no unit: s is taken for time" in err
+
+
+def test_fixed_and_bounded_parameters(railslip, log):
+    given = ("--fix", "Kx=274.36 kN", "--bound", "a=0:0.003")
+    status, out, _ = railslip("identify", log, "--model", "beam", *given, "--json")
+    found = json.loads(out)
+    assert status == 0
+    assert found["known"] == {"Kx": 274360.0}
+    assert found["parameters"]["a"]["status"] == "at upper bound"
+    assert found["parameters"]["a"]["stderr"] is None
+    assert any("rests on its upper bound" in note for note in found["notes"])
+
+
+def test_wet_log_gives_a_wet_model(railslip, log, tmp_path):
+    assert railslip("identify", log, "--model", "beam", "--rail", "wet", "--out", tmp_path / "o")[0] == 0
+    law = load_law(tmp_path / "o" / "model.toml")
+    assert law.rail is Rail.WET
+    assert law.mu_max == pytest.approx(BEAM.mu_max, rel=0.05)  # not halved
+
+
+def test_the_printed_observer_is_no_use_where_torque_is_ramped(railslip, log):
+    corrected, printed = (
+        json.loads(railslip("identify", log, "--model", "beam", "--observer", name, "--tau", "0.2", "--json")[1])
+        for name in ("corrected", "printed")
+    )
+    assert printed["mean_abs_error"] > corrected["mean_abs_error"]
+    assert printed["log"]["tau_s"] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--model", "beem"], "--model: 'beem' cannot be fitted; did you mean 'beam'"),
+        (["--rail", "icy"], "--rail: 'icy' is not a rail condition; choose dry or wet"),
+        (["--observer", "luenberger"], "--observer: 'luenberger' is not known; choose corrected or printed"),
+        (["--tau", "0"], "--tau: 0 s is not allowed; give a value > 0 s"),
+        (["--tau", "1 m"], "--tau"),
+        (["--column", "time"], "--column: 'time' is not allowed; give NAME=VALUE"),
+        (["--fix", "mu_max=high"], "--fix mu_max: 'high' is not a number"),
+        (["--bound", "mu_max=0.2"], "--bound mu_max: '0.2' is not allowed; give LOW:HIGH"),
+        (["--fix", "q=1"], "--fix: 'q' is no parameter here"),
+        (["--vehicle", "nothing.toml"], "--vehicle: nothing.toml"),
+    ],
+)
+def test_options_that_are_refused(railslip, log, arguments, words):
+    assert words in refused(railslip("identify", log, *arguments))
+
+
+# --- bad logs ------------------------------------------------------------------------------------------------------
+
+
+def test_a_log_without_braking_is_refused(railslip, tmp_path):
+    path = tmp_path / "coasting.csv"
+    path.write_text(HEADER + "\n" + "".join(f"{0.1 * i},100,64.6,0\n" for i in range(200)))
+    assert "0 of 200 rows are under brake" in refused(railslip("identify", path))
+
+
+def test_a_wheel_faster_than_possible_is_refused_with_its_line(railslip, log, tmp_path):
+    path = tmp_path / "rpm.csv"
+    path.write_text(log.read_text().replace("wheel angular speed [rad/s]", "wheel angular speed [rev/s]"))
+    line = refused(railslip("identify", path))
+    assert "rpm.csv: line 2: wheel speed" in line
+    assert "check columns and units" in line
+
+
+def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
+    lines = log.read_text().splitlines(keepends=True)
+    lines[400] = "\x00\xff\n"
+    lines[700] = lines[700].replace(lines[700].split(",")[2], "500")
+    del lines[2000:2100]
+    path = tmp_path / "broken.csv"
+    path.write_text("".join(lines)[:-5], encoding="latin-1")
+    status, out, err = railslip("identify", path, "--model", "beam", "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found["log"]["broken_lines"] == 2
+    assert "line 401: 1 cells where the header has 4" in err
+    assert f"line {len(lines)}: the file ends within this line" in err
+    assert "1 rows with outliers left out, the first in line 701" in err
+    assert "before line 2001: the observer starts anew" in err
+    assert all(line.startswith("railslip: warning: ") for line in err.splitlines())
+    assert abs(found["parameters"]["mu_max"]["value"] - BEAM.mu_max) < 2.576 * found["parameters"]["mu_max"]["stderr"]
+    assert refused(railslip("identify", tmp_path / "nothing.csv")).endswith("no such file; give a CSV file\n")
+    assert not list(tmp_path.glob("railslip*"))
+
+
+def test_identify_does_not_depend_on_how_the_log_is_read(log):
+    whole = identify(log, PARK2008, Options(model="beam"))
+    parts = identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16))
+    assert parts.curve.survey == whole.curve.survey
+    assert parts.chosen.fit.values == pytest.approx(whole.chosen.fit.values, rel=1e-7)  # where a search ends
+
+
+def test_progress_is_told_to_the_end(log):
+    told = []
+    identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16), progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == pytest.approx(1.0, abs=1e-2)
+    assert len(told) > 3
+
+
+def test_a_bar_is_shown_for_a_large_log_on_standard_error(railslip, log, monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.cli.identify._BAR_FROM_BYTES", 1000)
+    status, out, err = railslip("identify", log, "--model", "beam", "--json")
+    assert status == 0
+    json.loads(out)
+    assert "reading" in err
+
+
+def test_other_commands_start_without_what_identify_needs():
+    code = (
+        "import sys; from railslip_ctrl.cli import main\n"
+        "try: main(['margins', '--rail', 'dry', '--json'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted({'pandas', 'railslip_ctrl.identification'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+# --- the table law -------------------------------------------------------------------------------------------------
+
+TABLE = Table(slip=(0.02, 0.05, 0.1, 0.2, 0.5), mu=(0.12, 0.22, 0.25, 0.23, 0.19))
+LOAD, V = 34_500.0, 20.0
+
+
+def test_table_is_pchip_through_the_origin_and_odd():
+    slip = np.linspace(0.0, 0.5, 301)
+    expected = PchipInterpolator([0.0, *TABLE.slip], [0.0, *TABLE.mu])(slip)
+    assert adhesion_coefficient(TABLE, V, slip, LOAD) == pytest.approx(expected, rel=1e-14)
+    assert table_force(-slip, LOAD, TABLE.parameters()) == pytest.approx(-LOAD * expected)
+    assert np.isnan(table_force(0.51, LOAD, TABLE.parameters()))
+    assert adhesion_coefficient(TABLE, V, np.array(TABLE.slip), LOAD) == pytest.approx(TABLE.mu, rel=1e-14)
+    assert np.all(np.diff(expected[slip <= 0.1]) > 0.0)  # no overshoot between knots
+    assert np.all(np.diff(expected[slip >= 0.1]) < 0.0)
+    assert peak(TABLE, V, LOAD).slip == pytest.approx(0.1, rel=1e-6)
+
+
+def test_table_slope_against_differences_and_the_jacobian():
+    for slip in (0.0, 0.013, 0.04, 0.13, 0.33):
+        h = 1e-6
+        difference = table_force(slip + h, LOAD, TABLE.parameters()) - table_force(slip - h, LOAD, TABLE.parameters())
+        # at 0 the odd curve has the second derivative's jump, which is 1e-5 of the slope over h
+        assert table_slope(slip, LOAD, TABLE.parameters()) == pytest.approx(difference / (2 * h), rel=1e-5)
+        assert table_slope(-slip, LOAD, TABLE.parameters()) == table_slope(slip, LOAD, TABLE.parameters())
+    functions, p = numeric_plant(Table), plant_parameters(TABLE, PARK2008)
+    assert not functions.generated_in_memory
+    gradient = functions.force_gradient(V, 0.13 * V, 0.0, 0.0, 0.0, 0.0, p)
+    slope = table_slope(0.13, PARK2008.wheel_load, TABLE.parameters())
+    assert gradient[1] == pytest.approx(slope / V)
+    assert gradient[0] == pytest.approx(-slope * 0.13 / V)
+
+
+def test_table_linearizes_like_the_law_it_tabulates():
+    law = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
+    slips = np.linspace(0.0, 1.0, 400) ** 2
+    table = Table(slip=tuple(slips), mu=tuple(np.asarray(adhesion_coefficient(law, V, slips, LOAD))))
+    (pole,), (expected,) = (linearize(operating_point(each, PARK2008, V, 0.2)).poles for each in (table, law))
+    assert pole == pytest.approx(expected, rel=1e-3)  # slopes of PCHIP are of second order in the spacing
+
+
+def test_table_statement_differentiates_to_its_slope():
+    force = Table.statement().force
+    name = type(sp.diff(force, sp.Symbol("sigma", real=True)).atoms(sp.Function).pop()).__name__
+    assert name == "TableSlope"
+
+
+def test_table_on_wet_rail_is_half():
+    wet = TABLE.on(Rail.WET)
+    assert wet.mu == tuple(mu / 2 for mu in TABLE.mu)
+    assert wet.on(Rail.WET) is wet
+
+
+def test_table_ends_with_its_last_knot():
+    with pytest.raises(DomainError, match="its table ends there"):
+        adhesion_coefficient(TABLE, V, 0.500001, LOAD)
+    whole = Table(slip=(0.1, 1.0), mu=(0.2, 0.1))
+    assert adhesion_coefficient(whole, V, 1.0, LOAD) == pytest.approx(0.1)
+    assert math.isinf(whole.domain_limit(V)[0])
+
+
+def test_table_from_a_file(railslip, tmp_path):
+    path = tmp_path / "law.toml"
+    path.write_text('law = "table"\n[parameters]\nslip = [0.02, "10 %", 0.5]\nmu = [0.12, 0.25, 0.19]\n')
+    assert load_law(path).slip == (0.02, 0.1, 0.5)
+    status, out, _ = railslip("linearize", "--adhesion", path, "--slip", "0.05", "--rail", "dry", "--json")
+    assert status == 0
+    assert json.loads(out)["cases"][0]["adhesion"] == "table"
+
+
+@pytest.mark.parametrize(
+    ("slip", "mu", "words"),
+    [
+        ("[0.1, 0.1]", "[0.1, 0.2]", "rise strictly"),
+        ("[0.1, 1.2]", "[0.1, 0.2]", "from 0 to 1"),
+        ("[-0.1, 0.2]", "[0.1, 0.2]", "from 0 to 1"),
+        ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", "2 values for 3 slip ratios"),
+        ("[0.1, 0.2]", "[0.1, -0.2]", ">= 0"),
+        ("[0.0, 0.2]", "[0.1, 0.2]", "no adhesion without slip"),
+        ("[0.1]", "[0.1]", "at least 2"),
+        ('[0.1, "2 kg"]', "[0.1, 0.2]", "dimension"),
+        ('"steep"', "[0.1, 0.2]", "tuple"),
+        ("[0.1, nan]", "[0.1, 0.2]", "finite"),
+    ],
+)
+def test_tables_that_are_refused(railslip, tmp_path, slip, mu, words):
+    path = tmp_path / "law.toml"
+    path.write_text(f'law = "table"\n[parameters]\nslip = {slip}\nmu = {mu}\n')
+    assert words in refused(railslip("linearize", "--adhesion", path, "--slip", "0.05"))

@@ -1,0 +1,295 @@
+"""Logs: columns and units by name, lines that are no rows, time stamps, outliers, bounded memory."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.columns import NAMES, UNITS, find_columns
+from railslip_ctrl.identification.logs import Log, Rows
+from railslip_ctrl.identification.outliers import OutlierFilter
+
+HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
+
+
+def log_text(count, header=HEADER):
+    return (
+        header + "\n" + "".join(f"{0.01 * i:.2f},{100 - 0.01 * i:.2f},{99 - 0.02 * i:.2f},1.5\n" for i in range(count))
+    )
+
+
+def write(tmp_path, text, name="log.csv"):
+    path = tmp_path / name
+    path.write_bytes(text.encode("latin-1"))
+    return path
+
+
+def read(path, **options):
+    """All rows of a log as one, and the log."""
+    log = Log(path, **options)
+    parts = list(log.rows())
+    rows = parts[0]
+    for part in parts[1:]:
+        rows = rows.then(part)
+    return rows, log
+
+
+# --- columns -------------------------------------------------------------------------------------------------------
+
+WHOLE = {"time": "time", "train_speed": "v", "wheel_speed": "vw", "brake_torque": "Tb"}
+
+
+def header_with(quantity, cell):
+    return [cell if name == quantity else other for name, other in WHOLE.items()]
+
+
+@pytest.mark.parametrize(("quantity", "name"), [(q, name) for q, names in NAMES.items() for name in names])
+def test_every_accepted_name_is_found(quantity, name):
+    header = [cell for q, cell in WHOLE.items() if q != quantity] + [name.upper().replace(" ", "_")]
+    assert find_columns(header)[quantity].index == len(header) - 1
+
+
+@pytest.mark.parametrize(
+    ("quantity", "cell", "factor"),
+    [
+        ("train_speed", "train speed [km/h]", 1 / 3.6),
+        ("train_speed", "v (m/s)", 1.0),
+        ("train_speed", "v_kmh", 1 / 3.6),
+        ("train_speed", "Vehicle-Speed [mph]", 0.44704),
+        ("time", "t [ms]", 1e-3),
+        ("time", "time_s", 1.0),
+        ("brake_torque", "brake torque [kN*m]", 1e3),
+        ("brake_torque", "Tb [kNm]", 1e3),
+        ("brake_torque", "torque_Nm", 1.0),
+        ("wheel_angular_speed", "omega [rpm]", math.pi / 30),
+        ("wheel_angular_speed", "rotational speed [1/min]", math.pi / 30),
+        ("wheel_angular_speed", "w [deg/s]", math.pi / 180),
+        ("wheel_load", "wheel load [kN]", 1e3),
+    ],
+)
+def test_units_in_the_header(quantity, cell, factor):
+    column = find_columns([*(c for q, c in WHOLE.items() if q != quantity), cell])[quantity]
+    assert column.unit_given
+    assert column.factor == pytest.approx(factor, rel=1e-15)
+
+
+def test_options_win_over_the_header():
+    header = ["a", "v [km/h]", "vw", "Tb [kN*m]"]
+    columns = find_columns(header, {"time": "a"}, {"train_speed": "m/s", "wheel_speed": "km/h"})
+    assert columns["time"].index == 0
+    assert columns["train_speed"].factor == 1.0
+    assert columns["wheel_speed"].factor == pytest.approx(1 / 3.6)
+    assert columns["brake_torque"].factor == 1e3
+    assert not columns["time"].unit_given
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "units", "message"),
+    [
+        (["time", "v", "vw"], {}, {}, "no column for brake_torque; call one 'brake torque'"),
+        (["time", "v", "Tb"], {}, {}, "no column for wheel_speed"),
+        (["time", "v", "speed", "vw", "Tb"], {}, {}, "train_speed may be any of 'v', 'speed'"),
+        (list(WHOLE.values()), {"train_speed": "velocity"}, {}, "--column train_speed: no column is called 'velocity'"),
+        (list(WHOLE.values()), {"pressure": "v"}, {}, "--column: 'pressure' is not a quantity"),
+        (list(WHOLE.values()), {}, {"load": "N"}, "--unit: 'load' is not a quantity"),
+        (list(WHOLE.values()), {}, {"time": "kg"}, "--unit time: 'kg' is not a unit of time"),
+        (["time", "v [kN]", "vw", "Tb"], {}, {}, r"column 'v \[kN\]': 'kN' is not a unit of train_speed"),
+        (["time", "v [wombat]", "vw", "Tb"], {}, {}, "'wombat' is not a unit of train_speed"),
+    ],
+)
+def test_columns_that_cannot_be_told(header, columns, units, message):
+    with pytest.raises(InputError, match=message):
+        find_columns(header, columns, units)
+
+
+def test_every_quantity_has_names_and_a_unit():
+    assert NAMES.keys() == UNITS.keys()
+
+
+# --- rows ----------------------------------------------------------------------------------------------------------
+
+
+def test_rows_are_si_and_know_their_lines(tmp_path):
+    rows, log = read(write(tmp_path, log_text(50)))
+    assert rows.line.tolist() == list(range(2, 52))
+    assert rows.columns["time"] == pytest.approx(0.01 * np.arange(50), abs=1e-15)
+    assert rows.columns["train_speed"] == pytest.approx((100 - 0.01 * np.arange(50)) / 3.6, rel=1e-13)
+    assert rows.columns["brake_torque"] == pytest.approx(np.full(50, 1500.0))
+    assert (log.broken.count, log.notes) == (0, ())
+
+
+@pytest.mark.parametrize("block_bytes", [40, 333, 1 << 20])
+def test_blocks_of_any_size_give_the_same_rows(tmp_path, block_bytes):
+    lines = log_text(200).splitlines(keepends=True)
+    lines[90] = "rubbish\n"
+    lines[120] = "\n"
+    path = write(tmp_path, "".join(lines))
+    rows, log = read(path, block_bytes=block_bytes)
+    assert rows.line.tolist() == [i + 1 for i in range(1, 201) if i not in (90, 120)]
+    assert log.broken.first == ("line 91: 1 cells where the header has 4",)
+    assert log.bytes_read == path.stat().st_size - len(HEADER) - 1
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        lambda text: text.replace(",", ";").replace(".", ","),
+        lambda text: text.replace(",", "\t"),
+        lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace(",", ", "),
+    ],
+    ids=["semicolon and decimal comma", "tab", "carriage return", "spaces"],
+)
+def test_dialects(tmp_path, convert):
+    expected, _ = read(write(tmp_path, log_text(30)))
+    rows, log = read(write(tmp_path, convert(log_text(30)), "other.csv"))
+    assert log.broken.count == 0
+    for name, values in expected.columns.items():
+        assert rows.columns[name] == pytest.approx(values, rel=1e-14, abs=1e-15)
+
+
+def test_quotes_bytes_of_latin_1_and_columns_of_text_do_no_harm(tmp_path):
+    text = (
+        '"time [s]","v [km/h]","vw [km/h]","Tb [kN*m]","remark \xb0"\n0.0,"100",99,1,"cold, 5 \xb0C"\n0.1,100,98,1,\n'
+    )
+    rows, log = read(write(tmp_path, text))
+    assert rows.columns["wheel_speed"] == pytest.approx([99 / 3.6, 98 / 3.6])
+    assert log.broken.count == 0
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + log_text(5).encode())
+    assert len(read(path)[0]) == 5
+
+
+def test_a_cut_file_loses_its_last_line_alone(tmp_path):
+    text = log_text(40)
+    rows, log = read(write(tmp_path, text[:-4]))
+    assert len(rows) == 39
+    assert log.broken.first == ("line 41: the file ends within this line, which is left out",)
+
+
+def test_corrupted_lines_are_named_and_the_others_kept(tmp_path):
+    lines = log_text(40).splitlines(keepends=True)
+    lines[5] = "0.04,10x,99,1.5\n"
+    lines[9] = "0.08,100,,1.5\n"
+    lines[15] = "0.14,100,99,1.5,7\n"
+    lines[20] = "\x00\x01\x02\n"
+    lines[25] = "0.24,100,inf,1.5\n"
+    rows, log = read(write(tmp_path, "".join(lines)))
+    assert len(rows) == 35
+    assert log.broken.count == 5
+    assert [text.split(":")[0] for text in log.broken.first] == ["line 6", "line 10", "line 16", "line 21", "line 26"]
+    assert "'10x' is not a number, column 'train speed [km/h]'" in log.broken.first[0]
+    assert "missing" in log.broken.first[1]
+    assert set(range(2, 42)) - set(rows.line.tolist()) == {6, 10, 16, 21, 26}
+
+
+@pytest.mark.parametrize("block_bytes", [60, 1 << 20])  # within a block, and from one to the next
+@pytest.mark.parametrize(("stamp", "word"), [("0.27", "repeats"), ("0.05", "goes back")])
+def test_time_that_does_not_grow_is_refused_with_its_line(tmp_path, stamp, word, block_bytes):
+    lines = log_text(40).splitlines(keepends=True)
+    lines[29] = f"{stamp},100,99,1.5\n"
+    with pytest.raises(InputError, match=f"log.csv: line 30: time {stamp} s {word}"):
+        read(write(tmp_path, "".join(lines)), block_bytes=block_bytes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("\n\n", "empty"),
+        (HEADER, "nothing after line 1"),
+        (HEADER + "\n", "no rows after the header"),
+        (HEADER + "\nx\n", "no rows after the header; line 2: 1 cells"),
+        ("1,2,3,4\n5,6,7,8\n", "line 1: no header, but numbers"),
+        ("t\0i\0m\0e\0\n1\n", "not a text file"),
+        ("time,v,vw,pressure\n1,2,3,4\n", "no column for brake_torque"),
+    ],
+)
+def test_files_that_are_no_logs(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read(write(tmp_path, text))
+
+
+def test_paths_that_are_no_files(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        Log(tmp_path / "nothing.csv")
+    with pytest.raises(InputError, match="is a directory"):
+        Log(tmp_path)
+
+
+def test_a_column_without_a_unit_is_si_and_said_so(tmp_path):
+    _, log = read(write(tmp_path, log_text(5, "time [s],v [km/h],omega,Tb [kN*m]")))
+    assert log.notes == ("column 'omega' names no unit: rad/s is taken for wheel_angular_speed",)
+
+
+def test_memory_does_not_grow_with_the_log(tmp_path):
+    """A log eight times as long; blocks of 64 kB, so that both are many of them."""
+
+    def peak(count):
+        path = write(tmp_path, log_text(count))
+        tracemalloc.start()
+        for _ in Log(path, block_bytes=1 << 16).rows():
+            pass
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(100)  # what is imported on the way
+    assert peak(80_000) < 1.1 * peak(10_000)
+
+
+# --- outliers ------------------------------------------------------------------------------------------------------
+
+
+def speeds(count=5000, seed=3):
+    generator = np.random.default_rng(seed)
+    time = 0.01 * np.arange(count)
+    wheel = 60.0 - 0.3 * np.maximum(time - 10.0, 0.0) ** 1.2 + 0.02 * generator.standard_normal(count)
+    torque = np.where(time < 10.0, 0.0, 4000.0)  # a step is no outlier
+    return Rows(
+        np.arange(count) + 2,
+        {"time": time, "train_speed": np.full(count, 27.0), "wheel_angular_speed": wheel, "brake_torque": torque},
+    )
+
+
+def filtered(rows, sizes):
+    outliers, kept, start = OutlierFilter(), [], 0
+    for size in sizes:
+        kept.append(outliers.add(rows.part(start, start + size)))
+        start += size
+    kept.append(outliers.finish())
+    return outliers, np.concatenate([part.line for part in kept])
+
+
+def test_outliers_are_left_out_and_nothing_else():
+    rows = speeds()
+    spikes = [50, 1200, 1201, 3000, 4999]
+    rows.columns["wheel_angular_speed"][spikes] += [3.0, -5.0, 8.0, 200.0, -2.0]
+    outliers, lines = filtered(rows, [len(rows)])
+    assert sorted(set(rows.line.tolist()) - set(lines.tolist())) == [i + 2 for i in spikes]
+    assert (outliers.count, outliers.first_line) == (5, 52)
+
+
+def test_clean_noise_and_steps_have_no_outliers():
+    for seed in range(5):
+        outliers, lines = filtered(speeds(seed=seed), [5000])
+        assert outliers.count == 0
+        assert len(lines) == 5000
+
+
+@pytest.mark.parametrize("sizes", [[4096, 3, 1, 900], [4500, 500], [4999, 1], [1001, 3999]])
+def test_outliers_do_not_depend_on_the_blocks(sizes):
+    """The last sizes part the blocks at the step of the torque, which by itself would look like an outlier."""
+    rows = speeds()
+    rows.columns["train_speed"][[10, 4097, 4098, 4499, 4998]] = 90.0
+    _, whole = filtered(rows, [len(rows)])
+    _, lines = filtered(rows, sizes)
+    assert lines.tolist() == whole.tolist()
+    assert len(whole) == len(rows) - 5
