@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .slots import adhesion_force, command, compiled, lag_rate, rates, rates_and_powers, stiffness
+from .slots import adhesion_force, command, compiled, entry, lag_rate, rates, rates_and_powers, stiffness
 
 # --- layout --------------------------------------------------------------------------------------------------------
 
@@ -59,6 +59,7 @@ SUMMARY = 14
 # RK4's stability limit on the negative real axis is 2.78; at 0.5 its error per step is below 1e-4 of the fast mode's
 _STIFFNESS_LIMIT = 0.5
 _MOST_SUBSTEPS = 100_000
+_EDGE = 1e-3  # relative: a law counts as left this much before its end, where its rates grow without bound
 _DECAYED = 50.0  # exp(-50) = 2e-22 of the torque is below its rounding
 _BISECTIONS = 52  # to the last bit of the step
 _SAME_INSTANT = 1e-12  # relative: instants closer than this are one
@@ -121,34 +122,34 @@ def lag(torque, delayed, a):
 
 
 @compiled
-def derivative(t, y, p, table, a, locked, delayed, random_torque, out):
-    """Rates of the states and powers of the works; a locked wheel keeps sigma = v."""
+def derivative(t, y, p, table, a, locked, delayed, random_torque, k, stage):
+    """Rates of the states and powers of the works, into row `stage` of k; a locked wheel keeps sigma = v."""
     p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
     values = rates_and_powers(y[V], y[SIGMA], y[Z], torque, td, random_torque, p, table)
-    out[V] = values[0]
-    out[SIGMA] = values[0] if locked else values[1]
-    out[Z] = values[2]
-    out[TORQUE] = lag(torque, delayed, a) if a.lag_fill > 0.0 else 0.0
-    out[DISTANCE] = y[V]
+    k[stage, V] = values[0]
+    k[stage, SIGMA] = values[0] if locked else values[1]
+    k[stage, Z] = values[2]
+    k[stage, TORQUE] = lag(torque, delayed, a) if a.lag_fill > 0.0 else 0.0
+    k[stage, DISTANCE] = y[V]
     for i in range(STATES - WORK):
-        out[WORK + i] = values[3 + i]
+        k[stage, WORK + i] = values[3 + i]
 
 
 @compiled
 def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
     """One classical Runge-Kutta step of h from y to `new`; `k` is room for its stages."""
-    derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
+    derivative(t, y, p, table, a, locked, delayed, random_torque, k, 0)
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[0, i]
-    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[1])
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k, 1)
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[1, i]
-    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[2])
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k, 2)
     for i in range(STATES):
         new[i] = y[i] + h * k[2, i]
-    derivative(t + h, new, p, table, a, locked, delayed, random_torque, k[3])
+    derivative(t + h, new, p, table, a, locked, delayed, random_torque, k, 3)
     for i in range(STATES):
         new[i] = y[i] + h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
@@ -293,12 +294,12 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
     return until
 
 
-@compiled
+@entry
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
     """Integrate a run; p, c, chosen, y and x are changed in place. Returns (status, rows of the log written).
 
     `chosen` holds the indices of the law and of the controller's model in `tables` and `limits`, and `references` of
-    the scenario are in `c[-1]`.
+    the scenario are in `c[-1]`. Before the first sample the command was the torque that acts at the start.
     """
     k, new = np.empty((4, STATES)), np.empty(STATES)
     fired = np.zeros(events.time.size, dtype=np.bool_)
@@ -306,14 +307,14 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     rest = a.dead_time - delay * a.period
     if rest < 1e-9 * a.period:
         rest = 0.0
-    history = np.zeros(delay + 2)
+    history = np.full(delay + 2, y[TORQUE])
     measured = np.array([y[V], (y[V] - y[SIGMA]) / p[3]])
     blend = 1.0 - math.exp(-a.period / a.filter_time) if a.filter_time > 0.0 else 1.0
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK] = math.nan
     summary[STARTING_ENERGY] = energy(y, p)
-    locked, rows, t, torque = False, 0, 0.0, 0.0
+    locked, rows, t, torque = False, 0, 0.0, y[TORQUE]
     samples = math.ceil(a.longest_time / a.period - 1e-9)
     status = OUT_OF_TIME
     for sample in range(samples):
@@ -387,7 +388,7 @@ def interval(
                 summary[BOOKED] += fire(i, y, p, c, chosen, events)
         until = next_instant(t, sample_end, switch, a, events, fired, tiny)
         known = sample - delay - (1 if t < switch - tiny else 0)
-        delayed = history[known % history.size] if known >= 0 else 0.0
+        delayed = history[known % history.size]
         if a.lag_fill <= 0.0:
             y[TORQUE] = delayed
         random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
@@ -429,32 +430,32 @@ def interval(
 @compiled
 def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, table, limits, y, k, new, summary):
     """Over a span without jumps, or up to what happens in it: (status, time, what happened, locked)."""
-    span = until - t
-    count = max(
-        math.ceil(span * max(1.0 / a.step, fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT) - 1e-6), 1
-    )
-    if not count <= _MOST_SUBSTEPS:
-        return TOO_STIFF, t, 0, locked
-    h = span / count
-    for n in range(int(count)):
-        now = t + n * h
+    now = t
+    while True:
+        needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)
+        if not needed <= _MOST_SUBSTEPS:  # nor is NaN
+            return TOO_STIFF, now, 0, locked
+        count = max(int(math.ceil(needed - 1e-6)), 1)
+        h = (until - now) / count
         advance(now, y, h, p, table, a, locked, delayed, random_torque, k, new)
         what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
-        share = 1.0
         if what:
-            share = passed(now, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new)
-            what = happened(now + share * h, new, p, table, a, locked, random_torque, next_distance)
-        account(y, new, share * h, k, c[0], c[c.size - 1], a, now, summary)
-        y[:] = new
-        if not (math.isfinite(y[V]) and math.isfinite(y[SIGMA])):
-            return NOT_FINITE, now + share * h, 0, locked
-        if abs(y[SIGMA]) >= domain_limit(y[V], limits):
-            return OUTSIDE_DOMAIN, now + share * h, 0, locked
+            h *= passed(now, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new)
+            what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
+        if not (math.isfinite(new[V]) and math.isfinite(new[SIGMA]) and math.isfinite(new[Z])):
+            return NOT_FINITE, now + h, 0, locked  # y stays what it last was
+        account(y, new, h, k, c[0], c[c.size - 1], a, now, summary)
+        for i in range(STATES):
+            y[i] = new[i]
+        now += h
+        if abs(y[SIGMA]) >= (1.0 - _EDGE) * domain_limit(y[V], limits):
+            return OUTSIDE_DOMAIN, now, 0, locked
         if what:
             if what & 2:
                 locked = True
                 y[SIGMA] = y[V]
             elif what & 4:
                 locked = False
-            return STOPPED if what & 1 else OUT_OF_TIME, now + share * h, what, locked
-    return OUT_OF_TIME, until, 0, locked
+            return STOPPED if what & 1 else OUT_OF_TIME, now, what, locked
+        if count == 1:
+            return OUT_OF_TIME, until, 0, locked

@@ -226,7 +226,9 @@ class Simulator:
         forces, noise, hold = *none, 0.0
         if disturbances.random_force > 0:
             hold = disturbances.random_hold
-            forces = disturbances.random_force * of_force.standard_normal(int(self.scenario.longest_time / hold) + 2)
+            forces = disturbances.random_force * of_force.standard_normal(
+                int(self._plan.samples * self.period / hold) + 2
+            )
         if measurement.speed_noise > 0 or measurement.wheel_noise > 0:
             spread = np.array([measurement.speed_noise, measurement.wheel_noise])
             noise = spread * of_noise.standard_normal((self._plan.samples, 2))

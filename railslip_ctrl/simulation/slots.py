@@ -21,7 +21,12 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """Marks what numba compiles; in interpreted use it does nothing."""
+    """Marks what numba compiles into the loop, and what may not allocate; in interpreted use it does nothing."""
+    return function
+
+
+def entry(function: F) -> F:
+    """Marks what Python calls: compiled, kept, and free to allocate; in interpreted use it does nothing."""
     return function
 
 
