@@ -7,16 +7,18 @@ from pathlib import Path
 from .adhesion import law_classes
 from .numeric import generate
 from .scalar_code import generate_scalar
+from .sliding.generated import LAW_FILE, generate_law
 
 GENERATED = Path(__file__).parent / "_generated"
 
 
 def main() -> None:
-    """Write the NumPy functions and the scalar functions of every law of the package."""
+    """Write the NumPy functions and the scalar functions of every adhesion law, and the derived sliding-mode law."""
     (GENERATED / "scalar").mkdir(exist_ok=True)
     for name, law in law_classes().items():
         _write(GENERATED / f"{name}.py", generate(law))
         _write(GENERATED / "scalar" / f"{name}.py", generate_scalar(law))
+    _write(LAW_FILE, generate_law())
 
 
 def _write(target: Path, text: str) -> None:

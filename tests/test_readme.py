@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 
 from railslip_ctrl.adhesion import law_names, load_law
+from railslip_ctrl.campaign import Sampling
+from railslip_ctrl.campaign.files import KEYS_OF, load_campaign
 from railslip_ctrl.cli import main
+from railslip_ctrl.simulation.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,8 +37,19 @@ def test_commands_run(line, tmp_path, monkeypatch, capsys):
 
 
 def test_adhesion_file_example_is_accepted_and_names_all_laws(tmp_path):
-    (block,) = re.findall(r"```toml\n(.*?)```", TEXT, flags=re.S)
+    (block,) = re.findall(r"```toml\n(law = .*?)```", TEXT, flags=re.S)
     file = tmp_path / "law.toml"
     file.write_text(block)
     assert load_law(file).name == tomllib.loads(block)["law"] == "lugre"
     assert ", ".join(law_names()) in block
+
+
+def test_campaign_file_example_is_accepted(tmp_path):
+    (block,) = re.findall(r"```toml\n(scenario = .*?)```", TEXT, flags=re.S)
+    file = tmp_path / "campaign.toml"
+    file.write_text(block)
+    campaign = load_campaign(file)
+    assert (campaign.runs, campaign.controller_names) == (1000, ("pi", "pi-lead"))
+    assert all(kind in block for kind in KEYS_OF)
+    assert all(sampling in block for sampling in Sampling)
+    assert all(name in block for name in NAMES)

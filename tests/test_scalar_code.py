@@ -1,4 +1,4 @@
-"""The scalar functions that kernels run: equal to the NumPy ones of every law, and the committed text to the statement's."""
+"""Scalar functions that kernels run: the NumPy ones of every law, and committed as the statement gives them."""
 
 from __future__ import annotations
 

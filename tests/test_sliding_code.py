@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -19,9 +20,10 @@ from railslip_ctrl.adhesion import law_names, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.sliding import ideal_loop
-from railslip_ctrl.sliding.code import LARGEST, OPTIONS, gain_parameters, generate, python_law
+from railslip_ctrl.sliding.code import LARGEST, OPTIONS, generate, python_law
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
+from railslip_ctrl.sliding.generated import LAW_FILE, SOURCES, generate_law, law_source
 from railslip_ctrl.sliding.ideal_loop import STEP, simulate
 from railslip_ctrl.sliding.symbols import sliding_symbol
 
@@ -406,3 +408,31 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
     assert calls["control"] == {"switching", "bounded"}
     assert calls["start"] <= {"bounded"}
     assert not any(calls[name] for name in ("switching", *helpers))
+
+
+# --- the committed law -----------------------------------------------------------------------------------------------
+
+
+def test_the_committed_law_is_what_the_derivation_gives():
+    assert LAW_FILE.read_text(encoding="utf-8") == generate_law(), "run `make generate`"
+    assert law_source() == generate(derive()).python
+
+
+def test_the_committed_law_depends_on_the_sources_that_are_hashed():
+    """All of the package's SymPy that is imported to derive and print the law, and nothing else of `sliding`."""
+    program = (
+        "import sys, railslip_ctrl.sliding.code_python, railslip_ctrl.sliding.derivation as d\n"
+        "names = [n for n in sys.modules if n.startswith('railslip_ctrl.sliding.')]\n"
+        "print(*sorted(n.rpartition('.')[2] for n in names))"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    hashed = {name.removeprefix("sliding/").removesuffix(".py") for name in SOURCES if name.startswith("sliding/")}
+    assert set(found) - {"gains", "erratum"} == hashed
+
+
+def test_a_law_whose_sources_have_changed_is_derived_at_once(tmp_path, monkeypatch):
+    stale = tmp_path / "sliding_law.py"
+    stale.write_text(LAW_FILE.read_text(encoding="utf-8").replace('SHA256 = "', 'SHA256 = "0'), encoding="utf-8")
+    monkeypatch.setattr("railslip_ctrl.sliding.generated.LAW_FILE", stale)
+    monkeypatch.setattr("railslip_ctrl.sliding.generated._derived", lambda: "derived")
+    assert law_source.__wrapped__() == "derived"

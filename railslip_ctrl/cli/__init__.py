@@ -22,7 +22,10 @@ _COMMANDS = {
     "tune": "PI gains from a specification, for one or many operating points",
     "derive": "the sliding-mode law derived step by step; errata; generated code",
     "identify": "adhesion curve, fitted models and the slip to hold, from a brake-rig log",
+    "campaign": "many braking runs with sampled or swept quantities, on every core, with statistics",
     "verify": "the Lyapunov and reaching conditions of the sliding-mode law, decided",
+    "simulate": "a braking run: numbers, time series, pictures",
+    "reproduce": "the paper's tables and figures beside ours, and what the reading behind them is worth",
 }
 
 

@@ -103,9 +103,13 @@ def load_vehicle(path: Path) -> Vehicle:
 
 
 def _from_toml(path: Path) -> Vehicle:
-    where = file_name(path)
+    return vehicle_from_keys(read_toml(path), path, where=file_name(path))
+
+
+def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
+    """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
     try:
-        keys = VehicleKeys.model_validate(read_toml(path))
+        keys = VehicleKeys.model_validate(content)
     except ValidationError as error:
         raise InputError(one_line(error, where, model=VehicleKeys)) from None
     if keys.rolling_stock is None:

@@ -176,9 +176,10 @@ def _unknown(key: str, owner: type[BaseModel] | None) -> str:
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
     """Return the record that holds the last key of `loc`, and its field there, each None where there is none."""
     owner, field = model, None
-    for depth, part in enumerate(loc):
-        field = owner.model_fields.get(str(part)) if owner is not None else None
-        if depth < len(loc) - 1:
+    names = [part for part in loc if isinstance(part, str)]  # a number is a place in a list of records
+    for depth, part in enumerate(names):
+        field = owner.model_fields.get(part) if owner is not None else None
+        if depth < len(names) - 1:
             owner = _record_of(field.annotation) if field is not None else None
     return owner, field
 

@@ -5,6 +5,7 @@ from .identification import adhesion_figure, coefficients_figure, drift_figure
 from .loops import bode_figure, nichols_figure, nyquist_figure
 from .lyapunov_runs import lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
+from .runs import run_comparison_figure
 from .style import save_figure
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "observer_responses_figure",
     "region_figure",
     "response_figure",
+    "run_comparison_figure",
     "save_figure",
     "sweep_figure",
     "tradeoff_figure",

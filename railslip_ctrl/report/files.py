@@ -30,6 +30,8 @@ def check_file(path: Path, option: str) -> None:
     """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
     if path.is_dir() or not path.name:
         raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
+    if path.exists() and not path.is_file():  # a device or pipe would be replaced, not written to
+        raise InputError(f"{option}: {str(path)!r} is not a regular file; choose another")
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
         raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
 

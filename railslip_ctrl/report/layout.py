@@ -37,11 +37,14 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> Table:
-    """A table with a ruled head; the first `left` columns are aligned left, the others right."""
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, whole: int = 0) -> Table:
+    """A table with a ruled head; the first `left` columns are aligned left, the others right.
+
+    Cells of the first `whole` columns are never broken.
+    """
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
     for i, name in enumerate(columns):
-        table.add_column(name, justify="left" if i < left else "right")
+        table.add_column(name, justify="left" if i < left else "right", no_wrap=i < whole)
     for row in rows:
         table.add_row(*row)
     return table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .controllers import LinearControl, SlideProtection, SlidingControl, TorqueProfile
+from .controllers import LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .run import Energies, Outcome, Run, Signals, Simulator, simulate
 from .scenario import (
     BrakeLimits,
@@ -24,6 +24,7 @@ __all__ = [
     "Outcome",
     "Run",
     "Scenario",
+    "ScheduledControl",
     "Signals",
     "Simulator",
     "SlideProtection",

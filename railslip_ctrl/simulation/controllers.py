@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.sampled import Rule, SampledController
+from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import plant_parameters
-from railslip_ctrl.parameters import Rail
-from railslip_ctrl.scalar_code import scalar_source
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.parameters import PIGains, Rail
+from railslip_ctrl.sliding.gains import LawGains, gain_parameters
+from railslip_ctrl.units import KMH
 
-from .compilation import plain, prefixed, step_text
+from .compilation import step_text
+from .sliding_text import generated_law, sliding_source
 
 if TYPE_CHECKING:
     from .scenario import Scenario
@@ -117,6 +116,56 @@ class LinearControl:
 
 
 @dataclass(frozen=True)
+class ScheduledControl:
+    """A `GainSchedule`, sampled: PI gains over speed and rail with one lead, taken over without a bump in torque.
+
+    Limits, `tracking_time` and `period` as in `LinearControl`; a `tracking_time` of None follows the gains, kp/ki.
+    """
+
+    schedule: GainSchedule
+    reference: ReferenceSlip
+    name: str = "scheduled"
+    period: float | None = None
+    torque_low: float = 0.0
+    torque_high: float = math.inf
+    tracking_time: float | None = None
+    rule: Rule = Rule.BACKWARD
+    model_law: None = None
+    knows_rail: bool = True
+
+    states = LinearControl.states
+
+    def sampled(self, speed: float, rail: Rail, period: float) -> SampledController:
+        """The difference equations at a speed, m/s, on a rail, and a period, s."""
+        design = self.schedule.controller(speed, rail)
+        return SampledController(design, period, self.torque_low, self.torque_high, self.rule, self.tracking_time)
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return step_text("scheduled")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Lead, the integrator's weights, h/Tt, period, limits, then speeds and gains of the rail."""
+        h, rail = situation.period, situation.rail
+        by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is one}) for one in Rail]
+        speeds = by_rail[tuple(Rail).index(rail)] or [situation.scenario.initial_speed]  # none: the schedule refuses
+        designs = [self.schedule.controller(speed, rail).gains for speed in speeds]
+        # the lead is the same at all speeds; with ki = 1 its weights are those of the integrator alone
+        lead = PIController(PIGains(kp=1.0, ki=1.0), self.schedule.lead, self.schedule.lead_filter)
+        _, p, q0, q1, now, before, _ = SampledController(lead, h, rule=self.rule).constants
+        tracking = -1.0 if self.tracking_time is None else h / self.tracking_time
+        return (
+            *(p, q0, q1, now, before, tracking, h, self.torque_low, self.torque_high, float(len(speeds))),
+            *(*speeds, *(gains.kp for gains in designs), *(gains.ki for gains in designs)),
+            *(0.0,) * (3 * (max(map(len, by_rail)) - len(speeds))),  # rows of both rails have one length
+        )
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """At rest."""
+        return (0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class SlidingControl:
     """The sliding-mode law that `sliding.derivation` derives, [Park2008] (45), sampled.
 
@@ -150,16 +199,14 @@ class SlidingControl:
     @property
     def states(self) -> tuple[str, ...]:
         """s, then the generated law's."""
-        return ("s", *_generated_law().State._fields)
+        return ("s", *generated_law().State._fields)
 
     def source(self) -> str:
         """The generated law, the assumed adhesion and the step between them."""
-        return _sliding_source(None if self.model_law is None else type(self.model_law))
+        return sliding_source(None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation) -> tuple[float, ...]:
         """The generated `Parameters`, then mass, wheel and law of the assumed adhesion."""
-        from railslip_ctrl.sliding.code import gain_parameters
-
         vehicle, scale = situation.scenario.vehicle, situation.scenario.vehicle.inertia_scale
         nominal_viscous = self.nominal_viscous_friction
         numbers = {
@@ -175,13 +222,13 @@ class SlidingControl:
             "anti_windup": float(self.anti_windup),
             **gain_parameters(self.gains),
         }
-        fields, defaults = _generated_law().Parameters._fields, _generated_law().Parameters._field_defaults
+        fields, defaults = generated_law().Parameters._fields, generated_law().Parameters._field_defaults
         own = (numbers[name] if name in numbers else defaults[name] for name in fields)
         return (*own, *plant_parameters(situation.assumed, vehicle))
 
     def start(self, speed: float) -> tuple[float, ...]:
         """s = 0 and the generated law's start."""
-        return (0.0, *(speed if name == "v_filtered" else 0.0 for name in _generated_law().State._fields))
+        return (0.0, *(speed if name == "v_filtered" else 0.0 for name in generated_law().State._fields))
 
 
 @dataclass(frozen=True)
@@ -232,15 +279,19 @@ class SlideProtection:
     (m/s^2), fills where the slip is below `fill_slip`, and holds in between; the torque asked for moves by `fill_rate`
     and `dump_rate` (N*m/s) between 0 and `torque_high` (N*m), which a driver's full brake asks for.
 
+    The defaults are a baseline: slips and deceleration of the size that wheel slide protection in service acts on
+    (slips of 5 to 30 %), the rates slow enough for the published brake's lag and dead time that the wheel does not lock
+    in either built-in scenario.
+
     InputError unless 0 < fill_slip < dump_slip < 1 and all rates are positive.
     """
 
     reference: ReferenceSlip
     fill_slip: float = 0.05
-    dump_slip: float = 0.20
-    dump_deceleration: float = 10.0
-    fill_rate: float = 4000.0
-    dump_rate: float = 12000.0
+    dump_slip: float = 0.15
+    dump_deceleration: float = 4.5
+    fill_rate: float = 2000.0
+    dump_rate: float = 16000.0
     torque_high: float = 9000.0
     filter_time: float = 0.02
     name: str = "slide-protection"
@@ -279,60 +330,3 @@ class SlideProtection:
 def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:
     """The slip ratio to be held on a rail."""
     return reference.wet if rail is Rail.WET else reference.dry
-
-
-# --- the sliding-mode law's text -----------------------------------------------------------------------------------
-
-
-@cache
-def _law_text() -> str:
-    from railslip_ctrl.sliding.code import generate
-    from railslip_ctrl.sliding.derivation import derive
-
-    return generate(derive()).python
-
-
-@cache
-def _generated_law() -> Any:
-    module = ModuleType("railslip_sliding_law")
-    exec(compile(_law_text(), "<generated sliding-mode law>", "exec"), module.__dict__)
-    return module
-
-
-@cache
-def _sliding_source(model: type[AdhesionLaw] | None) -> str:
-    """The generated law, the functions of the assumed adhesion law, what joins them, and the step.
-
-    Without a model of its own the law assumes the plant's, whose functions the kernel has; they are named again, so
-    that the text is the same for every law.
-    """
-    law, first = _generated_law(), 2
-    fields, states = law.Parameters._fields, law.State._fields
-    after = first + len(fields)
-    glue = f"""
-@compiled
-def law_parameters(c):
-    return Parameters({", ".join(f"c[{first + i}]" for i in range(len(fields)))})
-
-
-@compiled
-def law_state(x):
-    return State({", ".join(f"x[{1 + i}]" for i in range(len(states)))})
-
-
-@compiled
-def store_state(x, state):
-    {"; ".join(f"x[{1 + i}] = state[{i}]" for i in range(len(states)))}
-
-
-@compiled
-def assumed_torque(v, omega, c, table):
-    p = c[{after}:]
-    sigma = v - c[1] * omega
-    z = {{prefix}}rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p, table)
-    return c[1] * {{prefix}}adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
-
-"""
-    own = "" if model is None else prefixed(plain(scalar_source(model)), "assumed_")
-    law_text = re.sub(r"^def ", "@compiled\ndef ", plain(_law_text()), flags=re.MULTILINE)
-    return own + law_text + glue.replace("{prefix}", "" if model is None else "assumed_") + step_text("sliding")

@@ -435,7 +435,7 @@ def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, tabl
         needed = (until - now) * max(fastest(y, random_torque, p, table, a) / _STIFFNESS_LIMIT, 1.0 / a.step)
         if not needed <= _MOST_SUBSTEPS:  # nor is NaN
             return TOO_STIFF, now, 0, locked
-        count = max(int(math.ceil(needed - 1e-6)), 1)
+        count = max(math.ceil(needed - 1e-6), 1)
         h = (until - now) / count
         advance(now, y, h, p, table, a, locked, delayed, random_torque, k, new)
         what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)

@@ -9,13 +9,17 @@ from typing import Any, Self
 from pydantic import Field, SerializeAsAny, ValidationError, model_validator
 
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Rail, Record, Vehicle
+from railslip_ctrl.errors import InputError, MissingParametersError
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 from railslip_ctrl.parameters.validation import one_line
 from railslip_ctrl.units import KMH, quantity
 
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
 """The one reference line of [Park2008] Fig. 21, by rail."""
+
+
+LEAST_STEP = 1e-5
+"""s; a shorter step, or sampling period, fills memory before it gains accuracy."""
 
 
 class Event(Record):
@@ -107,7 +111,7 @@ class Scenario(Record):
     limits: BrakeLimits = BrakeLimits()
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
-    step: float = quantity("s", "largest step of the integration", gt=0, default=1e-3)
+    step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=1.0, default=1e-3)
     published_reference: bool = Field(False, description="compare slip with [Park2008]'s 0.132/0.092 as well")
 
     @model_validator(mode="after")
@@ -124,13 +128,34 @@ class Scenario(Record):
         law = self.adhesion.on(rail)
         return law if factor == 1.0 else law.weakened(factor)
 
+    @property
+    def has_named_law(self) -> bool:
+        """Whether the adhesion law is the published one of its name for this vehicle and initial speed."""
+        try:
+            return self.adhesion == named_law(self.adhesion.name, self.vehicle, self.initial_speed)
+        except (InputError, MissingParametersError):
+            return False
+
+    def for_vehicle(self, vehicle: Vehicle) -> Self:
+        """The scenario with another vehicle; a published law follows its wheel load, an event's mass its loaded one."""
+        events = tuple(
+            event.model_copy(update={"mass": vehicle.mass_loaded}) if event.mass == self.vehicle.mass_loaded else event
+            for event in self.events
+        )
+        law = named_law(self.adhesion.name, vehicle, self.initial_speed) if self.has_named_law else self.adhesion
+        return self.with_changes(vehicle=vehicle, events=events, adhesion=law)
+
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
-        given = {name: getattr(self, name) for name in type(self).model_fields} | changes
+        given = self.given() | changes
         try:
             return type(self).model_validate({name: value for name, value in given.items() if value is not None})
         except ValidationError as error:
             raise InputError(one_line(error, self.name, model=type(self))) from None
+
+    def given(self) -> dict[str, Any]:
+        """The fields that say something, by name: None is what is left out."""
+        return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)
@@ -138,6 +163,19 @@ PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, cali
 
 _SWITCH_TIME = 25.0  # s, [Park2008] p. 55
 _VISCOUS_RATE = -0.01  # N*m, [Park2008] p. 55: B = 0.25 - 0.01 t
+
+
+def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
+    """A published adhesion law on dry rail for a vehicle's wheel load; initial speed in m/s, 30 to 140 km/h.
+
+    In the as-published reading the stiffness of a dynamic law, in N/m, is scaled with M, J and B, as a change of units
+    demands. Errors as `adhesion.published_law`.
+    """
+    v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
+    law = published_law(name, Rail.DRY, v0, vehicle.wheel_load)
+    if law.has_state and vehicle.inertia_scale != 1.0:
+        law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
+    return law
 
 
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
@@ -148,14 +186,12 @@ def published_scenario(*, as_published: bool = True, adhesion: str = "curve") ->
     the reading of Table 5 has `curve` in every column.
     """
     scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
-    law = published_law(adhesion, Rail.DRY)
-    if law.has_state and scale != 1.0:
-        law = law.model_copy(update={"alpha": scale * law.alpha})  # type: ignore[attr-defined]
+    vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
     return Scenario(
         name="park2008" if as_published else "park2008-si",
-        vehicle=PARK2008.model_copy(update={"inertia_scale": scale}),
-        adhesion=law,
-        initial_speed=100.0 * KMH,
+        vehicle=vehicle,
+        adhesion=named_law(adhesion, vehicle),
+        initial_speed=INITIAL_SPEED_KMH * KMH,
         events=(Event(time=_SWITCH_TIME, rail=Rail.WET, mass=PARK2008.mass_loaded),),
         disturbances=PUBLISHED_DISTURBANCES,
         viscous_rate=_VISCOUS_RATE,

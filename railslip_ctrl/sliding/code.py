@@ -5,7 +5,7 @@ ring, whatever h/tau is), the adhesion state of a dynamic law too; the estimates
 the next sample on. Each update is solved from its differential equation. sgn s is s/boundary, held to -1 .. 1, where
 `boundary` > 0. The torque is held to torque_min .. torque_max.
 
-The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gain_parameters`) and anti-windup; at
+The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gains.gain_parameters`) and anti-windup; at
 their default 0 the law is the paper's:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
@@ -29,11 +29,9 @@ import sympy as sp
 
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import law_class
-from railslip_ctrl.errors import InputError
 from railslip_ctrl.notation import NOTATION
 
 from .derivation import Derivation
-from .gains import LawGains
 from .symbols import SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
@@ -133,22 +131,6 @@ def python_law(derivation: Derivation) -> ModuleType:
     module = ModuleType("railslip_asmc")
     exec(compile(generate(derivation).python, "<generated sliding-mode law>", "exec"), module.__dict__)
     return module
-
-
-def gain_parameters(gains: LawGains) -> dict[str, float]:
-    """The generated law's parameters of those names, from the record of the robust variants.
-
-    InputError for a box without width: 0 .. 0 in the generated law is no projection.
-    """
-    values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
-    values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
-    for i, (low, high) in enumerate(gains.box or (), 1):
-        if not low < high:
-            raise InputError(
-                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
-            )
-        values |= {f"theta{i}_min": low, f"theta{i}_max": high}
-    return values
 
 
 def sampled_law(derivation: Derivation) -> SampledLaw:

@@ -57,6 +57,22 @@ class LawGains:
                 raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
 
 
+def gain_parameters(gains: LawGains) -> dict[str, float]:
+    """The generated law's parameters of those names, from the record of the robust variants.
+
+    InputError for a box without width: 0 .. 0 in the generated law is no projection.
+    """
+    values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
+    values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
+    for i, (low, high) in enumerate(gains.box or (), 1):
+        if not low < high:
+            raise InputError(
+                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
+            )
+        values |= {f"theta{i}_min": low, f"theta{i}_max": high}
+    return values
+
+
 _PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
 
 # In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.

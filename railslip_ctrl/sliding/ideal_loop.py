@@ -25,9 +25,9 @@ from railslip_ctrl.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
 from railslip_ctrl.units import KMH
 
-from .code import gain_parameters, generate, python_law
+from .code import generate, python_law
 from .derivation import derive
-from .gains import LawGains
+from .gains import LawGains, gain_parameters
 from .reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from .symbols import sliding_symbol
 

@@ -13,7 +13,8 @@ from railslip_ctrl.simulation.slots import assumed_torque, compiled, law_paramet
 def command(x, t, v, omega, applied, c, table):
     """See the package of the steps."""
     p = law_parameters(c)
-    torque, s, state = step(law_state(x), v, omega, assumed_torque(v, omega, c, table), p)
+    # floats: the generated law, run in the interpreter, counts with them and not with NumPy's
+    torque, s, state = step(law_state(x), float(v), float(omega), float(assumed_torque(v, omega, c, table)), p)
     x[0] = s
     store_state(x, state)
     return torque

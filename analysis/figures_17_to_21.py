@@ -1,0 +1,79 @@
+"""What do the published runs look like?
+
+[Park2008] Figs. 17 to 21: adhesion dry and wet, then speeds, brake torques and slip ratios of the four controllers of
+Table 5, one run each with the same noise.
+
+    python analysis/figures_17_to_21.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.reproduction import AdhesionCurve, published_runs
+from railslip_ctrl.reproduction.curves import wet_and_dry
+from railslip_ctrl.simulation import Run
+
+SEED = 0
+SWITCH = 25.0  # s, when the rail turns wet and the mass rises
+SETTLED = 10.0  # s after the brake is applied
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The curves of Fig. 17 and the runs of Figs. 18 to 21 by column."""
+
+    adhesion: tuple[AdhesionCurve, ...]
+    runs: dict[str, Run]
+
+    def highest_slip_after_switch(self, column: str) -> float:
+        """Of the burst when the rail turns wet."""
+        signals = self.runs[column].signals
+        return float(signals.slip[signals.time >= SWITCH].max())
+
+    def mean_error_on_dry(self, column: str) -> float:
+        """Mean of slip less the column's own reference from 10 s on, until the rail turns wet: what is left over."""
+        signals = self.runs[column].signals
+        part = (signals.time > SETTLED) & (signals.time < SWITCH)
+        return float(np.mean(signals.slip[part] - signals.reference[part]))
+
+
+def run() -> Figures:
+    """Curves and runs."""
+    return Figures(wet_and_dry(), published_runs(seed=SEED))
+
+
+def main(argv: Sequence[str]) -> None:
+    """Print what the figures show; with a folder, draw them."""
+    result = run()
+    for curve in result.adhesion:
+        print(f"Fig. 17, {curve.law} {curve.rail}: peak {curve.peak.coefficient:.3f} at slip {curve.peak.slip:.3f}, "
+              f"published reference {curve.reference:g}")  # fmt: skip
+    for name, one in result.runs.items():
+        print(
+            f"Figs. 18-21, {name}: {one.braking_time:.1f} s, {one.braking_distance:.0f} m, highest torque "
+            f"{one.max_torque / 1e3:.2f} kN m, slip {result.mean_error_on_dry(name):+.3f} from its reference on dry "
+            f"rail, up to {result.highest_slip_after_switch(name):.2f} when it turns wet"
+        )
+    if argv:
+        draw(result, Path(argv[0]))
+
+
+def draw(result: Figures, folder: Path) -> None:
+    """Figs. 17 to 21."""
+    from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.reproduction import run_figures, wet_and_dry_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {"fig_17": wet_and_dry_figure(result.adhesion)} | run_figures(result.runs)
+    for name, figure in figures.items():
+        save_figure(figure, folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

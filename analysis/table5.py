@@ -1,0 +1,37 @@
+"""Do the sixteen numbers of the paper's main result come out, and under which reading?
+
+[Park2008] Table 5, four controllers from 100 to 5 km/h: means over many noise seeds beside the printed numbers, in the
+reading of `railslip_ctrl.reproduction.reading`, whose rules are printed in the paper, inferred from it or fitted.
+
+    python analysis/table5.py [SEEDS]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from railslip_ctrl.report.reproduction import reproduction_text
+from railslip_ctrl.reproduction import Table5, published_facts, table3, table5
+from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
+
+LARGEST_RMS = 2.2  # %, over the sixteen deviations
+
+
+def run(seeds: int = DEFAULT_SEEDS) -> Table5:
+    """The comparison; AssertionError unless all sixteen are within tolerance and their rms within `LARGEST_RMS`."""
+    result = table5(seeds)
+    outside = [row.item for row in result.rows if not row.within]
+    assert not outside, f"out of tolerance: {', '.join(outside)}"
+    assert result.rms_deviation_percent <= LARGEST_RMS, f"rms deviation {result.rms_deviation_percent:.2f} %"
+    return result
+
+
+def main(argv: Sequence[str]) -> None:
+    """Print the comparison with the reading, Table 3 and the facts; an argument is the number of seeds."""
+    seeds = int(argv[0]) if argv else DEFAULT_SEEDS
+    print(reproduction_text(run(seeds), table3(), published_facts()), end="")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

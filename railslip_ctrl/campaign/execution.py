@@ -1,0 +1,299 @@
+"""A campaign run: on the cores of one machine, or on a Dask cluster; and one of its runs again, with its signals."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from railslip_ctrl import __version__
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.simulation.run import Run, Simulator
+
+from .rows import refused_row, row
+from .specification import Campaign
+from .storage import Part, Store
+
+Rows = list[dict[str, Any]]
+Progress = Callable[[int], None]
+
+_AHEAD = 3  # parts in the queue for each worker: none waits, and memory does not grow with the runs
+
+
+def execute(
+    campaign: Campaign,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    part_runs: int | None = None,
+    progress: Progress | None = None,
+) -> Store:
+    """Run what of a campaign is not in its folder yet.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    folder : Path
+        Made, or resumed where it holds the same campaign; one process at a time.
+    workers : int, optional
+        Processes; left out, as many as there are cores to use. One runs in this process.
+    scheduler : str, optional
+        Address of a Dask scheduler ("tcp://host:8786") whose workers run the campaign in their place; they need
+        this package in the same version, and no common file system.
+    part_runs : int, optional
+        Runs from one checkpoint to the next; left out, by the number of runs.
+    progress : callable, optional
+        Told the number of runs that are done, first of those that were already there.
+
+    Returns
+    -------
+    Store
+        Complete. Its rows depend on neither workers nor scheduler nor part_runs.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else or cannot be written to; a worker died; the cluster cannot be reached or has
+        another version.
+    """
+    count = _workers(workers, scheduler)
+    store = Store.open(campaign, folder, part_runs=part_runs)
+    store.clear_leftovers()
+    tell = progress or (lambda runs: None)
+    tell(sum(part.stop - part.start for part in store.finished()))
+    if store.complete:
+        return store
+    with _map(campaign, count, scheduler) as run_parts:
+        warm_up(campaign)  # while the workers start
+        for part, rows in run_parts(store.missing()):
+            store.write(part, rows)
+            tell(part.stop - part.start)
+    return store
+
+
+def warm_up(campaign: Campaign) -> None:
+    """Compile every controller's kernel, once and not in every worker. InputError for a controller that fails."""
+    for controller in campaign.controllers:
+        Simulator(campaign.scenario, controller).run()
+
+
+def run_rows(campaign: Campaign, i: int) -> Rows:
+    """The rows of run number i, one a controller."""
+    try:
+        case = campaign.case(i)
+    except InputError:
+        return [refused_row(i, campaign.values(i), name) for name in campaign.controller_names]
+    rows = []
+    for controller in case.controllers:
+        try:
+            simulator = Simulator(case.scenario, controller)
+        except InputError:
+            rows.append(refused_row(i, case.values, controller.name))
+            continue
+        rows.append(row(i, case.values, controller.name, simulator.run(case.seed)))
+    return rows
+
+
+def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
+    """The rows of a part; what a worker does. InputError where the worker's package has another version."""
+    if version != __version__:
+        raise InputError(
+            f"--scheduler: a worker has version {__version__} in place of {version}; install the same there"
+        )
+    return [row for i in range(*part) for row in run_rows(campaign, i)]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A run of a campaign again, with its time series.
+
+    Attributes
+    ----------
+    number : int
+    values : dict
+        What was sampled, by name.
+    runs : dict
+        By controller, with signals.
+    stored : bool
+        Whether the campaign's folder has the run; then every number of it was found equal to the last bit.
+    """
+
+    number: int
+    values: dict[str, float]
+    runs: dict[str, Run]
+    stored: bool
+
+
+def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
+    """Run number i again, with signals every `record_every` samples, compared with its stored row if there is one.
+
+    InputError for a number out of range, values that were refused, or a stored row that is not reproduced (another
+    processor or another NumPy may round differently).
+    """
+    case = campaign.case(i)
+    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}
+    stored = None if folder is None else Store.open(campaign, folder).row(i)
+    for name, run in runs.items():
+        if stored is not None:
+            _check_same(row(i, case.values, name, run), stored[name])
+    return Replay(i, case.values, runs, stored is not None)
+
+
+def _check_same(found: dict[str, Any], kept: dict[str, Any]) -> None:
+    for column, value in kept.items():
+        again = found[column]
+        if again != value and not (isinstance(value, float) and math.isnan(value) and math.isnan(again)):
+            raise InputError(
+                f"run {found['run']}, {found['controller']}: {column} is {again!r} and {value!r} is stored; replay it "
+                "where the campaign ran, with the same versions"
+            )
+
+
+# --- where parts are run --------------------------------------------------------------------------------------------
+
+Parts = Callable[[Iterable[Part]], Iterator[tuple[Part, Rows]]]
+
+
+def _workers(workers: int | None, scheduler: str | None) -> int:
+    if workers is None:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if scheduler is not None:
+        raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
+    if workers < 1:
+        raise InputError(f"--workers: {workers} is not allowed; give an integer >= 1")
+    return workers
+
+
+@contextmanager
+def _map(campaign: Campaign, workers: int, scheduler: str | None) -> Iterator[Parts]:
+    """What runs parts and hands back their rows as they are done."""
+    if scheduler is not None:
+        with _cluster(campaign, scheduler) as parts:
+            yield parts
+    elif workers == 1:
+        yield lambda missing: ((part, run_part(campaign, part, __version__)) for part in missing)
+    else:
+        with _processes(campaign, workers) as parts:
+            yield parts
+
+
+@contextmanager
+def _processes(campaign: Campaign, workers: int) -> Iterator[Parts]:
+    """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
+    from multiprocessing import get_context
+
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker)
+
+    for _ in range(workers):
+        pool.submit(_nothing)  # starts a process each
+
+    def submit(part: Part) -> Future[Rows]:
+        return pool.submit(run_part, campaign, part, __version__)
+
+    def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
+        waiting: dict[Future[Rows], Part] = {}
+        for part in missing:
+            waiting[submit(part)] = part
+            if len(waiting) >= _AHEAD * workers:
+                yield from _done(waiting)
+        while waiting:
+            yield from _done(waiting)
+
+    try:
+        with closing(_Closing(pool)):
+            yield run
+    except BrokenProcessPool:
+        raise InputError(
+            "--workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
+            "goes on from what is there"
+        ) from None
+
+
+def _nothing() -> None:
+    """Makes a worker start and import what it needs."""
+
+
+def _done(waiting: dict[Future[Rows], Part]) -> Iterator[tuple[Part, Rows]]:
+    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+        yield waiting.pop(future), future.result()
+
+
+@dataclass(frozen=True)
+class _Closing:
+    """Gives up what is queued: an interrupted campaign does not wait for work that nobody will write down."""
+
+    pool: ProcessPoolExecutor
+
+    def close(self) -> None:
+        self.pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """A worker ends with its campaign, however that ends: a killed one cannot tell it to."""
+    import multiprocessing
+    import signal
+    import threading
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the campaign's process hears it, and ends the workers
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Parts]:
+    try:
+        from distributed import Client, KilledWorker, as_completed
+        from distributed.client import FutureCancelledError
+    except ImportError:
+        raise InputError(
+            '--scheduler: dask.distributed is not installed; pip install "railslip_ctrl[cluster]"'
+        ) from None
+    try:
+        client = Client(scheduler, timeout=_REACH, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--scheduler: {scheduler!r} cannot be reached ({error}); give its address") from None
+
+    def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
+        shared = client.scatter(campaign, broadcast=True, hash=False)
+        ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+        parts = iter(missing)
+        waiting = as_completed(loop=client.loop, with_results=True)
+        numbers: dict[str, Part] = {}
+
+        def submit(part: Part) -> None:
+            future = client.submit(run_part, shared, part, __version__, pure=False)
+            numbers[future.key] = part
+            waiting.add(future)
+
+        for _, part in zip(range(ahead), parts, strict=False):  # in this order: zip asks the first one once more
+            submit(part)
+        for future, rows in waiting:
+            yield numbers.pop(future.key), rows
+            for part in parts:
+                submit(part)
+                break
+
+    try:
+        with client:
+            yield run
+    except (KilledWorker, FutureCancelledError) as error:
+        raise InputError(
+            f"--scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
+            "and it goes on from what is there"
+        ) from None
+
+
+_REACH = 10.0  # s; a scheduler that does not answer by then is not there

@@ -1,0 +1,144 @@
+"""`railslip campaign`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from railslip_ctrl.campaign.execution import Replay, execute, replay
+from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.campaign.specification import Campaign
+from railslip_ctrl.campaign.statistics import CampaignSummary, check_measure, summarise
+from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+
+from .output import print_json, progress
+
+_REPORT = ("report.txt", "report.json")
+
+
+@click.command()
+@click.argument("campaign_file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the runs (Parquet), report and pictures; of a campaign begun there the rest is run.",
+)
+@click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it: tcp://host:8786.")
+@click.option(
+    "--worst-by",
+    default="braking_distance_m",
+    show_default=True,
+    metavar="MEASURE",
+    help="What the worst runs have most of.",
+)
+@click.option(
+    "--replay", "number", type=int, metavar="I", help="Run number I again, with its time series (CSV, picture)."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+def command(
+    campaign_file: Path,
+    out: Path,
+    workers: int | None,
+    scheduler: str | None,
+    worst_by: str,
+    number: int | None,
+    as_json: bool,
+) -> None:
+    """Many braking runs with sampled quantities: on every core, resumed where they were interrupted, with statistics.
+
+    Example: railslip campaign tolerances.toml --out tolerances
+    """
+    check_directory(out, _REPORT)
+    campaign = load_campaign(campaign_file)
+    if number is not None:
+        _replay(campaign, number, out, as_json=as_json)
+        return
+    check_measure(worst_by)
+    with _bar(campaign.runs) as tell:
+        store = execute(campaign, out, workers=workers, scheduler=scheduler, progress=tell)
+    progress("statistics and pictures")
+    summary = summarise(store, worst_by=worst_by)
+    text, content = campaign_text(summary), campaign_json(summary)
+    files = write_files(out, _writers(summary, text, json.dumps(content, indent=2, allow_nan=False) + "\n"))
+    if as_json:
+        print_json(content)
+    else:
+        click.echo(text, nl=False)
+    progress(f"wrote {len(files)} files to {out}")
+
+
+def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
+    from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.campaign import replay_figure
+
+    again = replay(campaign, number, out)
+    writers: dict[str, Callable[[Path], None]] = {
+        f"run-{number}-{name}.csv": lambda path, name=name: _write_csv(again, name, path)  # type: ignore[misc]
+        for name in again.runs
+    }
+    figure = replay_figure(again)
+    writers[f"run-{number}.png"] = lambda path: save_figure(figure, path)
+    files = write_files(out, writers)
+    if as_json:
+        print_json(replay_json(again))
+    else:
+        click.echo(replay_text(again), nl=False)
+    progress(f"wrote {', '.join(str(file) for file in files)}")
+
+
+def _write_csv(again: Replay, controller: str, path: Path) -> None:
+    """Time series, SI, with every digit."""
+    import pandas as pd
+
+    run = again.runs[controller]
+    assert run.signals is not None, "a replay records them"
+    columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
+    pd.DataFrame(columns).to_csv(path, index=False)
+
+
+def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], None]]:
+    from railslip_ctrl.plots import save_figure
+    from railslip_ctrl.plots.campaign import distributions_figure, scatter_figure
+
+    writers: dict[str, Callable[[Path], None]] = {
+        "report.txt": lambda path: _write_text(path, text),
+        "report.json": lambda path: _write_text(path, content),
+    }
+    figures = {"distributions": distributions_figure(summary), "scatter": scatter_figure(summary)}
+    for name, figure in figures.items():
+        if figure is not None:
+            writers[f"{name}.png"] = lambda path, figure=figure: save_figure(figure, path)  # type: ignore[misc]
+    return writers
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _bar(runs: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar on standard error."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("railslip: runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("runs", total=runs)
+
+    def tell(done: int) -> None:
+        bar.start()  # not before there is something to tell: a refusal stands alone
+        bar.advance(task, done)
+
+    try:
+        yield tell
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -1,0 +1,114 @@
+"""`railslip simulate`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.report.files import check_directory, check_file, write_files
+from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
+from railslip_ctrl.simulation import Run, Simulator
+from railslip_ctrl.simulation.scenario import LEAST_STEP
+
+from .options import Quantity, gain_options
+from .output import print_json, progress
+from .simulation_options import ControllerOptions, ScenarioOptions, collected
+
+LOG_PERIOD = 0.01
+"""s, between the rows of the CSV and the points of the pictures, unless given."""
+
+LARGEST_SEED = 2**63 - 1
+_FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png", "simulation.svg")
+
+
+@click.command()
+@collected
+@gain_options
+@click.option("--seed", default="0", show_default=True, metavar="N", help="Of the random force and the sensors' noise.")
+@click.option("--no-noise", is_flag=True, help="Neither random force nor sensors' noise.")
+@click.option("--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.")
+@click.option(
+    "--out",
+    "--plot",
+    "out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write report, JSON, time series and pictures (PNG and SVG) into a folder.",
+)
+@click.option(
+    "--log-period",
+    default=LOG_PERIOD,
+    show_default=True,
+    type=Quantity("s", ge=LEAST_STEP),
+    metavar="S",
+    help="Time between rows of the time series, s; at least the sampling period.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    scenario_options: ScenarioOptions,
+    controller_options: ControllerOptions,
+    seed: str,
+    no_noise: bool,
+    csv: Path | None,
+    out: Path | None,
+    log_period: float,
+    as_json: bool,
+) -> None:
+    """A braking run: what became of it, time, distance, energy, slip error; time series and pictures. Exit status 1
+    if the train did not stop.
+
+    Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
+    """
+    if csv is not None:
+        check_file(csv, "--csv")
+    if out is not None:
+        check_directory(out, _FILES)
+    noise = None if no_noise else _seed(seed)
+    scenario = scenario_options.chosen()
+    controller, column = controller_options.chosen(scenario)
+    simulator = Simulator(scenario, controller)
+    recorded = csv is not None or out is not None
+    run = simulator.run(noise, record_every=max(round(log_period / simulator.period), 1) if recorded else None)
+    content = simulation_json(run, column)
+    if csv is not None:
+        write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")
+    if out is not None:
+        files = write_files(out, _writers(run, content))
+        progress(f"wrote {len(files)} files to {out}")
+    if as_json:
+        print_json(content)
+    else:
+        click.echo(simulation_text(run), nl=False)
+    ctx.exit(0 if run.stopped else 1)
+
+
+def _seed(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 20 and int(text) <= LARGEST_SEED):
+        raise InputError(f"--seed: {text[:60]!r} is not allowed; give a whole number from 0 to {LARGEST_SEED}")
+    return int(text)
+
+
+def _writers(run: Run, content: dict[str, Any]) -> dict[str, Callable[[Path], None]]:
+    from railslip_ctrl.plots.simulation import simulation_figure
+    from railslip_ctrl.plots.style import save_figure
+
+    figure = simulation_figure(run)
+    text = (simulation_text(run), json.dumps(content, indent=2, allow_nan=False) + "\n")
+    return {
+        "simulation.txt": lambda path: _write_text(path, text[0]),
+        "simulation.json": lambda path: _write_text(path, text[1]),
+        "simulation.csv": lambda path: write_simulation_csv(run, path),
+        "simulation.png": lambda path: save_figure(figure, path),
+        "simulation.svg": lambda path: save_figure(figure, path),
+    }
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

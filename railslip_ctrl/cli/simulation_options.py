@@ -1,0 +1,272 @@
+"""The options that name a braking run's scenario and controller."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import click
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.parameters import Rail, Vehicle
+from railslip_ctrl.simulation import Scenario
+from railslip_ctrl.simulation.catalogue import NAMES, controller_named
+from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.designed import is_tuned_when_asked
+from railslip_ctrl.simulation.published import COLUMNS, Column, published_reference
+from railslip_ctrl.simulation.scenario import BUILT_IN, LEAST_STEP
+from railslip_ctrl.units import KMH
+
+from .options import Quantity, chosen_gains
+from .output import progress
+
+F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
+
+_TABLE_4 = ("pi", "asmc")
+
+
+@dataclass(frozen=True)
+class ScenarioOptions:
+    """What the options say of the scenario."""
+
+    scenario: str
+    adhesion: str | None
+    rail: str | None
+    speed: float | None
+    initial_speed: float | None
+    vehicle: Path | None
+    loaded: bool
+    mass: float | None
+    inertia_scale: float | None
+    dead_time: float | None
+    lag: float | None
+    step: float | None
+
+    def chosen(self) -> Scenario:
+        """The scenario with what was given changed; what was assumed of its vehicle is said on standard error."""
+        from railslip_ctrl.simulation.files import load_scenario
+
+        scenario = _naming("--scenario", lambda: load_scenario(self.scenario))
+        vehicle = self._vehicle(scenario.vehicle)
+        for note in vehicle.notes:
+            progress(f"note: {vehicle.name}: {note}")
+        changes: dict[str, Any] = {"initial_speed": scenario.initial_speed if self.speed is None else self.speed * KMH}
+        if self.step is not None:
+            changes["step"] = self.step
+        if self.rail is not None:
+            if self.rail.lower() not in tuple(Rail):
+                raise InputError(f"--rail: {self.rail!r} is not a rail condition; choose dry or wet")
+            changes["rail"] = Rail(self.rail.lower())
+        v0 = changes["initial_speed"] if self.initial_speed is None else self.initial_speed * KMH
+        if self.adhesion is not None:
+            changes["adhesion"] = _law(self.adhesion, vehicle, v0)
+        elif scenario.has_named_law:
+            changes["adhesion"] = _law(scenario.adhesion.name, vehicle, v0)
+        elif self.initial_speed is not None:
+            raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
+        return scenario.for_vehicle(vehicle).with_changes(**changes)
+
+    def _vehicle(self, own: Vehicle) -> Vehicle:
+        """The scenario's vehicle or the file's, with what was given of it."""
+        vehicle = own
+        if self.vehicle is not None:
+            from railslip_ctrl.parameters import load_vehicle
+
+            path = self.vehicle
+            vehicle = _naming("--vehicle", lambda: load_vehicle(path))
+            if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
+                progress(
+                    f"note: --vehicle: inertia scale {vehicle.inertia_scale:g}, the file's, in place of the scenario's "
+                    f"{own.inertia_scale:g}; give --inertia-scale for another"
+                )
+        if self.loaded:
+            vehicle = vehicle.loaded()
+        update: dict[str, Any] = {}
+        if self.mass is not None:
+            update = {"mass": self.mass, "mass_loaded": max(self.mass, vehicle.mass_loaded)}
+        if self.inertia_scale is not None:
+            update["inertia_scale"] = self.inertia_scale
+        actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
+        if actuator:
+            update["actuator"] = vehicle.actuator.model_copy(update=actuator)
+        return vehicle.model_copy(update=update)
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """What the options say of the controller."""
+
+    controller: str
+    gains: str | None
+    kp: float | None
+    ki: float | None
+    slip: float | None
+    unknown_rail: bool
+    adaptive: bool
+    period: float | None
+
+    def chosen(self, scenario: Scenario) -> tuple[Controller, str | None]:
+        """The controller, and the column of Table 4 that its gains are from, if any."""
+        if self.controller.lower().endswith(".toml"):
+            return self._from_file(), None
+        name = self.controller.strip().lower().replace("_", "-")
+        gains = chosen_gains(self.kp, self.ki)
+        column = self._column(scenario)
+        if is_tuned_when_asked(name, scenario.vehicle, gains):
+            progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
+        made = _naming(
+            "--controller",
+            lambda: controller_named(
+                name,
+                scenario.vehicle,
+                column=column,
+                gains=gains,
+                reference=self._reference(scenario, column),
+                knows_rail=not self.unknown_rail,
+                adaptive=self.adaptive,
+                period=self.period,
+            ),
+        )
+        return made, column if name in _TABLE_4 and gains is None else None
+
+    def _column(self, scenario: Scenario) -> Column:
+        for column in COLUMNS:
+            if column == ((self.gains or "").lower() or ("beam" if scenario.adhesion.name == "beam" else "bristle")):
+                return column
+        raise InputError(f"--gains: {self.gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
+
+    def _reference(self, scenario: Scenario, column: Column) -> ReferenceSlip:
+        if self.slip is not None:
+            return ReferenceSlip(dry=self.slip, wet=self.slip)
+        own = scenario.adhesion.reference
+        return published_reference(column) if own is None or self.gains is not None else own
+
+    def _from_file(self) -> Controller:
+        from railslip_ctrl.simulation.controller_files import load_controller
+
+        for option, given in (
+            ("--gains", self.gains),
+            ("--kp", self.kp),
+            ("--ki", self.ki),
+            ("--slip", self.slip),
+            ("--period", self.period),
+            ("--unknown-rail", self.unknown_rail or None),
+            ("--adaptive", self.adaptive or None),
+        ):
+            if given is not None:
+                raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
+        return _naming("--controller", lambda: load_controller(Path(self.controller)))
+
+
+def collected(function: F) -> F:
+    """The options of scenario and controller, handed to the command as `scenario_options`, `controller_options`."""
+
+    @functools.wraps(function)
+    def wrapped(**given: Any) -> Any:
+        scenario = ScenarioOptions(**{field.name: given.pop(field.name) for field in fields(ScenarioOptions)})
+        controller = ControllerOptions(**{field.name: given.pop(field.name) for field in fields(ControllerOptions)})
+        return function(scenario_options=scenario, controller_options=controller, **given)
+
+    command = cast(F, wrapped)
+    for option in reversed([*_scenario_options(), *_controller_options()]):
+        command = option(command)
+    return command
+
+
+def _scenario_options() -> list[Any]:
+    def number(name: str, unit: str, text: str, **bounds: float) -> Any:
+        return click.option(name, type=Quantity(unit, **bounds), metavar=unit.upper().replace("/", ""), help=text)
+
+    return [
+        click.option(
+            "--scenario",
+            default=BUILT_IN[0],
+            show_default=True,
+            metavar=f"{'|'.join(BUILT_IN)}|FILE.toml",
+            help="The published run in the as-published reading or in SI, or a file.",
+        ),
+        click.option(
+            "--adhesion",
+            metavar="LAW|FILE.toml",
+            help="The plant's adhesion law by name, or a file.  [default: the scenario's]",
+        ),
+        click.option("--rail", metavar="dry|wet", help="Rail at the start.  [default: the scenario's]"),
+        number("--speed", "km/h", "Speed at which the brake is applied, km/h.  [default: the scenario's]", gt=0),
+        number("--initial-speed", "km/h", "v0 of a published adhesion law, km/h, 30 to 140.  [default: --speed]", gt=0),
+        click.option(
+            "--vehicle",
+            type=click.Path(path_type=Path),
+            metavar="FILE",
+            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.",
+        ),
+        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load from the start."),
+        number("--mass", "kg", "Quarter-car mass M at the start, kg; the wheel load stays.", gt=0),
+        click.option(
+            "--inertia-scale",
+            type=Quantity("1", gt=0),
+            metavar="X",
+            help="Factor on M, J and B, and on the stiffness of a published dynamic law.  [default: the scenario's]",
+        ),
+        number("--dead-time", "s", "Actuator dead time, s.  [default: the vehicle's]", ge=0),
+        number("--lag", "s", "Actuator lag, s.  [default: the vehicle's]", ge=0),
+        number("--step", "s", "Largest step of the integration, s.  [default: the scenario's]", ge=LEAST_STEP),
+    ]
+
+
+def _controller_options() -> list[Any]:
+    return [
+        click.option(
+            "--controller",
+            default="pi",
+            show_default=True,
+            metavar=f"{'|'.join(NAMES)}|FILE.toml",
+            help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, or a file.",
+        ),
+        click.option(
+            "--gains",
+            metavar="|".join(COLUMNS),
+            help="Column of Table 4: gains and reference slip.  [default: beam for the beam law, else bristle]",
+        ),
+        click.option(
+            "--slip",
+            type=Quantity("1", gt=0, lt=1),
+            metavar="X",
+            help="Reference slip on either rail.  [default: the column's]",
+        ),
+        click.option(
+            "--unknown-rail", is_flag=True, help="asmc: its adhesion model stays dry when the rail turns wet."
+        ),
+        click.option("--adaptive", is_flag=True, help="asmc: with the printed adaptation."),
+        click.option(
+            "--period",
+            type=Quantity("s", ge=LEAST_STEP),
+            metavar="S",
+            help="The controller's sampling period, s.  [default: every step; slide-protection 0.01]",
+        ),
+    ]
+
+
+def _law(name: str, vehicle: Vehicle, v0: float) -> Any:
+    if name.lower().endswith(".toml"):
+        from railslip_ctrl.adhesion import load_law
+
+        return _naming("--adhesion", lambda: load_law(Path(name)))
+    from railslip_ctrl.simulation.scenario import named_law
+
+    return named_law(name, vehicle, v0)
+
+
+def _naming(option: str, made: Callable[[], R]) -> R:
+    """What is made, with the option named in its complaint."""
+    try:
+        return made()
+    except InputError as error:
+        message = str(error).removeprefix(f"{option.removeprefix('--')}: ")
+        raise InputError(f"{option}: {message}") from None
+    except InfeasibleDesignError as error:
+        raise InfeasibleDesignError(f"{option}: {str(error).removeprefix('controller: ')}") from None

@@ -1,0 +1,287 @@
+"""Text and JSON of a campaign."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from railslip_ctrl import __version__
+from railslip_ctrl.campaign.execution import Replay
+from railslip_ctrl.campaign.intervals import CONFIDENCE, Estimate
+from railslip_ctrl.campaign.rows import COLUMNS, MEASURES, Measure, measured
+from railslip_ctrl.campaign.sampling import Sampling
+from railslip_ctrl.campaign.specification import Quantity, described
+from railslip_ctrl.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
+from railslip_ctrl.simulation.run import Outcome
+
+from .jsonable import number
+from .layout import facts, fixed, heading, render, table
+
+
+def campaign_text(summary: CampaignSummary) -> str:
+    """What was varied, what became of the runs, statistics, comparison, the worst runs."""
+    parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
+    parts += [facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary), *_failures(summary)]
+    parts += [heading("Runs that stopped", "-"), _mean_table(summary), _quantile_table(summary)]
+    parts.append(Text(_interval_note(summary)))
+    if summary.points:
+        parts += [heading("Grid: mean braking distance, m, and runs that did not stop", "-"), _grid_table(summary)]
+    if summary.paired:
+        parts += [heading("Controllers on the same runs (second minus first)", "-"), _paired_table(summary)]
+    parts += [heading(f"Worst runs by {summary.worst_by}", "-"), _worst_table(summary)]
+    parts.append(Text("To see one again, with its time series: the same command with --replay NUMBER"))
+    return render(parts)
+
+
+def replay_text(replayed: Replay) -> str:
+    """A run of a campaign again."""
+    rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
+    known = "equal to the stored row to the last bit" if replayed.stored else "the folder does not have this run yet"
+    rows.append(("Compared", known))
+    rows += [(name, run.outcome.value) for name, run in replayed.runs.items()]
+    cells = [
+        (_title(measure), *(fixed(_scale(measure.name) * measure.read(run)) for run in replayed.runs.values()))
+        for measure in MEASURES
+    ]
+    return render([heading(f"Run {replayed.number} again"), facts(rows), table(("measure", *replayed.runs), cells)])
+
+
+def replay_json(replayed: Replay) -> dict[str, Any]:
+    """The same, unrounded."""
+    return {
+        "run": replayed.number,
+        "values": replayed.values,
+        "stored": replayed.stored,
+        "controllers": {
+            name: {"outcome": run.outcome.value, **{measure.name: number(measure.read(run)) for measure in COLUMNS}}
+            for name, run in replayed.runs.items()
+        },
+    }
+
+
+def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
+    """The same, unrounded; unbounded intervals are null."""
+    campaign = summary.campaign
+    return {
+        "version": __version__,
+        "hash": campaign.fingerprint,
+        "scenario": campaign.scenario.name,
+        "runs": summary.runs,
+        "runs_asked": campaign.runs,
+        "complete": summary.complete,
+        "seed": campaign.seed,
+        "sampling": campaign.sampling.value,
+        "quantities": _quantity_texts(summary),
+        "confidence": CONFIDENCE,
+        "controllers": {name: _controller_json(found) for name, found in summary.controllers.items()},
+        "paired": [
+            {
+                "first": pair.first,
+                "second": pair.second,
+                "measure": pair.measure,
+                "pairs": pair.pairs,
+                "mean_difference": _estimate_json(pair.difference),
+                "share_second_smaller": _estimate_json(pair.second_smaller),
+            }
+            for pair in summary.paired
+        ],
+        "points": [
+            {
+                "values": point.values,
+                "not_stopped": {name: _estimate_json(found) for name, found in point.not_stopped.items()},
+                "means": [
+                    {"controller": name, "measure": measure, **_estimate_json(found)}
+                    for (name, measure), found in point.means.items()
+                ],
+            }
+            for point in summary.points
+        ],
+        "worst_by": summary.worst_by,
+    }
+
+
+def _controller_json(found: ControllerSummary) -> dict[str, Any]:
+    return {
+        "outcomes": found.outcomes,
+        "failed_runs": {outcome: list(runs) for outcome, runs in found.failed.items()},
+        "share_not_stopped": _estimate_json(found.not_stopped),
+        "share_locked": _estimate_json(found.locked),
+        "measures": {
+            name: {
+                "count": measure.moments.count,
+                "excluded": measure.excluded,
+                "mean": _estimate_json(measure.mean),
+                "std": number(measure.moments.std),
+                "min": number(measure.moments.low),
+                "max": number(measure.moments.high),
+                "quantiles": {f"{level:g}": _estimate_json(value) for level, value in measure.quantiles.items()},
+            }
+            for name, measure in found.measures.items()
+        },
+        "worst": [
+            {name: value if name == "run" else number(value) for name, value in row.items()} for row in found.worst
+        ],
+    }
+
+
+def _estimate_json(found: Estimate) -> dict[str, float | None]:
+    return {"value": number(found.value), "low": number(found.low), "high": number(found.high)}
+
+
+# --- text -----------------------------------------------------------------------------------------------------------
+
+
+def _campaign_facts(summary: CampaignSummary) -> list[tuple[str, str]]:
+    campaign = summary.campaign
+    rows = [("Controllers", ", ".join(campaign.controller_names))]
+    rows += [("Varied", text) for text in _quantity_texts(summary) or ["nothing but the noise"]]
+    rows.append(("Sampling", f"{campaign.sampling.value}, seed {campaign.seed}"))
+    if not summary.complete:
+        rows.append(("Unfinished", f"{summary.runs} of {campaign.runs} runs; the same command goes on"))
+    return rows
+
+
+def _quantity_texts(summary: CampaignSummary) -> list[str]:
+    units = summary.campaign.quantity_units
+    return [_quantity_text(quantity, units[quantity.name]) for quantity in summary.campaign.quantities]
+
+
+def _quantity_text(quantity: Quantity, unit: str) -> str:
+    kind = type(quantity.distribution).__name__.lower()
+    given = {name: value for name, value in described(quantity.distribution).items() if name != "kind"}
+    numbers = ", ".join(f"{name} {_value_text(value)}" for name, value in given.items() if value is not None)
+    factor = "factor on " if quantity.relative else ""
+    return f"{factor}{', '.join(quantity.paths)}: {kind}, {numbers}{_unit(unit)}"
+
+
+def _value_text(value: Any) -> str:
+    return " ".join(f"{v:g}" for v in value) if isinstance(value, list) else f"{value:g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" ({unit})"
+
+
+def _outcome_table(summary: CampaignSummary) -> RenderableType:
+    outcomes = [o.value for o in Outcome]
+    found = {o for c in summary.controllers.values() for o in c.outcomes}
+    columns = [o for o in [*outcomes, *sorted(found - set(outcomes))] if o in found]
+    rows = [
+        (c.name, *(str(c.outcomes.get(o, 0)) for o in columns), _percent(c.not_stopped), _percent(c.locked))
+        for c in summary.controllers.values()
+    ]
+    return table(("controller", *columns, "not stopped, %", "locked at some time, %"), rows)
+
+
+def _failures(summary: CampaignSummary) -> list[RenderableType]:
+    lines = []
+    for c in summary.controllers.values():
+        for outcome, runs in c.failed.items():
+            more = " ..." if c.outcomes[outcome] > LISTED else ""
+            lines.append(f"{c.name}, {outcome}: runs {', '.join(map(str, runs))}{more}")
+    return [Text("\n".join([*lines, "They are in no average below."]))] if lines else []
+
+
+def _mean_table(summary: CampaignSummary) -> RenderableType:
+    rows = []
+    for measure in MEASURES:
+        for c in summary.controllers.values():
+            found, scale = c.measures[measure.name], _scale(measure.name)
+            numbers = [fixed(scale * v, 3) for v in (found.moments.std, found.moments.low, found.moments.high)]
+            runs = str(found.moments.count) + (f" ({found.excluded} not finite)" if found.excluded else "")
+            rows.append((_title(measure), c.name, runs, _with_interval(found.mean, scale), *numbers))
+    return table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
+
+
+def _quantile_table(summary: CampaignSummary) -> RenderableType:
+    rows = []
+    for measure in MEASURES:
+        for c in summary.controllers.values():
+            found, scale = c.measures[measure.name].quantiles, _scale(measure.name)
+            cells = [_with_interval(found[level], scale) if level in found else "-" for level in LEVELS]
+            rows.append((_title(measure), c.name, *cells))
+    head = ("measure", "controller", *("median" if level == 0.5 else f"{100 * level:g} %" for level in LEVELS))
+    return table(head, rows, left=2)
+
+
+_SHOWN = {"brake_energy_j": (1e-6, "MJ")}  # joules are too small to be read
+
+
+def _scale(name: str) -> float:
+    return _SHOWN[name][0] if name in _SHOWN else 1.0
+
+
+def _title(measure: Measure) -> str:
+    return measure.title + _unit(_SHOWN[measure.name][1] if measure.name in _SHOWN else measure.unit)
+
+
+def _interval_note(summary: CampaignSummary) -> str:
+    note = (
+        f"In brackets the {100 * CONFIDENCE:g} % interval: of a mean Student's, of a quantile between two order "
+        "statistics, of a share Wilson's; a bound left out cannot be given from so few runs."
+    )
+    if summary.campaign.sampling is not Sampling.RANDOM:
+        note += " They are those of independent runs: with points laid out evenly means are better known than that."
+    if summary.points:
+        note += " Over the whole grid they describe its points taken equally often."
+    return note
+
+
+def _grid_table(summary: CampaignSummary) -> RenderableType:
+    names = summary.campaign.controller_names
+    rows = [
+        (
+            ", ".join(f"{name} {value:g}" for name, value in point.values.items()),
+            *(_with_interval(point.means[name, "braking_distance_m"]) for name in names),
+            *(_percent(point.not_stopped[name]) for name in names),
+        )
+        for point in summary.points
+    ]
+    return table(("point", *names, *(f"{name}, % not stopped" for name in names)), rows)
+
+
+def _paired_table(summary: CampaignSummary) -> RenderableType:
+    rows = [
+        (
+            _title(measured(pair.measure)),
+            f"{pair.second} - {pair.first}",
+            str(pair.pairs),
+            _with_interval(pair.difference, _scale(pair.measure)),
+            _percent(pair.second_smaller),
+        )
+        for pair in summary.paired
+    ]
+    return table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
+
+
+def _worst_table(summary: CampaignSummary) -> RenderableType:
+    quantities = [quantity.name for quantity in summary.campaign.quantities]
+    rows = [
+        (c.name, str(row["run"]), fixed(row[summary.worst_by]), *(fixed(row[name]) for name in quantities))
+        for c in summary.controllers.values()
+        for row in c.worst
+    ]
+    return table(("controller", "run", summary.worst_by, *quantities), rows)
+
+
+def _with_interval(found: Estimate, scale: float = 1.0) -> str:
+    """A value with its interval in brackets, to the digits that the interval leaves meaning to."""
+    value, low, high = (scale * v for v in found)
+    if math.isnan(value):
+        return "-"
+    known = [end for end in (low, high) if math.isfinite(end)]
+    half = max((abs(end - value) for end in known), default=0.0)
+    # a bound is told to a tenth of the interval
+    digits = 3 if half == 0.0 or abs(value) <= half else min(7, 2 + math.ceil(math.log10(abs(value) / half)))
+    if not known:
+        return fixed(value, digits)
+    low_text, high_text = (fixed(end, digits) if math.isfinite(end) else "" for end in (low, high))
+    return f"{fixed(value, digits)} [{low_text}, {high_text}]"
+
+
+def _percent(found: Estimate) -> str:
+    low, high = (fixed(100 * end, 3) for end in found[1:])
+    return f"{fixed(100 * found.value, 3)} [{low}, {high}]"

@@ -1,0 +1,279 @@
+"""A braking run as text, JSON and CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.simulation import (
+    Event,
+    LinearControl,
+    Run,
+    Scenario,
+    ScheduledControl,
+    Signals,
+    SlideProtection,
+    SlidingControl,
+)
+from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.units import KMH
+
+from .jsonable import number
+from .layout import facts, fixed, heading, render, table
+from .text import controller_text, vehicle_facts
+
+CSV_COLUMNS = {
+    "time": "time [s]",
+    "distance": "distance [m]",
+    "speed": "train speed [m/s]",
+    "slip_velocity": "slip velocity [m/s]",
+    "slip": "slip ratio [1]",
+    "wheel_speed": "wheel angular speed [rad/s]",
+    "adhesion_state": "adhesion state [m]",
+    "adhesion_force": "adhesion force [N]",
+    "random_force": "random adhesion force [N]",
+    "command": "commanded torque [N*m]",
+    "torque": "brake torque [N*m]",
+    "disturbance": "disturbance torque [N*m]",
+    "mass": "effective mass [kg]",
+    "reference": "reference slip [1]",
+    "locked": "locked [1]",
+    "measured_speed": "measured train speed [m/s]",
+    "measured_wheel_speed": "measured wheel angular speed [rad/s]",
+}
+"""Header of the CSV by field of `Signals`; names and units are those that `railslip identify` reads."""
+
+_WORKS = {
+    "brake": "brake, torque times wheel speed",
+    "slip": "slip, adhesion force times slip velocity",
+    "viscous": "viscous torque",
+    "resistance": "travelling resistance",
+    "random_force": "random adhesion force",
+    "disturbance": "caliper disturbance",
+}
+
+
+# --- JSON --------------------------------------------------------------------------------------------------
+
+
+def simulation_json(run: Run, gains: str | None) -> dict[str, Any]:
+    """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any."""
+
+    def of_stop(value: float) -> float | None:
+        return number(value) if run.stopped else None
+
+    scenario, energies = run.scenario, run.energies
+    return {
+        "scenario": scenario.name,
+        "controller": run.controller.name,
+        "gains": gains,
+        "inertia_scale": scenario.vehicle.inertia_scale,
+        "seed": run.seed,
+        "stopped": run.stopped,
+        "braking_time_s": of_stop(run.braking_time),
+        "braking_distance_m": of_stop(run.braking_distance),
+        "brake_energy_j": of_stop(run.brake_energy),
+        "mean_abs_slip_error": of_stop(run.mean_abs_slip_error),
+        "max_slip": number(run.max_slip),
+        "locked_fraction": number(run.locked_fraction),
+        "max_torque_nm": number(run.max_torque),
+        "mean_abs_slip_error_published": of_stop(run.mean_abs_slip_error_published),
+        "outcome": run.outcome.value,
+        "ended_at_s": number(run.braking_time),
+        "ended_at_m": number(run.braking_distance),
+        "final_speed_kmh": number(run.final_speed / KMH),
+        "first_lock_s": number(run.first_lock),
+        "max_torque_rate_nm_per_s": number(run.max_torque_rate),
+        "rms_torque_rate_nm_per_s": number(run.rms_torque_rate),
+        "gain_values": gain_values(run.controller),
+        "reference_slip": run.controller.reference.model_dump(),
+        "adhesion": scenario.adhesion.name,
+        "vehicle": scenario.vehicle.name,
+        "notes": list(scenario.vehicle.notes),
+        "step_s": scenario.step,
+        "period_s": _period(run),
+        "energy_balance": {
+            "starting_j": number(energies.starting),
+            "booked_j": number(energies.booked),
+            **{f"{name}_j": number(work) for name, work in energies.works.items()},
+            "final_j": number(energies.final),
+            "error": number(energies.error),
+        },
+    }
+
+
+def gain_values(controller: Controller) -> dict[str, float | None]:
+    """The gains of a controller by name, SI; empty where it has none."""
+    if isinstance(controller, LinearControl):
+        design = controller.design
+        return {
+            "kp_si": design.gains.kp,
+            "ki_si": design.gains.ki,
+            "lead_s": design.lead,
+            "lead_filter_s": design.lead_filter,
+        }
+    if isinstance(controller, SlidingControl):
+        gains = controller.gains
+        return {"K_nm": gains.K, "D_si": gains.D, "rho_per_s": gains.rho, "k1_si": gains.k1, "k2": gains.k2}
+    if isinstance(controller, SlideProtection):
+        return {
+            "fill_slip": controller.fill_slip,
+            "dump_slip": controller.dump_slip,
+            "dump_deceleration_si": controller.dump_deceleration,
+            "fill_rate_si": controller.fill_rate,
+            "dump_rate_si": controller.dump_rate,
+        }
+    return {}
+
+
+# --- text --------------------------------------------------------------------------------------------------
+
+
+def simulation_text(run: Run) -> str:
+    """What was run, what came of it, and the energy balance."""
+    scenario = run.scenario
+    parts: list[RenderableType] = [
+        heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
+        facts([*_scenario_facts(scenario), *_controller_facts(run)]),
+        Text(f"\n{_outcome(run)}\n"),
+        heading("Numbers", "-"),
+        facts(_numbers(run)),
+        Text(""),
+        heading("Energy balance", "-"),
+        _energy_table(run),
+    ]
+    return render(parts)
+
+
+def _outcome(run: Run) -> str:
+    end = f"after {run.braking_time:.4g} s, {run.braking_distance:.5g} m, at {run.final_speed / KMH:.3g} km/h"
+    if run.stopped:
+        return f"Outcome: stopped {end}"
+    return f"Outcome: NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
+
+
+def _scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
+    noise, measurement = scenario.disturbances, scenario.measurement
+    rows = [
+        *vehicle_facts(scenario.vehicle),
+        ("Adhesion", f"{scenario.adhesion.name} ({scenario.adhesion.title}), {scenario.rail} rail at the start"),
+        ("Speeds", f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"),
+        *(("Event", _event(event)) for event in scenario.events),
+        (
+            "Disturbances",
+            f"random force {noise.random_force:g} N held {noise.random_hold:g} s, "
+            f"caliper {noise.caliper_fraction:g} of the torque",
+        ),
+    ]
+    if measurement.speed_noise or measurement.wheel_noise or measurement.filter_time:
+        sensors = (
+            f"noise {measurement.speed_noise:g} m/s and {measurement.wheel_noise:g} rad/s, "
+            f"filter {measurement.filter_time:g} s"
+        )
+        rows.append(("Measurement", sensors))
+    return rows
+
+
+def _event(event: Event) -> str:
+    place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
+    changes = [
+        *([f"{event.rail} rail"] if event.rail is not None else []),
+        *([f"{event.adhesion_factor:g} times the rail's adhesion"] if event.adhesion_factor is not None else []),
+        *([f"M {event.mass:g} kg"] if event.mass is not None else []),
+    ]
+    return f"{place}: {', '.join(changes)}"
+
+
+def _controller_facts(run: Run) -> list[tuple[str, str]]:
+    controller, reference = run.controller, run.controller.reference
+    noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
+    return [
+        ("Controller", _controller(controller)),
+        ("Reference slip", f"{reference.dry:g} dry, {reference.wet:g} wet"),
+        ("Sampling", f"every {_period(run):g} s; integrated in steps of at most {run.scenario.step:g} s"),
+        ("Noise seed", noise),
+    ]
+
+
+def _controller(controller: Controller) -> str:
+    if isinstance(controller, LinearControl):
+        return f"{controller.name}, {controller_text(controller.design)}"
+    if isinstance(controller, SlidingControl):
+        gains = controller.gains
+        knows = "" if controller.knows_rail else "; its adhesion model stays dry"
+        adapts = f", k1 {gains.k1:g}, k2 {gains.k2:g}" if gains.k1 or gains.k2 else ", no adaptation"
+        return f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s{adapts}{knows}"
+    if isinstance(controller, ScheduledControl):
+        schedule = controller.schedule
+        speeds = sorted({entry.speed_kmh for entry in schedule.entries})
+        rails = {entry.rail for entry in schedule.entries}
+        return (
+            f"{controller.name}, PI gains at {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} km/h, "
+            f"{', '.join(rail for rail in Rail if rail in rails)} rail, lead ({schedule.lead:g} s + 1)/"
+            f"({schedule.lead_filter:g} s + 1)"
+        )
+    if isinstance(controller, SlideProtection):
+        return (
+            f"{controller.name}, fills below slip {controller.fill_slip:g} by {controller.fill_rate:g} N·m/s, dumps "
+            f"above {controller.dump_slip:g} or {controller.dump_deceleration:g} m/s² by {controller.dump_rate:g} N·m/s"
+        )
+    return controller.name
+
+
+def _period(run: Run) -> float:
+    return run.scenario.step if run.controller.period is None else run.controller.period
+
+
+def _numbers(run: Run) -> list[tuple[str, str]]:
+    rows = [
+        ("Braking time", f"{fixed(run.braking_time)} s"),
+        ("Braking distance", f"{fixed(run.braking_distance)} m"),
+        ("Brake energy", f"{fixed(run.brake_energy)} J"),
+        ("Mean |slip error|", f"{fixed(run.mean_abs_slip_error, 4)} against the run's own reference"),
+    ]
+    if run.scenario.published_reference:
+        published = fixed(run.mean_abs_slip_error_published, 4)
+        rows.append(("", f"{published} against the published 0.132 dry, 0.092 wet"))
+    lock = "never" if np.isnan(run.first_lock) else f"first at {run.first_lock:.4g} s"
+    return [
+        *rows,
+        ("Highest slip", fixed(run.max_slip, 4)),
+        ("Wheel locked", f"{100 * run.locked_fraction:.3g} % of the time, {lock}"),
+        ("Highest torque", f"{fixed(run.max_torque)} N·m"),
+        ("Torque rate", f"{fixed(run.rms_torque_rate, 4)} N·m/s rms, {fixed(run.max_torque_rate, 4)} N·m/s at most"),
+    ]
+
+
+def _energy_table(run: Run) -> RenderableType:
+    energies = run.energies
+
+    def row(name: str, value: float) -> tuple[str, str, str]:
+        return name, f"{value / 1000:.3f}", f"{100 * value / energies.starting:.3f}"
+
+    rows = [
+        row("kinetic, at the start", energies.starting),
+        row("booked in with changes of mass", energies.booked),
+        *(row(f"taken by {_WORKS[name]}", -work) for name, work in energies.works.items()),
+        row("kinetic, at the end", energies.final),
+        ("what the balance lacks", f"{energies.error * energies.starting / 1000:.1e}", f"{100 * energies.error:.1e}"),
+    ]
+    return table(("Energy", "kJ", "% of the start"), rows)
+
+
+# --- CSV ---------------------------------------------------------------------------------------------------
+
+
+def write_simulation_csv(run: Run, path: Path) -> None:
+    """Write the time series, one row a recorded sample, a header with units, then the controller's own state."""
+    signals = run.signals
+    assert signals is not None, "the run was recorded"
+    names = [CSV_COLUMNS[name] for name in Signals._fields] + [f"controller {name}" for name in run.controller_signals]
+    columns = np.column_stack([*signals, *run.controller_signals.values()])
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(names) + "\n")
+        np.savetxt(file, columns, fmt="%.12g", delimiter=",")

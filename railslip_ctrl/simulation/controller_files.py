@@ -1,0 +1,198 @@
+"""Controllers from the user's TOML files.
+
+kind = "pi"                       # pi, asmc, scheduled, slide-protection or torque-profile
+kp = "336 N*m/(km/h)"             # the keys of its kind, see the classes below; plain numbers are SI
+ki = 1220.0
+lead = "0.6 s"
+lead_filter = 0.06
+torque_low = 0.0
+torque_high = "9 kN*m"
+tracking_time = 2.0
+
+[reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet
+dry = 0.132
+wet = 0.092
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, load_law
+from railslip_ctrl.design.controllers import PIController
+from railslip_ctrl.design.sampled import Rule
+from railslip_ctrl.design.schedule import GainSchedule
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import PIGains, Record
+from railslip_ctrl.parameters.validation import close_match, file_name, one_line, read_text, read_toml
+from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.units import quantity, shown
+
+from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
+from .published import FILTER_TIME, published_reference
+from .scenario import LEAST_STEP
+
+
+class ControllerKeys(Record):
+    """Keys of every kind."""
+
+    kind: str
+    name: str | None = None
+    period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_STEP, default=None)
+    reference: ReferenceSlip = published_reference("bristle")
+
+    @abstractmethod
+    def made(self, path: Path) -> Controller:
+        """The controller; `path` is that of the file."""
+
+    def common(self) -> dict[str, Any]:
+        """What every controller takes."""
+        return {"name": self.name or self.kind, "reference": self.reference, "period": self.period}
+
+
+class Limited(ControllerKeys):
+    """Keys of the kinds with torque limits of their own."""
+
+    torque_low: float | None = quantity("N*m", "least torque; left out: none", default=None)
+    torque_high: float | None = quantity("N*m", "largest torque; left out: none", default=None)
+
+    def common(self) -> dict[str, Any]:
+        """With the limits."""
+        low = -math.inf if self.torque_low is None else self.torque_low
+        high = math.inf if self.torque_high is None else self.torque_high
+        if not low < high:
+            raise InputError(f"torque_high: {high:g} is not allowed; give a value > torque_low = {low:g} (N*m)")
+        return {**super().common(), "torque_low": low, "torque_high": high}
+
+
+class PIKeys(Limited):
+    """`kind = "pi"`: gains, a lead, anti-windup by back-calculation unless switched off."""
+
+    kp: float = quantity("N*m/(m/s)", "proportional gain")
+    ki: float = quantity("N*m/m", "integral gain")
+    lead: float = quantity("s", "time constant of a lead", ge=0, default=0.0)
+    lead_filter: float = quantity("s", "its filter", ge=0, default=0.0)
+    anti_windup: bool = True
+    tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
+    rule: Rule = Rule.BACKWARD
+
+    def made(self, path: Path) -> Controller:
+        """A `LinearControl`."""
+        design = PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
+        tracking = self.tracking_time if self.anti_windup else math.inf
+        return LinearControl(design, tracking_time=tracking, rule=self.rule, **self.common())
+
+
+class SlidingKeys(Limited):
+    """`kind = "asmc"`: gains of `LawGains`, nominal vehicle, and the adhesion model, the plant's if left out."""
+
+    K: float = quantity("N*m", "gain on sgn s", ge=0)
+    D: float = quantity("N*m/(m/s)", "gain on s", gt=0)
+    rho: float = quantity("1/s", "weight of the integral in s", gt=0)
+    k1: float = quantity("s^2/(kg^2*m^4)", "adaptation gain of theta1_hat", ge=0, default=0.0)
+    k2: float = quantity("1", "adaptation gain of theta2_hat", ge=0, default=0.0)
+    layer: float = quantity("m/s", "boundary layer", ge=0, default=0.0)
+    leak: float = quantity("1/s", "sigma-modification", ge=0, default=0.0)
+    dead_zone: bool = False
+    nominal_mass: float | None = quantity("kg", "Mn; left out: the vehicle's", gt=0, default=None)
+    nominal_viscous_friction: float | None = quantity("N*m*s", "Bn; left out: the vehicle's", ge=0, default=None)
+    filter_time: float = quantity("s", "of the filter that estimates v'", gt=0, default=FILTER_TIME)
+    anti_windup: bool = False
+    knows_rail: bool = True
+    adhesion: str | None = None
+
+    def made(self, path: Path) -> Controller:
+        """A `SlidingControl`."""
+        names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "dead_zone")
+        own = ("nominal_mass", "nominal_viscous_friction", "filter_time", "anti_windup", "knows_rail")
+        return SlidingControl(
+            LawGains(**{name: getattr(self, name) for name in names}),
+            model_law=None if self.adhesion is None else _model(path.parent / self.adhesion),
+            **{name: getattr(self, name) for name in own},
+            **self.common(),
+        )
+
+
+class ScheduledKeys(Limited):
+    """`kind = "scheduled"`: a file written by `GainSchedule.to_json`."""
+
+    schedule: str
+    tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
+    rule: Rule = Rule.BACKWARD
+
+    def made(self, path: Path) -> Controller:
+        """A `ScheduledControl`."""
+        schedule = GainSchedule.from_json(read_text(path.parent / self.schedule))
+        return ScheduledControl(schedule, tracking_time=self.tracking_time, rule=self.rule, **self.common())
+
+
+class SlideProtectionKeys(ControllerKeys):
+    """`kind = "slide-protection"`: thresholds and rates, those of `SlideProtection` if left out."""
+
+    fill_slip: float = quantity("1", "slip to fill below", gt=0, lt=1, default=SlideProtection.fill_slip)
+    dump_slip: float = quantity("1", "slip to dump above", gt=0, lt=1, default=SlideProtection.dump_slip)
+    dump_deceleration: float = quantity(
+        "m/s^2", "wheel deceleration to dump above", gt=0, default=SlideProtection.dump_deceleration
+    )
+    fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=SlideProtection.fill_rate)
+    dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=SlideProtection.dump_rate)
+    torque_high: float = quantity("N*m", "full brake", gt=0, default=SlideProtection.torque_high)
+    filter_time: float = quantity("s", "filter of the deceleration", gt=0, default=SlideProtection.filter_time)
+
+    def made(self, path: Path) -> Controller:
+        """A `SlideProtection`."""
+        names = SlideProtectionKeys.model_fields.keys() - ControllerKeys.model_fields.keys()
+        common = self.common()
+        if self.period is None:
+            common["period"] = SlideProtection.period
+        return SlideProtection(**{name: getattr(self, name) for name in names}, **common)
+
+
+class TorqueProfileKeys(ControllerKeys):
+    """`kind = "torque-profile"`: times, s, and torques, N*m, as lists of numbers."""
+
+    times: tuple[float, ...]
+    torques: tuple[float, ...]
+
+    def made(self, path: Path) -> Controller:
+        """A `TorqueProfile`."""
+        return TorqueProfile(self.times, self.torques, **self.common())
+
+
+KINDS: dict[str, type[ControllerKeys]] = {
+    "pi": PIKeys,
+    "asmc": SlidingKeys,
+    "scheduled": ScheduledKeys,
+    "slide-protection": SlideProtectionKeys,
+    "torque-profile": TorqueProfileKeys,
+}
+
+
+def load_controller(path: Path) -> Controller:
+    """Read a controller; InputError with one line naming the file, the key, the value and what is allowed."""
+    where = file_name(path)
+    content = read_toml(path)
+    kind = content.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        given = "missing" if kind is None else f"{shown(kind)} is not one"
+        near = close_match(kind, KINDS) if isinstance(kind, str) else ""
+        raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
+    try:
+        keys = KINDS[kind].model_validate(content)
+    except ValidationError as error:
+        raise InputError(one_line(error, where, model=KINDS[kind])) from None
+    try:
+        return keys.made(path)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _model(path: Path) -> AdhesionLaw:
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"adhesion: {path.name!r} is not a TOML file; give one with a law and its parameters")
+    return load_law(path)

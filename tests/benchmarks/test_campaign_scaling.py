@@ -1,0 +1,41 @@
+"""A campaign of 1 000 runs on two cores against one, the same runs in the same session.
+
+Run with `make benchmark`, on a machine with nothing else to do; start of the workers and the disk are in the time.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from railslip_ctrl.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
+from railslip_ctrl.simulation import built_in_scenario
+from railslip_ctrl.simulation.published import published_pi
+
+RUNS = 1000
+QUANTITIES = (
+    Quantity(("vehicle.mass", "vehicle.mass_loaded", "events.0.mass"), Uniform(0.8, 1.2), relative=True),
+    Quantity(("adhesion_factor",), Normal(1.0, 0.1)),  # another adhesion table for every run: the dearest to make ready
+    Quantity(("vehicle.actuator.dead_time",), Triangular(0.1, 0.15, 0.25)),
+)
+
+
+def test_two_cores_are_worth_1_8_of_one(tmp_path):
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if cores < 2:
+        pytest.fail("two cores are needed to measure what the second is worth")
+    campaign = Campaign(built_in_scenario("park2008"), (published_pi("bristle"),), RUNS, QUANTITIES)
+    execute(Campaign(campaign.scenario, campaign.controllers, 1), tmp_path / "compiled", workers=1)
+    seconds = {}
+    for workers in (1, 2):
+        begin = time.perf_counter()
+        execute(campaign, tmp_path / str(workers), workers=workers)
+        seconds[workers] = time.perf_counter() - begin
+    ratio = seconds[1] / seconds[2]
+    print(
+        f"\n{RUNS} runs: {seconds[1]:.1f} s in one process, {seconds[2]:.1f} s in two, ratio {ratio:.2f}; "
+        f"{1e3 * seconds[1] / RUNS:.1f} ms a run"
+    )
+    assert ratio >= 1.8

@@ -1,0 +1,290 @@
+"""The paper's numbers beside ours: Table 5, the reading, what its rules are worth, the other facts."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import sem
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.cli import main
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.numeric import adhesion_coefficient
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.reproduction import (
+    ALTERNATIVES,
+    CASES,
+    QUANTITIES,
+    READING,
+    TABLE5,
+    Basis,
+    published_facts,
+    published_setup,
+    run_setups,
+    sensitivity,
+    table3,
+    table5,
+)
+from railslip_ctrl.reproduction import facts as facts_module
+from railslip_ctrl.reproduction.table5 import rms_deviation_percent
+from railslip_ctrl.simulation import simulate
+
+FEW = 2  # seeds, where the numbers themselves are not judged
+
+
+def alternative(name: str):
+    (found,) = (one for one in ALTERNATIVES if one.name == name)
+    return found
+
+
+@pytest.fixture(scope="module")
+def few_seeds():
+    return table5(FEW)
+
+
+# --- runs and Table 5 ----------------------------------------------------------------------------------------------
+
+
+def test_runs_on_all_cores_are_the_runs_one_by_one():
+    setup = published_setup(CASES[1])
+    (result,) = run_setups([setup], 3)
+    alone = [simulate(setup.scenario, setup.controller, seed=seed, record_every=None) for seed in range(3)]
+    expected = [
+        (run.braking_time, run.braking_distance, 3.6 * run.brake_energy, run.mean_abs_slip_error_published)
+        for run in alone
+    ]
+    assert result.values.tolist() == [list(numbers) for numbers in expected]
+    assert result.standard_error == pytest.approx(sem(expected, axis=0))
+    assert result.mean == pytest.approx(np.mean(expected, axis=0))
+
+
+def test_rows_are_named_and_ordered_as_the_interface_says(few_seeds):
+    columns = ("PI beam", "PI bristle", "ASMC beam", "ASMC bristle")
+    assert [row.item for row in few_seeds.rows] == [f"Table 5 / {c} / {q}" for c in columns for q in QUANTITIES]
+    assert {row.source for row in few_seeds.rows} == {"[Park2008] Table 5"}
+
+
+def test_published_numbers_give_the_percentages_of_the_text():
+    """[Park2008] p. 56: bristle over beam 2.6 % and 1 % (PI), 4.3 % and 8.3 % (ASMC); 28 % in slip over PI beam."""
+
+    def improvement(better: str, worse: str, quantity: str) -> float:
+        i = QUANTITIES.index(quantity)
+        return 100 * (1 - TABLE5[better][i] / TABLE5[worse][i])
+
+    assert improvement("PI bristle", "PI beam", "braking_distance_m") == pytest.approx(2.6, abs=0.05)
+    assert improvement("PI bristle", "PI beam", "braking_time_s") == pytest.approx(1, abs=0.05)
+    assert improvement("ASMC bristle", "ASMC beam", "braking_distance_m") == pytest.approx(4.3, abs=0.05)
+    assert improvement("ASMC bristle", "ASMC beam", "braking_time_s") == pytest.approx(8.3, abs=0.05)
+    assert improvement("ASMC bristle", "PI beam", "mean_abs_slip_error") == pytest.approx(28, abs=0.5)
+
+
+def test_deviation_is_of_the_published_number(few_seeds):
+    row = few_seeds.rows[1]
+    assert row.published == 700.0
+    assert replace(row, obtained=727.9).deviation_percent == pytest.approx(3.9857142857)
+    assert replace(row, obtained=727.9).within
+    assert replace(row, obtained=672.1).within
+    assert not replace(row, obtained=728.1).within
+    assert not replace(row, obtained=671.9).within
+    deviations = [100 * (row.obtained / row.published - 1) for row in few_seeds.rows]
+    assert rms_deviation_percent(few_seeds.results) == pytest.approx(few_seeds.rms_deviation_percent)
+    assert few_seeds.rms_deviation_percent == pytest.approx(np.sqrt(np.mean(np.square(deviations))))
+
+
+def test_a_run_that_does_not_stop_passes_for_no_number(few_seeds):
+    setup = published_setup(CASES[3])
+    short = replace(setup, scenario=setup.scenario.with_changes(longest_time=20.0))
+    (result,) = run_setups([short], FEW)
+    assert result.failures == ("did not stop",) * FEW
+    assert np.isnan(result.mean).all()
+    row = replace(few_seeds.rows[12], obtained=float(result.mean[0]))
+    assert not row.within
+    assert math.isnan(rms_deviation_percent((*few_seeds.results[:3], result)))
+    with_it = replace(few_seeds, rows=(*few_seeds.rows[:12], row, *few_seeds.rows[13:]))
+    assert not with_it.within
+    assert math.isnan(with_it.rms_deviation_percent)
+
+
+def test_without_noise_one_run_is_enough():
+    setup = alternative("none").change(published_setup(CASES[0]))
+    (result,) = run_setups([setup], 5)
+    assert result.values.shape == (1, 4)
+    assert np.isnan(result.standard_error).all()
+
+
+@pytest.mark.parametrize("seeds", [-1, 0, 1, 100_001])
+def test_number_of_seeds_has_bounds(seeds):
+    with pytest.raises(InputError, match=rf"^seeds: {seeds} is not allowed; give a whole number from 2 to 100000$"):
+        table5(seeds)
+
+
+# --- the reading and what it is worth ------------------------------------------------------------------------------
+
+
+def test_every_rule_that_is_not_printed_has_an_alternative():
+    assert len({one.name for one in READING}) == len(READING)
+    tried = {one.rule for one in ALTERNATIVES}
+    assert {one.name for one in READING if one.basis is not Basis.PRINTED} <= tried <= {one.name for one in READING}
+    # published.md of the project's specification: two rules are fitted to Table 5, and only two
+    assert {one.name for one in READING if one.basis is Basis.FITTED} == {"ramp of the curve", "noise hold"}
+    assert all(one.where.startswith("[Park2008]") for one in READING)
+
+
+@pytest.mark.parametrize("one", ALTERNATIVES, ids=lambda one: one.name)
+def test_every_alternative_changes_a_setup_and_nothing_else_of_it(one):
+    changed = [(setup, one.change(setup)) for setup in map(published_setup, CASES)]
+    concerned = [(before, after) for before, after in changed if after is not None]
+    assert concerned
+    for before, after in concerned:
+        assert after.case == before.case
+        fields = ("scenario", "controller", "own_reference", "energy_in_joules")
+        same = [getattr(before, name) == getattr(after, name) for name in fields]
+        # a reference of its own changes nothing in the column it comes from
+        assert same.count(False) == 1 or (one.rule == "references" and all(same))
+
+
+def test_wet_alternatives_are_what_their_names_say():
+    """Half the dry force, and the wet force times the load, at every slip."""
+    slip, speed, load = np.linspace(0.01, 0.5, 30), 100 / 3.6, PARK2008.wheel_load
+    dry, wet = (adhesion_coefficient(published_law("curve", rail), speed, slip, load) for rail in Rail)
+    for name, expected in (("half the force at every slip", dry / 2), ("N follows M at 25 s", wet * 5276 / 3517)):
+        scenario = alternative(name).change(published_setup(CASES[0])).scenario
+        assert adhesion_coefficient(scenario.law(Rail.DRY), speed, slip, load) == pytest.approx(dry, rel=1e-12)
+        # the same equation with other numbers: rounding only
+        assert adhesion_coefficient(scenario.law(Rail.WET), speed, slip, load) == pytest.approx(expected, rel=1e-12)
+
+
+def test_gains_read_otherwise():
+    pi = alternative("gains in N m per m/s").change(published_setup(CASES[1])).controller.design.gains
+    assert (pi.kp, pi.ki) == (650.0, 27.0)
+    rates = alternative("D and K as rates of s, (39), as printed").change(published_setup(CASES[3])).controller.gains
+    torque = 3.6 * 60.35 / 0.43  # J/r
+    assert torque * 1.53 / 3600 == pytest.approx(rates.D)
+    assert torque * 70 * (1000 / 3600) / 3600 == pytest.approx(rates.K)  # km/h^2 in m/s^2: 1000 m over (3600 s)^2
+    adaptive = alternative("k = 2.1e-8 as printed").change(published_setup(CASES[2])).controller.gains
+    assert (adaptive.k1, adaptive.k2) == pytest.approx((2.1e-8, 12.96 * 2.1e-8))
+
+
+def test_sensitivity_says_what_a_rule_is_worth():
+    names = ("energy in joules", "k = 2.1e-8 as printed", "tau 0.5 s", "no Td", "rho per hour")
+    chosen = [alternative(name) for name in names]
+    result = sensitivity(FEW, alternatives=chosen)
+    joules, adaptation, filtered, quiet, slow = result.rows
+    assert joules.largest_change_percent == pytest.approx(100 * (1 / 3.6 - 1), abs=1e-9)
+    assert joules.largest_change_of.endswith("brake_energy_published_reading")
+    assert joules.rms_deviation_percent > 30 > 3 > result.base_rms_deviation_percent
+    assert adaptation.not_stopped == {"ASMC beam": FEW}
+    assert math.isnan(adaptation.rms_deviation_percent)
+    assert adaptation.largest_change_of.startswith("ASMC bristle")  # the columns that stop still tell
+    assert adaptation.results[0] is result.base[0]  # a PI does not adapt
+    for row in (filtered, quiet):  # "any value serves"; a disturbance of the first second
+        assert 0 < abs(row.largest_change_percent) < 1.5
+    assert slow.not_stopped["ASMC beam"] == FEW
+    assert slow.largest_change_of != "PI beam / braking_time_s"  # a column it does not concern tells nothing
+    with pytest.raises(InputError, match="seeds: 1 "):
+        sensitivity(1)
+
+
+# --- the other facts, Table 3 --------------------------------------------------------------------------------------
+
+
+def test_facts_hold_with_their_numbers():
+    told = []
+    found = {fact.name: fact for fact in published_facts(progress=told.append)}
+    assert all(fact.holds for fact in found.values())
+    assert len(found) == len(told) == 6
+    assert "beam 15.17 deg, bristle 6.38 deg" in found["PI loops barely stable"].found
+    assert "beam 77.3 %, bristle 75.3 %" in found["no sliding"].found
+    assert "0.58 times the printed" in found["printed adaptation unstable"].found
+
+
+def test_facts_are_decided_by_what_is_found(monkeypatch):
+    monkeypatch.setattr(facts_module, "SLIDING_SHARES", (0.99, 1.01))
+    assert not facts_module.no_sliding().holds
+    monkeypatch.setattr(facts_module, "SLOW", 100.0)
+    assert not facts_module.adaptation_unstable(0).holds  # the bristle column does stop
+    real = facts_module.published_controller
+    monkeypatch.setattr(facts_module, "published_controller", lambda kind, column, **_: real(kind, column))
+    assert not facts_module.wet_rail_unknown(0).holds
+    monkeypatch.setattr(facts_module, "AS_PUBLISHED_INERTIA_SCALE", 1.0)
+    assert not facts_module.pi_margins().holds
+    scenario = facts_module.published_scenario()
+    monkeypatch.setattr(facts_module, "published_scenario", lambda **_: scenario)
+    assert not facts_module.si_stops_early(0).holds
+    quiet = scenario.with_changes(disturbances=scenario.disturbances.model_copy(update={"random_force": 0.0}))
+    monkeypatch.setattr(facts_module, "published_scenario", lambda **_: quiet)
+    assert not facts_module.reaching_fails(0).holds
+
+
+def test_table3_gives_another_improvement_than_it_prints():
+    """system.md of the project's specification, section 9: 0.0110 and 0.008475 give 23.0 %."""
+    three = table3()
+    assert (three.beam_mean, three.bristle_mean) == pytest.approx((0.0110, 0.008475), abs=1e-15)
+    assert three.improvement_percent == pytest.approx(22.9545, abs=5e-5)
+    assert not three.improvement_as_printed
+    assert three.improvement_follows_from_printed_means  # 0.011 and 0.0083: the second is not the mean of its row
+
+
+# --- the command ---------------------------------------------------------------------------------------------------
+
+
+def status(arguments: list[str]) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    return int(caught.value.code)
+
+
+def test_command_prints_the_rows_as_json(monkeypatch, capsys, few_seeds, tmp_path):
+    from railslip_ctrl.cli import reproduce
+
+    worth = sensitivity(FEW, alternatives=[alternative("k = 2.1e-8 as printed")])
+    monkeypatch.setattr(reproduce, "table5", lambda seeds, progress: few_seeds)
+    monkeypatch.setattr(reproduce, "sensitivity", lambda seeds, progress: worth)
+    code = status(["reproduce", "--json", "--seeds", str(FEW), "--sensitivity", "--out", str(tmp_path / "out")])
+    assert code == (0 if few_seeds.within else 1)
+    printed = capsys.readouterr()
+    content = json.loads(printed.out)
+    keys = {"item", "published", "obtained", "deviation_percent", "tolerance_percent", "within"}
+    assert len(content["rows"]) == 16
+    assert all(keys <= set(row) and row["tolerance_percent"] == 4 for row in content["rows"])
+    assert content["sensitivity"]["rows"][0]["numbers"]["ASMC beam"] == [None] * 4
+    assert {one["basis"] for one in content["reading"]} == {"printed", "inferred", "fitted"}
+    assert "railslip: facts" in printed.err
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    pictures = {f"{name}.png" for name in reproduce.PICTURES}
+    assert files == {"reproduction.txt", "reproduction.json", *pictures}
+    assert json.loads((tmp_path / "out" / "reproduction.json").read_text("utf-8")) == content
+    text = (tmp_path / "out" / "reproduction.txt").read_text("utf-8")
+    assert all(one.name in text for one in READING)
+    assert f"ASMC beam {FEW}/{FEW}" in text  # did not stop
+
+
+def test_command_fails_when_a_row_is_out(monkeypatch, capsys, few_seeds):
+    from railslip_ctrl.cli import reproduce
+
+    out = replace(few_seeds.rows[0], obtained=math.nan)
+    monkeypatch.setattr(
+        reproduce, "table5", lambda seeds, progress: replace(few_seeds, rows=(out, *few_seeds.rows[1:]))
+    )
+    monkeypatch.setattr(reproduce, "published_facts", lambda progress: ())
+    assert status(["reproduce"]) == 1
+    text = capsys.readouterr().out
+    assert "out of tolerance:" in text
+    assert "- Table 5 / PI beam / braking_time_s" in text
+    assert status(["reproduce", "--json"]) == 1
+    row = json.loads(capsys.readouterr().out)["rows"][0]
+    assert (row["obtained"], row["deviation_percent"], row["within"]) == (None, None, False)
+
+
+@pytest.mark.parametrize("seeds", ["1", "0", "-3", "many", "2.5", "100001", "9" * 30])
+def test_command_refuses_a_number_of_seeds(seeds, capsys):
+    assert status(["reproduce", f"--seeds={seeds}"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("railslip: error: --seeds: ")
+    assert "give a whole number from 2 to 100000" in printed.err
+    assert printed.err.count("\n") == 1

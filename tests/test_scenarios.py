@@ -1,0 +1,301 @@
+"""Scenarios and controllers from files: what they read, and what they refuse in one line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.numeric import adhesion_coefficient
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.simulation import (
+    BrakeLimits,
+    Event,
+    LinearControl,
+    Scenario,
+    ScheduledControl,
+    SlideProtection,
+    SlidingControl,
+    TorqueProfile,
+    built_in_scenario,
+    simulate,
+)
+from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.designed import recommended_pi_lead, recommended_schedule, slide_protection
+from railslip_ctrl.simulation.files import load_scenario
+from railslip_ctrl.simulation.published import published_controller
+
+DESIGNS = Path(__file__).resolve().parent.parent / "designs"
+SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"
+
+
+@pytest.fixture
+def scenario_of(tmp_path):
+    """A scenario from the text of a file."""
+
+    def read(text, name="mine.toml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return load_scenario(path)
+
+    return read
+
+
+@pytest.fixture
+def controller_of(tmp_path):
+    """A controller from the text of a file."""
+
+    def read(text):
+        path = tmp_path / "controller.toml"
+        path.write_text(text)
+        return load_controller(path)
+
+    return read
+
+
+def test_the_published_scenario_as_a_file_is_the_built_in_one():
+    assert load_scenario(SCENARIOS / "park2008.toml") == built_in_scenario("park2008")
+
+
+@pytest.mark.parametrize("name", ["park2008", "park2008-si"])
+def test_built_in_scenarios_by_name(name):
+    assert load_scenario(name) == built_in_scenario(name)
+
+
+def test_the_leaf_patch_takes_its_adhesion_away_and_gives_it_back():
+    scenario = load_scenario(SCENARIOS / "leaf_patch.toml")
+    assert scenario.vehicle.mass == pytest.approx(68_000 / 6)  # kg, railtoolkit, six axles
+    run = simulate(scenario, SlideProtection(recommended_pi_lead().reference), seed=None)
+    assert run.stopped
+    place, slip, force = run.signals.distance, run.signals.slip, run.signals.adhesion_force
+    law = published_law("curve", Rail.DRY, 100.0, scenario.vehicle.wheel_load)
+    inside, outside = (place > 120.01) & (place < 219.99), (place < 119.99) | (place > 220.01)  # a sample is < 0.03 m
+    assert inside.sum() > 300
+    for where, there in ((inside, law.weakened(0.45)), (outside, law)):
+        # the coefficient at a load of 1 N is the force; the run reads it from a table good to 1e-9 of its 3e4 N
+        expected = np.sign(slip[where]) * adhesion_coefficient(there, 1.0, np.abs(slip[where]), 1.0)
+        assert force[where] == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_file_that_extends_changes_only_what_it_names(scenario_of):
+    base = built_in_scenario("park2008")
+    mine = scenario_of('extends = "park2008"\nstep = "2 ms"\n[disturbances]\nrandom_force = "0.5 kN"\n')
+    assert mine.name == "mine"
+    assert mine.step == 0.002
+    assert mine.disturbances == base.disturbances.model_copy(update={"random_force": 500.0})
+    assert (mine.vehicle, mine.adhesion, mine.events) == (base.vehicle, base.adhesion, base.events)
+
+
+def test_a_chain_of_files(scenario_of):
+    scenario_of('extends = "park2008-si"\nfinal_speed = "10 km/h"\n', "first.toml")
+    mine = scenario_of('extends = "first.toml"\nname = "second"\nrail = "wet"\n', "second.toml")
+    assert (mine.name, mine.rail, mine.final_speed) == ("second", Rail.WET, pytest.approx(10 / 3.6))
+
+
+def test_every_field_can_be_given(scenario_of):
+    mine = scenario_of(
+        """
+        name = "all of it"
+        adhesion = "bristle"
+        rail = "wet"
+        adhesion_factor = 0.9
+        initial_speed = "80 km/h"
+        final_speed = 2.0
+        longest_time = "2 min"
+        viscous_rate = -0.02
+        viscous_least = 0.1
+        step = 0.0005
+        published_reference = true
+        inertia_scale = 2.0
+        loaded = true
+        [vehicle]
+        mass = "3 t"
+        mass_loaded = "4 t"
+        wheel_load = "30 kN"
+        [vehicle.wheel]
+        radius = "450 mm"
+        inertia = 70.0
+        viscous_friction = 0.3
+        [vehicle.actuator]
+        dead_time = "100 ms"
+        lag = 0.4
+        [disturbances]
+        random_force = 100.0
+        random_hold = "10 ms"
+        caliper_fraction = 0.1
+        caliper_decay = 2.0
+        caliper_frequency = "12 rad/s"
+        [measurement]
+        speed_noise = "0.1 km/h"
+        wheel_noise = 0.01
+        speed_quantum = 0.02
+        wheel_quantum = 0.03
+        filter_time = 0.05
+        [limits]
+        torque_min = 10.0
+        torque_max = "8 kN*m"
+        rate = "20 kN*m/s"
+        dump_lag = 0.3
+        [[events]]
+        distance = "100 m"
+        adhesion_factor = 0.5
+        [[events]]
+        time = 10.0
+        rail = "dry"
+        mass = "3.5 t"
+        """
+    )
+    assert (mine.vehicle.mass, mine.vehicle.inertia_scale, mine.vehicle.wheel.radius) == (4000.0, 2.0, 0.45)
+    assert mine.vehicle.wheel_load == pytest.approx(40_000.0)  # loaded, in proportion to the mass
+    scaled = published_law("bristle", Rail.DRY, 80.0, mine.vehicle.wheel_load)
+    assert mine.adhesion.alpha == pytest.approx(2.0 * scaled.alpha)
+    assert mine.disturbances.caliper_frequency == 12.0
+    assert mine.limits == BrakeLimits(torque_min=10.0, torque_max=8000.0, rate=20_000.0, dump_lag=0.3)
+    assert mine.events == (Event(distance=100.0, adhesion_factor=0.5), Event(time=10.0, rail=Rail.DRY, mass=3500.0))
+    assert mine.measurement.speed_noise == pytest.approx(0.1 / 3.6)
+    assert set(mine.given()) == set(Scenario.model_fields)  # nothing was left out
+
+
+def test_another_vehicle_takes_adhesion_and_load_with_it():
+    heavy = PARK2008.model_copy(update={"wheel_load": 69_000.0, "mass_loaded": 7000.0, "inertia_scale": 3.6})
+    mine = built_in_scenario("park2008").for_vehicle(heavy)
+    assert mine.events[0].mass == 7000.0
+    assert mine.adhesion == published_law("curve", Rail.DRY, 100.0, 69_000.0)
+    assert mine.has_named_law
+    own = mine.with_changes(adhesion=mine.adhesion.weakened(0.9))
+    assert own.for_vehicle(PARK2008).adhesion == own.adhesion
+
+
+def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
+    (tmp_path / "law.toml").write_text('law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n')
+    mine = scenario_of('extends = "park2008-si"\nadhesion = "law.toml"\n')
+    assert mine.adhesion.name == "burckhardt"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('extends = "park2008"\nfinal_sped = 1.0\n', "final_sped: unknown key; did you mean 'final_speed'"),
+        ('extends = "park2008"\nfinal_speed = "1 kg"\n', "final_speed: '1 kg' has the wrong dimension"),
+        ('extends = "park2008"\nfinal_speed = 60.0\n', "give a value < initial_speed"),
+        ('extends = "park2009"\n', "extends: 'park2009' is not one; choose park2008"),
+        ("extends = 3\n", "extends: 3 is not allowed"),
+        ('extends = "mine.toml"\n', "files extend one another"),
+        ('extends = "park2008"\nlimits = 3\n', "limits: 3 is not allowed; give a table"),
+        ('extends = "park2008"\n[limits]\nrat = 1.0\n', "limits.rat: unknown key; did you mean 'rate'"),
+        (
+            'extends = "park2008"\n[limits]\nrate = -1.0\n',
+            r"limits.rate: -1 is not allowed; give a value > 0 \(N\*m/s\)",
+        ),
+        ('extends = "park2008"\n[[events]]\ntime = 1.0\nmas = 2.0\n', "events.0.mas: unknown key; did you mean 'mass'"),
+        (
+            'extends = "park2008"\n[[events]]\ntime = -1.0\nmass = 2.0\n',
+            r"events.0.time: -1 is not allowed.*>= 0 \(s\)",
+        ),
+        ('extends = "park2008"\n[[events]]\nrail = "wet"\n', "give either time or distance"),
+        ('extends = "park2008"\n[[events]]\ntime = 1.0\n', "changes nothing"),
+        ('extends = "park2008"\nvehicle = 3\n', "vehicle: 3 is not allowed"),
+        ('extends = "park2008"\nvehicle = "none.toml"\n', "vehicle: .*no such file"),
+        ('extends = "park2008"\n[vehicle]\nmas = 1.0\n', "vehicle: mas: unknown key; did you mean 'mass'"),
+        ('extends = "park2008"\nadhesion = "bristel"\n', "adhesion: .*is not a law"),
+        ('extends = "park2008"\nadhesion = "lugre"\n', "adhesion: .*gives no parameters"),
+        ('extends = "park2008"\nadhesion = 3\n', "adhesion: 3 is not allowed"),
+        ('extends = "park2008"\ninitial_speed = "200 km/h"\n', "outside 30 to 140 km/h"),
+        ('extends = "park2008"\nstep = 1e-9\n', "step: 1e-09 is not allowed; give a value >= 1e-05"),
+        ('adhesion = "curve"\ninitial_speed = 20.0\n', "vehicle: missing"),
+        ('vehicle = "park2008"\nadhesion = "curve"\n', "needs initial_speed"),
+        ('vehicle = "park2008"\ninitial_speed = 20.0\n', "adhesion: missing"),
+    ],
+)
+def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        scenario_of(text)
+    assert "\n" not in str(caught.value)
+    assert "mine.toml" in str(caught.value)
+
+
+def test_a_scenario_that_is_neither_a_name_nor_a_file_is_refused():
+    with pytest.raises(InputError, match="choose park2008 or park2008-si, or give a TOML file"):
+        load_scenario("park2007")
+
+
+# --- controllers ---------------------------------------------------------------------------------------------------
+
+
+def test_the_designs_as_files():
+    assert load_controller(CONTROLLERS / "pi_lead.toml") == recommended_pi_lead()
+    assert load_controller(CONTROLLERS / "slide_protection.toml") == slide_protection()
+
+
+def test_table_4_as_files(controller_of):
+    pi = controller_of('kind = "pi"\nkp = "650 N*m/(km/h)"\nki = "27 N*m/(km/h)/s"\nanti_windup = false\n')
+    assert isinstance(pi, LinearControl)
+    assert pi.tracking_time == math.inf
+    assert (pi.design.gains.kp, pi.design.gains.ki) == pytest.approx((2340.0, 97.2))
+    asmc = controller_of(
+        'kind = "asmc"\nK = 70\nD = "1.53 N*m/(km/h)"\nrho = 1.54\nnominal_mass = 3517\nknows_rail = false\n'
+    )
+    published = published_controller("asmc", "bristle", knows_rail=False)
+    assert isinstance(asmc, SlidingControl)
+    assert math.isclose(asmc.gains.D, published.gains.D, rel_tol=1e-12)  # 1.53 N*m/(km/h) through Pint
+    assert (asmc.nominal_mass, asmc.knows_rail, asmc.filter_time) == (3517.0, False, published.filter_time)
+
+
+def test_an_asmc_with_a_model_of_its_own(controller_of, tmp_path):
+    law = published_law("bristle", Rail.DRY)
+    (tmp_path / "law.toml").write_text(
+        f'law = "bristle"\n[parameters]\nalpha = {law.alpha}\nbeta = {law.beta}\ngamma = {law.gamma}\n'
+    )
+    mine = controller_of('kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n')
+    assert mine.model_law.parameters() == pytest.approx(law.parameters())
+
+
+def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_path):
+    schedule = recommended_schedule().schedule
+    (tmp_path / "schedule.json").write_text(schedule.to_json())
+    scheduled = controller_of('kind = "scheduled"\nschedule = "schedule.json"\ntorque_high = 9000\n')
+    assert isinstance(scheduled, ScheduledControl)
+    assert scheduled.schedule == schedule
+    protection = controller_of('kind = "slide-protection"\ndump_slip = 0.3\n[reference]\ndry = 0.1\nwet = 0.05\n')
+    assert isinstance(protection, SlideProtection)
+    assert (protection.dump_slip, protection.fill_slip, protection.period) == (0.3, SlideProtection.fill_slip, 0.01)
+    assert protection.reference.wet == 0.05
+    profile = controller_of('kind = "torque-profile"\ntimes = [0, 2.5]\ntorques = [0, 4000]\nperiod = "10 ms"\n')
+    assert profile == TorqueProfile((0.0, 2.5), (0.0, 4000.0), profile.reference, period=0.01)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("kp = 1.0\n", "kind: missing; choose one of pi"),
+        ('kind = "pid"\n', "kind: 'pid' is not one; did you mean 'pi'"),
+        ('kind = "pi"\nkp = 1.0\n', r"ki: missing; give it \(N\*m/m\)"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6\n', "led: unknown key; did you mean 'lead'"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6\n', "lead filter: 0 s .* is not proper"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 1.0\n', "give a value > torque_low = 2"),
+        ('kind = "pi"\nkp = "1 kg"\nki = 1.0\n', "kp: '1 kg' has the wrong dimension"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9\n', "period: 1e-09 is not allowed"),
+        ('kind = "asmc"\nK = 1.0\nD = 0.0\nrho = 1.0\n', "D: 0 is not allowed; give a value > 0"),
+        ('kind = "asmc"\nK = 1.0\nD = 1.0\nrho = 1.0\nadhesion = "curve"\n', "is not a TOML file"),
+        ('kind = "scheduled"\nschedule = "none.json"\n', "no such file"),
+        ('kind = "slide-protection"\nfill_slip = 0.5\n', "0 < fill_slip < dump_slip < 1"),
+        ('kind = "torque-profile"\ntimes = [0]\ntorques = []\n', "1 times and 0 torques"),
+    ],
+)
+def test_controller_files_are_refused_in_one_line(controller_of, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        controller_of(text)
+    assert "\n" not in str(caught.value)
+    assert "controller.toml" in str(caught.value)
+
+
+def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():
+    schedule = GainSchedule((ScheduleEntry(Rail.DRY, 100.0, PIGains(kp=1210, ki=1220), 2.0),), 0.6, 0.06, 5.0, 2.0)
+    scenario = built_in_scenario("park2008").with_changes(events=())
+    run = simulate(scenario, ScheduledControl(schedule, recommended_pi_lead().reference, torque_high=9000.0), seed=1)
+    assert run.stopped

@@ -1,0 +1,280 @@
+"""`railslip simulate` as its users meet it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from railslip_ctrl.cli import main
+from railslip_ctrl.identification.columns import find_columns
+from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
+from railslip_ctrl.simulation import Signals, built_in_scenario, simulate
+from railslip_ctrl.simulation.published import published_controller
+
+# interface.md
+KEYS = (
+    *("scenario", "controller", "gains", "inertia_scale", "seed", "stopped", "braking_time_s", "braking_distance_m"),
+    *("brake_energy_j", "mean_abs_slip_error", "max_slip", "locked_fraction", "max_torque_nm"),
+)
+
+
+@pytest.fixture
+def railslip(capsys):
+    """Run the command in this process; gives (exit status, standard output, standard error)."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(["simulate", *(str(a) for a in arguments)])
+        captured = capsys.readouterr()
+        return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def numbers(railslip):
+    """The JSON of a run that stops."""
+
+    def run(*arguments):
+        status, out, err = railslip(*arguments, "--json")
+        assert status == 0, err
+        return json.loads(out)
+
+    return run
+
+
+def test_json_has_the_contract_s_keys_and_the_run_s_numbers(numbers):
+    found = numbers("--scenario", "park2008", "--controller", "asmc", "--gains", "beam", "--seed", "7")
+    assert tuple(found)[: len(KEYS)] == KEYS
+    run = simulate(built_in_scenario("park2008"), published_controller("asmc", "beam"), seed=7)
+    assert [found[key] for key in KEYS[:6]] == ["park2008", "asmc", "beam", 3.6, 7, True]
+    assert found["braking_time_s"] == run.braking_time
+    assert found["braking_distance_m"] == run.braking_distance
+    assert found["mean_abs_slip_error"] == run.mean_abs_slip_error
+    assert found["mean_abs_slip_error_published"] == run.mean_abs_slip_error_published
+    assert found["mean_abs_slip_error_published"] != found["mean_abs_slip_error"]  # 0.119/0.059 is held
+    assert found["reference_slip"] == {"dry": 0.119, "wet": 0.059}
+
+
+def test_brake_energy_is_the_si_integral_of_torque_times_wheel_speed(numbers, tmp_path):
+    found = numbers("--csv", tmp_path / "run.csv", "--log-period", "0.001")
+    log = pd.read_csv(tmp_path / "run.csv")
+    power = log["brake torque [N*m]"] * log["wheel angular speed [rad/s]"]
+    # trapezoids over samples of 1 ms, the torque's corners between them
+    assert np.trapezoid(power, log["time [s]"]) == pytest.approx(found["brake_energy_j"], rel=1e-6)
+
+
+def test_the_default_run_is_the_published_pi(numbers):
+    found = numbers()
+    assert (found["scenario"], found["controller"], found["gains"], found["seed"]) == ("park2008", "pi", "bristle", 0)
+    assert found["gain_values"]["kp_si"] == pytest.approx(3.6 * 650)
+
+
+def test_a_seed_repeats_and_another_does_not(numbers):
+    first, again, other = (numbers("--seed", seed) for seed in (5, 5, 6))
+    assert first == again
+    assert first["braking_distance_m"] != other["braking_distance_m"]
+
+
+def test_without_noise(numbers):
+    found = numbers("--no-noise")
+    assert found["seed"] is None
+    assert found["energy_balance"]["random_force_j"] == 0.0
+
+
+def test_options_reach_the_run(numbers):
+    found = numbers("--scenario", "park2008-si", "--kp", 190, "--ki", 5, "--step", "2 ms", "--period", 0.01)
+    assert (found["inertia_scale"], found["gains"]) == (1.0, None)
+    assert found["gain_values"] == {"kp_si": 190.0, "ki_si": 5.0, "lead_s": 0.0, "lead_filter_s": 0.0}
+    assert (found["step_s"], found["period_s"]) == (0.002, 0.01)
+    assert numbers("--scenario", "park2008-si", "--inertia-scale", 3.6)["braking_time_s"] == pytest.approx(
+        numbers()["braking_time_s"]
+    )
+    slower = numbers("--scenario", "park2008-si", "--controller", "asmc", "--speed", 80, "--slip", 0.1)
+    assert slower["energy_balance"]["starting_j"] == pytest.approx(0.5 * (3517 + 60.35 / 0.43**2) * (80 / 3.6) ** 2)
+    assert slower["reference_slip"] == {"dry": 0.1, "wet": 0.1}
+
+
+@pytest.mark.parametrize("law", ["beam", "bristle"])
+def test_other_adhesion(numbers, law):
+    found = numbers("--adhesion", law, "--controller", "pi-lead", "--no-noise")
+    assert found["adhesion"] == law
+    assert found["reference_slip"]["dry"] == {"beam": 0.119, "bristle": 0.132}[law]
+
+
+def test_an_unknown_rail_is_seen_in_the_slip(numbers):
+    known, unknown = (numbers("--controller", "asmc", *more) for more in ((), ("--unknown-rail",)))
+    assert known["max_slip"] < 1.0 == unknown["max_slip"]
+    assert unknown["first_lock_s"] > 25.0
+
+
+def test_another_vehicle_with_what_was_assumed_of_it(railslip, tmp_path):
+    (tmp_path / "train.toml").write_text("mass = 3000\nmass_loaded = 4000\n")
+    status, out, err = railslip(
+        *("--vehicle", tmp_path / "train.toml", "--controller", "slide-protection", "--json", "--loaded")
+    )
+    assert status == 0
+    found = json.loads(out)
+    assert (found["vehicle"], found["inertia_scale"]) == ("train", 1.0)
+    assert "inertia scale 1, the file's, in place of the scenario's 3.6" in err
+    assert "No travelling resistance is given" in err
+    assert found["energy_balance"]["starting_j"] == pytest.approx(0.5 * (4000 + 60.35 / 0.43**2) * (100 / 3.6) ** 2)
+
+
+def test_a_run_that_does_not_stop_has_no_braking_distance(railslip, tmp_path):
+    (tmp_path / "nothing.toml").write_text('kind = "torque-profile"\ntimes = [0]\ntorques = [0]\n')
+    status, out, _ = railslip("--controller", tmp_path / "nothing.toml", "--json")
+    found = json.loads(out)
+    assert (status, found["stopped"], found["outcome"]) == (1, False, "did not stop")
+    for key in ("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error"):
+        assert found[key] is None
+    assert found["ended_at_s"] == 180.0
+    status, out, _ = railslip("--controller", tmp_path / "nothing.toml")
+    assert status == 1
+    assert "NO STOP: did not stop, after 180 s" in out
+
+
+def test_a_number_beyond_all_bounds_is_reported_as_such(railslip, tmp_path):
+    (tmp_path / "mad.toml").write_text('kind = "torque-profile"\ntimes = [0, 1]\ntorques = [0, -1e308]\n')
+    (tmp_path / "free.toml").write_text('extends = "park2008"\n[limits]\ntorque_min = -1e308\n')
+    status, out, _ = railslip("--scenario", tmp_path / "free.toml", "--controller", tmp_path / "mad.toml", "--json")
+    found = json.loads(out)
+    assert (status, found["stopped"], found["braking_time_s"]) == (1, False, None)
+    assert found["outcome"] in ("not a number", "left the adhesion law's domain", "too stiff for the step")
+
+
+def test_the_csv_is_the_record(tmp_path):
+    run = simulate(built_in_scenario("park2008-si"), published_controller("asmc"), seed=2, record_every=10)
+    write_simulation_csv(run, tmp_path / "run.csv")
+    back = pd.read_csv(tmp_path / "run.csv")
+    assert tuple(CSV_COLUMNS) == Signals._fields
+    assert list(back)[: len(CSV_COLUMNS)] == list(CSV_COLUMNS.values())
+    assert list(back)[len(CSV_COLUMNS) :] == [f"controller {name}" for name in run.controller_signals]
+    record = pd.DataFrame({**run.signals._asdict(), **run.controller_signals})
+    # 12 digits are written
+    np.testing.assert_allclose(back.to_numpy(), record.to_numpy(), rtol=1e-11, atol=1e-300)
+    found = find_columns(list(back))  # as `railslip identify` reads it
+    assert {name: column.header for name, column in found.items()} == {
+        "time": "time [s]",
+        "train_speed": "train speed [m/s]",
+        "wheel_angular_speed": "wheel angular speed [rad/s]",
+        "brake_torque": "brake torque [N*m]",
+    }
+
+
+def test_the_text_says_what_was_run_and_how_the_energy_went(railslip):
+    _, out, _ = railslip("--controller", "pi-lead", "--seed", 3)
+    for words in (
+        "Outcome: stopped after",
+        "lead (0.6 s + 1)/(0.06 s + 1)",
+        "from 25 s: wet rail, M 5276 kg",
+        "Noise seed",
+        "against the published 0.132 dry, 0.092 wet",
+        "what the balance lacks",
+    ):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 110
+
+
+def test_a_folder_takes_report_series_and_pictures(railslip, tmp_path):
+    status, _, err = railslip("--controller", "scheduled", "--out", tmp_path / "run")
+    assert (status, f"wrote 5 files to {tmp_path / 'run'}" in err) == (0, True)
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert names == {f"simulation.{suffix}" for suffix in ("txt", "json", "csv", "png", "svg")}
+    assert (tmp_path / "run" / "simulation.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_picture_shows_the_signals():
+    from railslip_ctrl.plots.simulation import simulation_figure
+
+    run = simulate(built_in_scenario("park2008"), published_controller("pi"), seed=1, record_every=10)
+    speeds, slip, torque, adhesion = simulation_figure(run).axes
+    assert speeds.lines[0].get_ydata() == pytest.approx(3.6 * run.signals.speed)
+    assert slip.lines[1].get_ydata() == pytest.approx(run.signals.reference)
+    assert torque.lines[1].get_ydata() == pytest.approx(run.signals.torque / 1000)
+    assert adhesion.lines[0].get_ydata() == pytest.approx(run.signals.adhesion_force / 34_500)
+    styles = [line.get_linestyle() for line in speeds.lines[:2]]
+    assert styles[0] != styles[1]  # a grey print tells them apart
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--scenario", "park2009"), "--scenario: 'park2009' is not one; choose park2008 or park2008-si"),
+        (("--scenario", "none.toml"), "--scenario: none.toml: no such file"),
+        (("--controller", "pid"), "--controller: 'pid' is not one; did you mean 'pi'"),
+        (("--controller", "none.toml"), "--controller: none.toml: no such file"),
+        (("--gains", "dahl"), "--gains: 'dahl' is not a column of Table 4; choose beam or bristle"),
+        (("--kp", "190"), "--ki: is missing beside --kp"),
+        (("--controller", "asmc", "--kp", "1", "--ki", "1"), "'asmc' has no kp and ki"),
+        (("--unknown-rail",), "--controller: 'pi' has neither adaptation nor a model"),
+        (("--adaptive", "--controller", "pi-lead"), "choose 'asmc'"),
+        (("--seed", "-1"), "--seed: '-1' is not allowed; give a whole number"),
+        (("--seed", "1.5"), "--seed: '1.5' is not allowed"),
+        (("--rail", "icy"), "--rail: 'icy' is not a rail condition; choose dry or wet"),
+        (("--speed", "200"), "--initial-speed: 200 km/h is outside 30 to 140 km/h"),
+        (
+            ("--speed", "2", "--initial-speed", "30"),
+            "final_speed: 1.38889 is not allowed; give a value < initial_speed",
+        ),
+        (("--step", "1e-9"), "--step: 1e-09 s is not allowed; give a value >= 1e-05 s"),
+        (("--period", "0"), "--period: 0 s is not allowed"),
+        (("--slip", "1.5"), "--slip: 1.5 is not allowed; give a value < 1"),
+        (("--dead-time", "1 kg"), "wrong dimension"),
+        (("--adhesion", "lugre"), "gives no parameters"),
+        (("--adhesion", "none.toml"), "--adhesion: none.toml"),
+        (("--vehicle", "none.toml"), "--vehicle: none.toml: no such file"),
+        (("--csv", "no/such/folder/run.csv"), "--csv: 'no/such/folder' is not a folder to write to"),
+        (("--csv", os.devnull), "is not a regular file; choose another"),
+        (("--csv", "."), "--csv: '.' is a folder; give a file name"),
+        (("--out", "."), "--out: the working folder itself is not taken"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_run(railslip, arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = railslip(*arguments)
+    assert (status, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_initial_speed_does_not_go_with_a_law_of_one_s_own(railslip, tmp_path):
+    (tmp_path / "law.toml").write_text('law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n')
+    (tmp_path / "mine.toml").write_text('extends = "park2008"\nadhesion = "law.toml"\n')
+    status, _, err = railslip("--scenario", tmp_path / "mine.toml", "--initial-speed", 80)
+    assert (status, "--initial-speed: this scenario's adhesion has parameters of its own" in err) == (2, True)
+
+
+@pytest.mark.parametrize("option", ["--gains=beam", "--kp=1", "--slip=0.1", "--period=0.1", "--adaptive"])
+def test_a_controller_from_a_file_says_everything_itself(railslip, tmp_path, option):
+    (tmp_path / "own.toml").write_text('kind = "pi"\nkp = 100\nki = 10\n')
+    status, _, err = railslip("--controller", tmp_path / "own.toml", option)
+    assert (status, "does not go with a controller from a file" in err) == (2, True)
+
+
+@pytest.mark.parametrize("controller", ["pi", "asmc"])
+def test_a_warm_run_imports_nothing_heavy(controller, tmp_path):
+    """Start-up counts: SymPy, pandas and matplotlib together would take longer than the run."""
+    program = (
+        "import sys, railslip_ctrl.cli\n"
+        "try:\n    railslip_ctrl.cli.main(sys.argv[1:])\nexcept SystemExit as end:\n"
+        "    print(end.code, sorted({'sympy', 'pandas', 'matplotlib', 'pint'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "simulate", "--controller", controller, "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        cwd=tmp_path,
+    )
+    assert done.stderr.splitlines()[-1] == "0 []"
+    assert math.isfinite(json.loads(done.stdout)["braking_time_s"])

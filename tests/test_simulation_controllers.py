@@ -1,0 +1,305 @@
+"""Controllers of braking runs: their steps against the designs they are made from, and the designs' own numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.controllers import actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.families import family_margins
+from railslip_ctrl.design.sampled import Rule
+from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
+from railslip_ctrl.design.tuning import tune_pi
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.parameters import PARK2008, TABLE4_PI, PIGains, Rail
+from railslip_ctrl.scalar_code import adhesion_table
+from railslip_ctrl.simulation import (
+    LinearControl,
+    ScheduledControl,
+    Simulator,
+    SlideProtection,
+    built_in_scenario,
+    simulate,
+)
+from railslip_ctrl.simulation.catalogue import NAMES, controller_named
+from railslip_ctrl.simulation.compilation import kernel
+from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.designed import (
+    MS_MAX,
+    design_points,
+    full_brake_torque,
+    margins_over_points,
+    published_vehicle,
+    recommended_pi_lead,
+    recommended_schedule,
+    slide_protection,
+)
+from railslip_ctrl.simulation.published import published_controller, published_law_gains
+from railslip_ctrl.sliding.code import python_law
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.gains import gain_parameters
+
+SCENARIO = built_in_scenario("park2008")
+REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
+RADIUS = SCENARIO.vehicle.wheel.radius
+PERIOD = 0.01
+
+
+class Stepped:
+    """A controller's step as the kernel has it, run in the interpreter."""
+
+    def __init__(self, controller, rail=Rail.DRY):
+        law = SCENARIO.law(rail)
+        self.module = kernel(type(law), controller.source(), compiled=False)
+        held = REFERENCE.dry if rail is Rail.DRY else REFERENCE.wet
+        row = controller.row(Situation(SCENARIO, rail, law, PERIOD))
+        self.c = np.array([held, RADIUS, *row, math.nan])
+        self.x = np.array(controller.start(SCENARIO.initial_speed))
+
+    def __call__(self, v, omega, applied, table=None):
+        return self.module.command(self.x, 0.0, v, omega, applied, self.c, table)
+
+
+def measured(count, seed):
+    """Train speeds falling, m/s, and wheel speeds scattered around slip, rad/s."""
+    rng = np.random.default_rng(seed)
+    v = np.linspace(27.0, 2.0, count)
+    return zip(v.tolist(), (v * (1 - rng.uniform(-0.2, 0.6, count)) / RADIUS).tolist(), strict=True)
+
+
+def slip_error(v, omega):
+    return REFERENCE.dry * v - (v - RADIUS * omega)
+
+
+@pytest.mark.parametrize("rule", list(Rule))
+@pytest.mark.parametrize("tracking_time", [None, 0.5, math.inf])
+@pytest.mark.parametrize("lead", [(0.0, 0.0), (0.6, 0.06)])
+def test_linear_control_is_the_sampled_controller(rule, tracking_time, lead):
+    control = LinearControl(
+        PIController(PIGains(kp=900.0, ki=700.0), *lead),
+        REFERENCE,
+        torque_low=0.0,
+        torque_high=5000.0,
+        tracking_time=tracking_time,
+        rule=rule,
+    )
+    step, sampled = Stepped(control), control.sampled(PERIOD)
+    state = sampled.initial_state()._replace(error=0.0, filtered_error=0.0)
+    limited, applied = 0, 0.0
+    for v, omega in measured(400, seed=3):
+        state, torque = sampled.step(state, slip_error(v, omega), applied)
+        # sums of numbers up to 1e5 in another order
+        assert step(v, omega, applied) == pytest.approx(torque, rel=1e-11, abs=1e-8)
+        assert step.x[0] == pytest.approx(state.integral, rel=1e-11, abs=1e-8)
+        limited += torque in (0.0, 5000.0)
+        applied = min(torque, 4000.0)  # the brake's own limit, below the controller's
+    assert 20 < limited < 390
+
+
+def test_linear_control_skips_a_sample_that_is_not_finite():
+    step = Stepped(recommended_pi_lead())
+    step(20.0, 40.0, 0.0)
+    before = step.x.copy()
+    assert step(math.nan, 40.0, 1234.0) == 1234.0
+    assert np.array_equal(step.x, before)
+
+
+@pytest.mark.parametrize("rail", list(Rail))
+@pytest.mark.parametrize("tracking_time", [None, 2.0])
+def test_scheduled_control_takes_over_between_sampled_controllers(rail, tracking_time):
+    entries = [(Rail.DRY, 20.0, 300.0, 150.0), (Rail.DRY, 60.0, 900.0, 400.0), (Rail.WET, 40.0, 500.0, 0.0)]
+    schedule = GainSchedule(
+        tuple(ScheduleEntry(r, v, PIGains(kp=kp, ki=ki), 2.0) for r, v, kp, ki in entries), 0.6, 0.06, 5.0, 2.0
+    )
+    control = ScheduledControl(schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time)
+    step = Stepped(control, rail)
+    state = control.sampled(27.0, rail, PERIOD).initial_state()._replace(error=0.0, filtered_error=0.0)
+    held, applied = (REFERENCE.dry if rail is Rail.DRY else REFERENCE.wet), 0.0
+    for v, omega in measured(300, seed=5):
+        sampled = control.sampled(v, rail, PERIOD)
+        state, torque = sampled.step(sampled.take_over(state), held * v - (v - RADIUS * omega), applied)
+        # sums of numbers up to 1e5 in another order
+        assert step(v, omega, applied) == pytest.approx(torque, rel=1e-11, abs=1e-8)
+        applied = torque
+
+
+def test_scheduled_control_refuses_a_rail_without_gains():
+    entry = ScheduleEntry(Rail.DRY, 20.0, PIGains(kp=300.0, ki=150.0), 2.0)
+    control = ScheduledControl(GainSchedule((entry,), 0.0, 0.0, 5.0, 2.0), REFERENCE)
+    with pytest.raises(InputError, match="no entries for wet rail"):
+        Simulator(SCENARIO, control)
+
+
+def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
+    control = published_controller("asmc", "bristle", adaptive=True)
+    step = Stepped(control)
+    law, module = SCENARIO.law(Rail.DRY), python_law(derive())
+    table, scale = adhesion_table(law, SCENARIO.vehicle.wheel_load), SCENARIO.vehicle.inertia_scale
+    p = module.Parameters(
+        J=scale * 60.35, r=RADIUS, Mn=scale * 3517.0, Bn=scale * 0.25, lambda_d=REFERENCE.dry, filter_time=0.1,
+        torque_min=-math.inf, torque_max=math.inf, period=PERIOD,
+        **gain_parameters(published_law_gains("bristle", adaptive=True)),
+    )  # fmt: skip
+    state = module.start(SCENARIO.initial_speed)
+    force, parameters = numeric_plant(type(law)).force, plant_parameters(law, SCENARIO.vehicle)
+    for v, omega in measured(200, seed=7):
+        Ta = float(RADIUS * force(v, v - RADIUS * omega, 0.0, 0.0, 0.0, 0.0, parameters))
+        torque, s, state = module.step(state, v, omega, Ta, p)
+        # the kernel reads the curve from its table, good to 1e-9 of its peak of 1e4 N
+        assert step(v, omega, 0.0, table) == pytest.approx(torque, rel=1e-9, abs=1e-4)
+        assert step.x == pytest.approx([s, *state], rel=1e-9, abs=1e-12)
+
+
+def test_slide_protection_dumps_holds_and_fills():
+    control = SlideProtection(REFERENCE, dump_deceleration=1e9)  # by slip alone
+    step = Stepped(control)
+    v = 20.0
+
+    def change(slip):
+        before = step.x[0]
+        return step(v, (1 - slip) * v / RADIUS, 0.0) - before
+
+    for _ in range(100):
+        change(0.0)
+    assert change(0.02) == pytest.approx(control.fill_rate * PERIOD)
+    assert change(0.10) == 0.0
+    assert change(0.30) == pytest.approx(-control.dump_rate * PERIOD)
+
+
+def test_slide_protection_dumps_by_the_wheel_s_deceleration():
+    step = Stepped(SlideProtection(REFERENCE))
+    rim = 20.0
+    for deceleration, valve in ((3.0, 1.0), (8.0, -1.0)):
+        for _ in range(30):  # the filter of 0.02 s has settled
+            rim -= deceleration * PERIOD
+            step(rim * 1.001, rim / RADIUS, 0.0)
+        assert step.x[3] == valve
+
+
+# --- this project's designs ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
+def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
+    control = recommended_pi_lead(vehicle)
+    margins = margins_over_points(control, vehicle)
+    assert margins.stable.all()
+    assert margins.ms.size == 24
+    assert 0.99 * MS_MAX < margins.ms.max() <= MS_MAX
+
+
+def test_no_pi_lead_of_ms_2_has_more_ki():
+    """One point binds; its own optimum bounds that of all, and the gains are it, rounded down to three digits."""
+    control, vehicle = recommended_pi_lead(), published_vehicle()
+    binding = design_points(vehicle)[int(margins_over_points(control).ms.argmax())]
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), 0.6, 0.06).transfer_function
+    plant = actuated_plant(binding, vehicle.actuator)
+    best = tune_pi([plant], vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator)
+    assert control.design.gains.ki == pytest.approx(best.ki, rel=0.01)
+    assert control.design.gains.kp == pytest.approx(best.kp, rel=0.01)
+
+
+def test_the_recommended_pi_lead_beats_the_best_of_table_5():
+    """581 m, 50.7 s, 0.0272 in [Park2008] Table 5, with a law that knows the curve; here without it."""
+    simulator = Simulator(SCENARIO, recommended_pi_lead())
+    runs = [simulator.run(seed) for seed in range(8)]
+    assert all(run.stopped and run.locked_fraction == 0 for run in runs)
+    assert recommended_pi_lead().model_law is None
+    # single runs scatter by less than 1 m and 0.001
+    assert np.mean([run.braking_distance for run in runs]) == pytest.approx(553, abs=1)
+    assert np.mean([run.braking_time for run in runs]) == pytest.approx(48.0, abs=0.1)
+    assert np.mean([run.mean_abs_slip_error_published for run in runs]) == pytest.approx(0.0174, abs=0.0005)
+
+
+@pytest.mark.parametrize("vehicle", [published_vehicle(), PARK2008], ids=["as published", "SI"])
+def test_the_recommended_schedule_keeps_what_it_says(vehicle):
+    schedule = recommended_schedule(vehicle).schedule
+    loads = (vehicle, vehicle.loaded())
+
+    def loops(rail, speed):
+        controller = schedule.controller(speed / 3.6, rail)
+        return [wheel_slip_loop(plant_at("curve", car, rail, speed), controller, vehicle.actuator) for car in loads]
+
+    entries = family_margins([loop for e in schedule.entries for loop in loops(e.rail, e.speed_kmh)])
+    assert entries.ms.max() == pytest.approx(MS_MAX, rel=0.005)  # the gains are rounded to 1 in about 1000
+    between = family_margins([loop for rail in Rail for v in np.linspace(20, 100, 25) for loop in loops(rail, v)])
+    assert between.ms.max() == pytest.approx(schedule.worst_ms, rel=0.003)
+    low = schedule.lowest_speed_kmh
+    held = [all(loop.is_stable() for rail in Rail for loop in loops(rail, share * low)) for share in (0.99, 1.01)]
+    assert held == [False, True]
+
+
+@pytest.mark.parametrize("name", ["park2008", "park2008-si"])
+@pytest.mark.parametrize("controller", ["pi-lead", "scheduled", "slide-protection"])
+def test_designs_stop_without_locking_in_both_readings(name, controller):
+    scenario = built_in_scenario(name)
+    run = simulate(scenario, controller_named(controller, scenario.vehicle), seed=4)
+    assert run.stopped
+    assert run.locked_fraction == 0.0
+
+
+def test_designs_follow_another_vehicle():
+    slow = PARK2008.actuator.model_copy(update={"dead_time": 1.5})
+    heavy = PARK2008.model_copy(
+        update={"mass_loaded": 6000.0, "wheel_load": 69_000.0, "wheel_load_loaded": 69_000.0, "actuator": slow}
+    )
+    assert full_brake_torque(heavy) == pytest.approx(18_000.0)
+    assert slide_protection(heavy).fill_rate == pytest.approx(2 * SlideProtection.fill_rate)
+    with pytest.raises(InfeasibleDesignError, match="give --kp and --ki"):
+        recommended_pi_lead(heavy)  # the slip runs away faster than that brake can act
+
+
+# --- by name -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("column", "kp", "ki", "dry"), [("beam", 400, 54, 0.119), ("bristle", 650, 27, 0.132)])
+def test_table_4_by_column(column, kp, ki, dry):
+    pi = published_controller("pi", column)
+    assert pi.design.gains == PIGains(kp=3.6 * kp, ki=3.6 * ki)
+    assert pi.reference.dry == dry
+    assert published_controller("asmc", column).reference == pi.reference
+
+
+def test_asmc_that_does_not_know_of_the_wet_rail_locks():
+    """published.md: with the dry curve kept after 25 s the wheel locks."""
+    runs = [simulate(SCENARIO, published_controller("asmc", knows_rail=known), seed=0) for known in (True, False)]
+    assert [run.max_slip == 1.0 for run in runs] == [False, True]
+    assert runs[1].first_lock > 25.0
+
+
+def test_gains_of_one_s_own():
+    own = PIGains(kp=190.0, ki=5.0)
+    assert controller_named("pi", PARK2008, gains=own).design == PIController(own)
+    assert controller_named("pi-lead", PARK2008, gains=own).design == PIController(own, 0.6, 0.06)
+    plain = controller_named("pi", PARK2008, column="beam")
+    assert plain == replace(plain, design=PIController(TABLE4_PI["beam"]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_named_controller_has_its_reference_and_period(name):
+    held = ReferenceSlip(dry=0.05, wet=0.04)
+    controller = controller_named(name, published_vehicle(), reference=held, period=0.02)
+    assert (controller.reference, controller.period) == (held, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: controller_named("asmcc", PARK2008), "did you mean 'asmc'"),
+        (lambda: controller_named("asmc", PARK2008, gains=PIGains(kp=1, ki=1)), "has no kp and ki"),
+        (lambda: controller_named("pi", PARK2008, adaptive=True), "neither adaptation"),
+        (lambda: controller_named("pi-lead", PARK2008, knows_rail=False), "model of the rail"),
+        (lambda: published_controller("pid"), "choose pi or asmc"),
+        (lambda: published_controller("pi", "dahl"), "choose beam or bristle"),
+        (lambda: published_controller("pi", adaptive=True), "choose 'asmc'"),
+    ],
+)
+def test_controllers_that_do_not_exist_are_refused(call, words):
+    with pytest.raises(InputError, match=words):
+        call()

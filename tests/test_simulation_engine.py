@@ -1,0 +1,404 @@
+"""The integration itself: balance, order, dead time, actuator, events, sensors, repeatability, and runs that fail."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from braking_runs import (
+    NO_ADHESION,
+    NO_LIMITS,
+    REFERENCE,
+    bare_vehicle,
+    constant_torque,
+    pi,
+    published_pi,
+    scenario,
+)
+from scipy.signal import lfilter
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.parameters import PARK2008, TABLE4_PI, Actuator, Rail, Resistance
+from railslip_ctrl.simulation import (
+    BrakeLimits,
+    Disturbances,
+    Event,
+    Measurement,
+    Outcome,
+    Run,
+    Scenario,
+    TorqueProfile,
+    built_in_scenario,
+    published_scenario,
+    simulate,
+)
+
+# Rounding of some 1e5 additions to numbers near the starting energy, and the error of Runge-Kutta in it at 1 ms.
+BALANCE = 1e-10
+
+
+# --- energy ----------------------------------------------------------------------------------------------------------
+
+
+def distance_events() -> Scenario:
+    patch = (Event(distance=100.0, adhesion_factor=0.3), Event(distance=130.0, adhesion_factor=1.0))
+    return published_scenario().with_changes(events=(*patch, Event(distance=300.0, mass=5276.0, rail=Rail.WET)))
+
+
+BALANCED = {
+    "as published": (built_in_scenario("park2008"), published_pi()),
+    "SI, the wheel locks": (built_in_scenario("park2008-si"), constant_torque(9000.0)),
+    "events by distance, mass step": (distance_events(), published_pi()),
+    "dynamic law": (published_scenario(as_published=False, adhesion="bristle"), pi(190.0, 5.0)),
+    "rate limit, fill and dump": (
+        published_scenario().with_changes(limits=BrakeLimits(rate=4000.0, dump_lag=0.2, torque_max=9000.0)),
+        published_pi(),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BALANCED)
+def test_the_energy_balance_closes(case: str) -> None:
+    """1e-6 of the starting energy is asked."""
+    run = simulate(*BALANCED[case], seed=3, record_every=None)
+    assert run.outcome is Outcome.STOPPED
+    assert abs(run.energies.error) < BALANCE
+    assert run.locked_fraction > 0.5 if "locks" in case else run.locked_fraction < 0.1
+    assert (run.energies.booked > 1e4) == (case != "SI, the wheel locks")  # which stops before 25 s
+
+
+# --- order -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_order_of_convergence_is_four() -> None:
+    """Controller sampled at 50 ms, smooth law, no noise: halving the step divides the error by 16."""
+    vehicle = PARK2008.model_copy(
+        update={"resistance": Resistance(linear=5.0), "actuator": Actuator(dead_time=0.15, lag=0.6)}
+    )
+    base = scenario(
+        vehicle,
+        # softer than published, so that stability does not ask for smaller steps than those compared
+        adhesion=published_law("bristle", Rail.DRY).model_copy(update={"alpha": 2000.0}),
+        disturbances=Disturbances(caliper_fraction=0.05),
+        longest_time=1.0,  # while everything moves: an error that has decayed shows no order
+        initial_speed=100 / 3.6,
+    )
+    runs = [
+        simulate(base.with_changes(step=0.05 / 2**n), pi(190.0, 5.0, period=0.05), seed=None, record_every=None)
+        for n in range(6)
+    ]
+    values = np.array([[run.energies.works[name] for name in ("slip", "brake", "disturbance")] for run in runs])
+    differences = np.abs(np.diff(values, axis=0))
+    orders = np.log2(differences[:-1] / differences[1:])
+    assert np.all(differences[-1] > 1e-13 * np.abs(values[-1]))  # what is compared is not yet rounding
+    # the next term of the error is a step's size, 1.6 ms, smaller, times rates of up to 30/s
+    assert orders[-1] == pytest.approx([4.0, 4.0, 4.0], abs=0.05)
+
+
+# --- dead time and lag, in closed form -------------------------------------------------------------------------------
+
+
+def staircase_behind_actuator(time: np.ndarray, command: np.ndarray, dead_time: float, lag: float) -> np.ndarray:
+    """The lag's answer to a command held from sample to sample, by superposition of its steps."""
+    steps = np.diff(command, prepend=0.0)
+    since = time[:, None] - time[None, :] - dead_time
+    return np.asarray(np.sum(steps * np.where(since > 0, -np.expm1(-np.maximum(since, 0) / lag), 0.0), axis=1))
+
+
+@pytest.mark.parametrize(
+    ("dead_time", "period", "step"),
+    [(0.0, 0.01, 1e-3), (0.15, 0.05, 1e-3), (0.1537, 0.01, 1e-3), (0.0031, 0.01, 1e-3), (0.15, 0.007, 2.3e-3)],
+)
+def test_dead_time_is_exact(dead_time: float, period: float, step: float) -> None:
+    """Also where it is a multiple of neither the period nor the step; the torque moves all the time."""
+    vehicle = bare_vehicle(dead_time=dead_time, lag=0.6)
+    profile = TorqueProfile((0.0, 0.8, 1.3, 2.0), (500.0, 3000.0, -800.0, 400.0), REFERENCE, period=period)
+    run = simulate(scenario(vehicle, longest_time=3.0, step=step), profile, seed=None)
+    assert run.signals is not None
+    time, command = run.signals.time[:-1], run.signals.command[:-1]  # the last row is the end, not a sample
+    expected = staircase_behind_actuator(time, command, dead_time, 0.6)
+    # Runge-Kutta's own error over the run, (h/T)^4/120 of the torque: 2e-12 at the largest step
+    np.testing.assert_allclose(run.signals.torque[:-1], expected, rtol=0, atol=3000.0 * (step / 0.6) ** 4 / 50 + 1e-9)
+
+
+def test_without_a_lag_the_delayed_command_acts_at_once() -> None:
+    """The wheel without adhesion integrates it: r omega falls by (r/J) times the torque's integral."""
+    dead_time, torque = 0.0537, 300.0
+    run = simulate(
+        scenario(bare_vehicle(dead_time=dead_time), longest_time=2.0), constant_torque(torque, period=0.01), seed=None
+    )
+    assert run.signals is not None
+    wheel = PARK2008.wheel
+    expected = 30.0 / wheel.radius - torque / wheel.inertia * np.maximum(run.signals.time - dead_time, 0.0)
+    np.testing.assert_allclose(run.signals.wheel_speed, expected, rtol=1e-12)
+
+
+def test_fill_dump_and_rate_limit() -> None:
+    """Filling by the vehicle's lag, emptying by another, both no faster than the limit."""
+    fill, dump, rate, torque, end = 0.6, 0.25, 9000.0, 8000.0, 3.0
+    limits = BrakeLimits(torque_min=0.0, dump_lag=dump, rate=rate)
+    vehicle = bare_vehicle(lag=fill, mass=1e6, mass_loaded=1e6)
+    profile = TorqueProfile((0.0, end - 1e-6, end), (torque, torque, 0.0), REFERENCE, period=0.01)
+    run = simulate(scenario(vehicle, longest_time=5.0, limits=limits), profile, seed=None)
+    assert run.signals is not None
+    t, acting = run.signals.time, run.signals.torque
+    linear_up, linear_down = (
+        torque / rate - fill,
+        (torque - rate * dump) / rate,
+    )  # then the lag is slower than the limit
+    up = np.where(t < linear_up, rate * t, torque - rate * fill * np.exp(-(t - linear_up) / fill))
+    start = torque - rate * fill * math.exp(-(end - linear_up) / fill)
+    linear_down = (start - rate * dump) / rate
+    s = t - end
+    down = np.where(s < linear_down, start - rate * s, rate * dump * np.exp(-(s - linear_down) / dump))
+    # where the limit ends T'' jumps by rate/T inside one step: an error of at most h^2/8 of that, 0.005 N*m
+    np.testing.assert_allclose(acting, np.where(t <= end, up, down), rtol=0, atol=1e-6 / 8 * rate / dump)
+    assert run.max_torque_rate == pytest.approx(rate, rel=1e-12)
+    assert run.max_torque == pytest.approx(start, abs=1e-2)
+
+
+def test_torque_limits_hold() -> None:
+    limits = BrakeLimits(torque_min=0.0, torque_max=3000.0)
+    run = simulate(published_scenario().with_changes(limits=limits, longest_time=20.0), published_pi(), seed=1)
+    assert run.signals is not None
+    assert np.max(run.signals.command) == 3000.0
+    assert np.min(run.signals.command) >= 0.0
+
+
+# --- events and the viscous coefficient ------------------------------------------------------------------------------
+
+
+def test_an_event_by_distance_is_located_to_rounding() -> None:
+    """A constant resistance decelerates the free train; the mass steps at 47.3 m: two parabolas."""
+    force, first, second, where, end = 3000.0, 3517.0, 5276.0, 47.3, 5.0
+    vehicle = bare_vehicle(resistance=Resistance(constant=force))
+    run = simulate(
+        scenario(vehicle, events=(Event(distance=where, mass=second),), longest_time=end, step=0.1),
+        constant_torque(0.0, period=0.1),
+        seed=None,
+        record_every=None,
+    )
+    at = math.sqrt(30.0**2 - 2 * force / first * where)
+    when = (30.0 - at) * first / force
+    assert run.outcome is Outcome.OUT_OF_TIME
+    assert run.final_speed == pytest.approx(at - force / second * (end - when), rel=1e-13)
+    assert run.energies.booked == pytest.approx(0.5 * (second - first) * at**2, rel=1e-12)
+
+
+def test_an_event_in_time_acts_between_samples() -> None:
+    force, first, second, when, end = 3000.0, 3517.0, 5276.0, 1.23456, 3.0
+    run = simulate(
+        scenario(
+            bare_vehicle(resistance=Resistance(constant=force)),
+            events=(Event(time=when, mass=second),),
+            longest_time=end,
+            step=0.1,
+        ),
+        constant_torque(0.0, period=0.1),
+        seed=None,
+        record_every=None,
+    )
+    assert run.final_speed == pytest.approx(30.0 - force / first * when - force / second * (end - when), rel=1e-13)
+
+
+def test_the_stop_is_located_to_rounding() -> None:
+    force, mass = 3000.0, 3517.0
+    vehicle = bare_vehicle(resistance=Resistance(constant=force))
+    run = simulate(
+        scenario(vehicle, final_speed=19.0, step=0.1), constant_torque(0.0, period=0.1), seed=None, record_every=None
+    )
+    assert run.stopped
+    assert run.braking_time == pytest.approx((30.0 - 19.0) * mass / force, rel=1e-13)
+    assert run.braking_distance == pytest.approx((30.0**2 - 19.0**2) * mass / (2 * force), rel=1e-13)
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.6])
+def test_the_viscous_coefficient_over_time(scale: float) -> None:
+    """B = max(12 - 3 t, 3) brakes the free wheel: omega = omega0 exp(-integral(B)/J), whatever the inertia scale."""
+    vehicle = bare_vehicle(viscous=12.0, inertia_scale=scale)
+    run = simulate(
+        scenario(vehicle, viscous_rate=-3.0, viscous_least=3.0, longest_time=5.0), constant_torque(0.0), seed=None
+    )
+    assert run.signals is not None
+    t = run.signals.time
+    integral = np.where(t < 3.0, 12.0 * t - 1.5 * t**2, 22.5 + 3.0 * (t - 3.0))
+    expected = 30.0 / 0.43 * np.exp(-integral / 60.35)
+    # 1e-3 s times 0.2/s, to the fourth power, is below rounding; sigma = v - r omega gives omega to 1e-13 of v
+    np.testing.assert_allclose(run.signals.wheel_speed, expected, rtol=1e-11)
+    assert abs(run.energies.error) < BALANCE
+
+
+# --- sensors and chance ----------------------------------------------------------------------------------------------
+
+
+def test_measurement_noise_and_random_force_have_their_statistics() -> None:
+    measurement = Measurement(speed_noise=0.05, wheel_noise=0.2)
+    run = simulate(
+        scenario(
+            bare_vehicle(mass=1e9, mass_loaded=1e9),
+            measurement=measurement,
+            disturbances=Disturbances(random_force=431.0, random_hold=0.02),
+            longest_time=60.0,
+        ),
+        constant_torque(0.0),
+        seed=11,
+    )
+    assert run.signals is not None
+    s = run.signals
+    speed_error, wheel_error = s.measured_speed[:-1] - s.speed[:-1], s.measured_wheel_speed[:-1] - s.wheel_speed[:-1]
+    held = s.random_force[:-1].reshape(-1, 20)
+    assert np.all(held == held[:, :1])  # 20 samples of 1 ms each
+    for values, spread in ((speed_error, 0.05), (wheel_error, 0.2), (held[:, 0], 431.0)):
+        # four standard errors of a mean and of a standard deviation; the seed is fixed
+        assert abs(np.mean(values)) < 4 * spread / math.sqrt(values.size)
+        assert np.std(values) == pytest.approx(spread, rel=4 / math.sqrt(2 * values.size))
+    independent = np.corrcoef(speed_error, wheel_error)[0, 1]
+    assert abs(independent) < 4 / math.sqrt(speed_error.size)
+    assert abs(np.corrcoef(held[1:, 0], held[:-1, 0])[0, 1]) < 4 / math.sqrt(held.shape[0])
+
+
+def test_quantised_and_filtered_measurements() -> None:
+    vehicle = bare_vehicle(resistance=Resistance(constant=3000.0))
+    fine = Measurement(speed_quantum=0.1, wheel_quantum=0.25)
+    runs = [
+        simulate(scenario(vehicle, measurement=m, longest_time=4.0), constant_torque(500.0), seed=None)
+        for m in (fine, Measurement(filter_time=0.05))
+    ]
+    grid, filtered = (run.signals for run in runs)
+    assert grid is not None
+    assert filtered is not None
+    for measured, true, quantum in (
+        (grid.measured_speed[:-1], grid.speed[:-1], 0.1),
+        (grid.measured_wheel_speed[:-1], grid.wheel_speed[:-1], 0.25),
+    ):
+        assert np.max(np.abs(measured / quantum - np.round(measured / quantum))) < 1e-9
+        assert np.max(np.abs(measured - true)) <= quantum / 2 * (1 + 1e-9)
+        assert np.unique(measured).size > 10
+    blend = -math.expm1(-1e-3 / 0.05)
+    expected, _ = lfilter([blend], [1.0, blend - 1.0], filtered.speed[:-1], zi=[(1.0 - blend) * 30.0])
+    np.testing.assert_allclose(filtered.measured_speed[:-1], expected, rtol=1e-12)
+
+
+def numbers(run: Run) -> tuple[float, ...]:
+    return (run.braking_time, run.braking_distance, run.brake_energy, run.mean_abs_slip_error, run.rms_torque_rate)
+
+
+def test_runs_repeat_with_their_seed() -> None:
+    first, again = (simulate(built_in_scenario("park2008"), published_pi(), seed=5) for _ in range(2))
+    assert numbers(first) == numbers(again)
+    assert first.signals is not None
+    assert again.signals is not None
+    assert all(np.array_equal(a, b) for a, b in zip(first.signals, again.signals, strict=True))
+    other = simulate(built_in_scenario("park2008"), published_pi(), seed=6, record_every=None)
+    assert numbers(other) != numbers(first)
+    unrecorded = simulate(built_in_scenario("park2008"), published_pi(), seed=5, record_every=None)
+    assert numbers(unrecorded) == numbers(first)
+    child = simulate(built_in_scenario("park2008"), published_pi(), seed=np.random.SeedSequence(5), record_every=None)
+    assert numbers(child) == numbers(first)
+
+
+@pytest.mark.parametrize("period", [None, 0.7])
+def test_noise_reaches_to_the_end_of_a_run_that_does_not_stop(period: float | None) -> None:
+    """A last sample may begin before and end after the longest time: there is a random force for all of it."""
+    run = simulate(
+        scenario(bare_vehicle(), disturbances=Disturbances(random_force=431.0), longest_time=1.0, adhesion=NO_ADHESION),
+        constant_torque(0.0, period=period),
+        seed=1,
+        record_every=None,
+        compiled=False,  # where an index out of range raises
+    )
+    assert run.outcome is Outcome.OUT_OF_TIME
+
+
+@pytest.mark.parametrize("law", ["curve", "bristle"])
+def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
+    """The same text, with all that a run can have, the locking of the wheel included."""
+    base = published_scenario(as_published=False, adhesion=law).with_changes(
+        longest_time=2.5,
+        events=(Event(distance=11.0, adhesion_factor=0.4), Event(time=1.2, rail=Rail.WET, mass=5276.0)),
+        measurement=Measurement(speed_noise=0.02, wheel_noise=0.05, wheel_quantum=0.01, filter_time=0.01),
+        limits=BrakeLimits(rate=2e4, dump_lag=0.3),
+    )
+    runs = [simulate(base, pi(2000.0, 200.0, slip=0.95), seed=2, compiled=compiled) for compiled in (True, False)]
+    compiled, interpreted = (run.signals for run in runs)
+    assert compiled is not None
+    assert interpreted is not None
+    assert np.max(compiled.locked) == 1.0
+    for name, one, other in zip(compiled._fields, compiled, interpreted, strict=True):
+        # exp and sin may differ by a rounding, which slip beyond the peak makes grow by e^(2 s * 3/s)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * (1 + np.max(np.abs(one))), err_msg=name)
+    assert numbers(runs[0]) == pytest.approx(numbers(runs[1]), rel=1e-9)
+
+
+# --- what did not work is named ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BreaksDown:
+    """A controller whose torque is not a number from a time on."""
+
+    when: float
+    value: str = "math.nan"
+    period: float | None = 0.01
+    name: str = "breaks-down"
+    knows_rail: bool = True
+    model_law: None = None
+
+    reference, states = REFERENCE, ()
+
+    def source(self) -> str:
+        head = "@compiled\ndef command(x, t, v, omega, applied, c, table):\n"
+        return f"{head}    return {self.value} if t >= c[2] else 0.0\n"
+
+    def row(self, situation: object) -> tuple[float, ...]:
+        return (self.when,)
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        return ()
+
+
+@pytest.mark.parametrize("value", ["math.nan", "math.inf", "-math.inf"])
+def test_a_controller_that_returns_no_number_ends_the_run(value: str) -> None:
+    base = scenario(bare_vehicle(), longest_time=2.0)
+    run = simulate(base, BreaksDown(0.5, value), seed=None, compiled=False)
+    assert run.outcome is Outcome.NOT_FINITE
+    assert run.braking_time == pytest.approx(0.5, abs=1e-12)
+    assert not run.stopped
+
+
+def test_a_controller_that_overflows_ends_the_run() -> None:
+    """1e305 N*m times 1/J and r: the wheel's speed overflows within the first seconds."""
+    run = simulate(scenario(bare_vehicle(), limits=BrakeLimits(torque_min=-1e308)), constant_torque(-1e308), seed=None)
+    assert run.outcome is Outcome.NOT_FINITE
+    assert 0.0 < run.braking_time < 1.0
+
+
+@pytest.mark.parametrize("torque", [6000.0, 9000.0, 30000.0])
+@pytest.mark.parametrize("step", [1e-3, 5e-3])
+def test_the_bristle_law_is_left_where_it_ends(torque: float, step: float) -> None:
+    """[Park2008] (30)-(32) at 140 km/h hold to a slip velocity gamma: slip 0.828 at the start's speed."""
+    law = published_law("bristle", Rail.DRY, initial_speed_kmh=140.0)
+    base = published_scenario(as_published=False).with_changes(adhesion=law, initial_speed=140 / 3.6, step=step)
+    run = simulate(base, constant_torque(torque), seed=None)
+    assert run.outcome is Outcome.OUTSIDE_DOMAIN
+    assert run.signals is not None
+    s = run.signals
+    gamma = law.domain_limit(run.final_speed)[0] * run.final_speed
+    # a thousandth before it, where the rates grow beyond bounds
+    assert gamma > s.slip_velocity[-1] >= (1 - 1e-3) * gamma
+    assert np.all(s.slip_velocity[:-1] < (1 - 1e-3) * gamma)
+    assert run.braking_time == s.time[-1] < 10.0
+    # on the way the force stays between 0 and the most the law has
+    assert np.min(s.adhesion_force[s.slip_velocity > 1.0]) > 0.0  # before, resistance drags the free wheel
+    assert np.max(s.adhesion_force[:-1]) < 11_300.0
+
+
+@pytest.mark.parametrize("alpha", [1e18, 1e300])
+def test_a_law_too_stiff_to_integrate_is_named(alpha: float) -> None:
+    """More than 1e5 steps a piece are refused; counts beyond the integers, too."""
+    law = published_law("bristle", Rail.DRY).model_copy(update={"alpha": alpha})
+    run = simulate(scenario(PARK2008, adhesion=law, limits=NO_LIMITS), pi(*TABLE4_PI["bristle"].model_dump().values()))
+    assert run.outcome is Outcome.TOO_STIFF
+    assert run.braking_time < 1.0

@@ -1,0 +1,351 @@
+"""Braking runs against closed forms, an independent integration in the paper's units, and the linearised loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from braking_runs import (
+    NO_LIMITS,
+    REFERENCE,
+    bare_vehicle,
+    constant_torque,
+    pi,
+    published_pi,
+    run_from,
+    scenario,
+)
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+
+from railslip_ctrl import DeadTimeLoop
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.adhesion.curve import curve_force
+from railslip_ctrl.design.controllers import wheel_slip_loop
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.simulation import (
+    BrakeLimits,
+    Disturbances,
+    Outcome,
+    Simulator,
+    TorqueProfile,
+    built_in_scenario,
+    simulate,
+)
+from railslip_ctrl.simulation import kernel as layout
+
+# --- as published: the paper's own mixed units -----------------------------------------------------------------------
+
+
+def paper_curve(wet: bool) -> CubicHermiteSpline:
+    """F(lambda), N, from the paper's differential equation along a slip ramp of 10.548 km/h/s, speeds in km/h."""
+    v0, ramp = 100.0, 2.93 * 3.6
+    alpha = (5.455e4 - 3.641e2 * v0 + 3.798e-1 * v0**2) / 3.6  # N/m read as N per (km/h s)
+    beta = (1.873e-2 - 6.059e-5 * v0 + 5.500e-8 * v0**2) * (2 if wet else 1)
+    gamma = 2.345e2 - 8.620e-1 * v0 + 1.053e-4 * v0**2
+
+    def slope(sigma: float, force: np.ndarray) -> np.ndarray:
+        return alpha * (1 - beta / (gamma - sigma) * force) * sigma / ramp
+
+    nodes = np.linspace(0.0, v0, 8001)
+    found = solve_ivp(slope, (0.0, v0), [0.0], method="DOP853", rtol=1e-13, atol=1e-9, t_eval=nodes)
+    return CubicHermiteSpline(nodes / v0, found.y[0], slope(nodes, found.y[0]) * v0)
+
+
+def paper_run(random_force: np.ndarray) -> np.ndarray:
+    """The published PI bristle run in km/h, N and s with no factor 3.6 in (3) and (4); rows (v, sigma, Tb, x) each ms.
+
+    Written from [Park2008] alone: classical Runge-Kutta, PI in its units, sampled each ms; x in m.
+    """
+    M, J, B0, r, h = 3517.0, 60.35, 0.25, 0.43, 1e-3
+    coefficients = {wet: (c.c.T.tolist(), 1 / 8000) for wet, c in ((w, paper_curve(w)) for w in (False, True))}
+
+    def curve(slip: float, wet: bool) -> float:
+        pieces, width = coefficients[wet]
+        i = int(abs(slip) / width)
+        c3, c2, c1, c0 = pieces[i]
+        u = abs(slip) - i * width
+        return math.copysign(((c3 * u + c2) * u + c1) * u + c0, slip)
+
+    def rates(t: float, v: float, w: float, Tb: float, Tc: float, Fn: float, wet: bool, M: float) -> tuple[float, ...]:
+        Fa = curve((v - r * w) / v, wet)
+        Td = 0.05 * Tb * math.exp(-4 * t) * math.sin(10 * math.pi * t)
+        v_rate = (-Fa - 0.63 * (v / 3.6) ** 2 - Fn) / M
+        w_rate = (-(B0 - 0.01 * t) * w + r * Fa - Tb - Td + r * Fn) / J
+        return v_rate, w_rate, (Tc - Tb) / 0.6, v / 3.6
+
+    v, w, Tb, x, integral, commands, rows = 100.0, 100.0 / r, 0.0, 0.0, 0.0, [], []
+    for n in range(random_force.size):
+        t, wet = n * h, n >= 25000
+        if n == 25000:
+            M = 5276.0
+        rows.append((v, v - r * w, Tb, x))
+        error = (0.092 if wet else 0.132) * v - (v - r * w)
+        integral += 27.0 * h * error
+        commands.append(max(650.0 * error + integral, 0.0))
+        Tc = commands[n - 150] if n >= 150 else 0.0
+        y, Fn = (v, w, Tb, x), float(random_force[n])
+        k1 = rates(t, *y[:3], Tc, Fn, wet, M)
+        k2 = rates(t + h / 2, *(a + h / 2 * b for a, b in zip(y[:3], k1[:3], strict=True)), Tc, Fn, wet, M)
+        k3 = rates(t + h / 2, *(a + h / 2 * b for a, b in zip(y[:3], k2[:3], strict=True)), Tc, Fn, wet, M)
+        k4 = rates(t + h, *(a + h * b for a, b in zip(y[:3], k3[:3], strict=True)), Tc, Fn, wet, M)
+        v, w, Tb, x = (a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(y, k1, k2, k3, k4, strict=True))
+    return np.array(rows)
+
+
+def test_the_as_published_run_is_the_mixed_unit_one() -> None:
+    """Inertia scale 3.6 in SI is speeds in km/h with forces in N: the same run to 1e-9, noise and switch included."""
+    run = simulate(built_in_scenario("park2008"), published_pi(), seed=4)
+    assert run.stopped
+    assert run.signals is not None
+    s = run.signals
+    rows = paper_run(s.random_force[:-1])
+    for name, ours, theirs in (
+        ("speed", 3.6 * s.speed[:-1], rows[:, 0]),
+        ("slip velocity", 3.6 * s.slip_velocity[:-1], rows[:, 1]),
+        ("torque", s.torque[:-1], rows[:, 2]),
+        ("distance", s.distance[:-1], rows[:, 3]),
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.max(np.abs(theirs)), err_msg=name)
+
+
+def test_halving_the_step_moves_table_5_by_less_than_two_per_mille() -> None:
+    """Means over 8 seeds, the same random forces in both; the controller is sampled at every step of the first."""
+    base = built_in_scenario("park2008")
+    means = []
+    for step in (1e-3, 5e-4):
+        simulator = Simulator(base.with_changes(step=step), published_pi())
+        runs = [simulator.run(seed) for seed in range(8)]
+        means.append(
+            np.mean(
+                [(r.braking_time, r.braking_distance, r.brake_energy, r.mean_abs_slip_error_published) for r in runs],
+                axis=0,
+            )
+        )
+    assert np.all(np.abs(means[1] / means[0] - 1) < 2e-3)
+    assert np.any(means[1] != means[0])
+
+
+# --- lock and release -------------------------------------------------------------------------------------------------
+
+
+def test_the_wheel_locks_when_the_torque_has_taken_its_momentum() -> None:
+    """Without adhesion J omega' = -T after the dead time; slip is then 1, and its mean tells the lock to rounding."""
+    torque, dead_time, end = 4000.0, 0.0837, 2.0
+    base = scenario(bare_vehicle(dead_time=dead_time), longest_time=end)
+    controller = TorqueProfile((0.0,), (torque,), REFERENCE.model_copy(update={"dry": 1e-9}), period=0.01)
+    run = simulate(base, controller, seed=None)
+    lock = dead_time + PARK2008.wheel.inertia * (30.0 / PARK2008.wheel.radius) / torque
+    assert run.signals is not None
+    assert np.array_equal(run.signals.locked, run.signals.time > lock)
+    mean_slip = (0.5 * (lock - dead_time) + end - lock) / end
+    # the reference of 1e-9 is missed on the other side for the first 1e-9 of the ramp
+    assert run.mean_abs_slip_error == pytest.approx(mean_slip - 1e-9, abs=1e-9)
+    assert run.first_lock == pytest.approx(dead_time + 0.98 * (lock - dead_time), abs=1.01e-3)  # steps of 1 ms
+    assert run.energies.works["brake"] == pytest.approx(0.5 * 60.35 * (30.0 / 0.43) ** 2, rel=1e-12)
+
+
+def test_the_wheel_is_released_when_adhesion_overcomes_the_torque() -> None:
+    """Locked, v falls at F(1)/M; the torque dumps exponentially; omega' > 0 from T = r F(1) on."""
+    dump, torque, off, dead_time, end = 0.2, 8000.0, 4.0, 0.15, 6.0
+    law = published_law("curve", Rail.DRY)
+    base = scenario(
+        bare_vehicle(dead_time=dead_time, lag=0.3),
+        adhesion=law,
+        limits=BrakeLimits(torque_min=0.0, dump_lag=dump),
+        longest_time=end,
+    )
+    controller = TorqueProfile((0.0, off - 1e-6, off), (torque, torque, 0.0), REFERENCE, period=0.01)
+    run = simulate(base, controller, seed=None)
+    assert run.signals is not None
+    s = run.signals
+    r, J, M = PARK2008.wheel.radius, PARK2008.wheel.inertia, PARK2008.mass
+    sliding = float(curve_force(1.0, *law.parameters()))
+    release = off + dead_time + dump * math.log(torque / (r * sliding))  # filled up to torque: exp(-12) is missing
+    locked = s.time[s.locked == 1.0]
+    assert locked[-1] == pytest.approx(release, abs=1e-3)
+    during = (s.time >= locked[0]) & (s.time <= locked[-1])
+    v = s.speed[during]
+    np.testing.assert_allclose(v, v[0] - sliding / M * (s.time[during] - s.time[during][0]), rtol=1e-12)
+    assert np.all(s.wheel_speed[during] == 0.0)
+
+    def motion(t: float, y: np.ndarray) -> list[float]:
+        force = float(curve_force((y[0] - r * y[1]) / y[0], *law.parameters()))
+        left = acting * math.exp(-(t - locked[-1]) / dump)
+        return [-force / M, (r * force - left) / J if t > begin else 0.0]
+
+    acting = float(s.torque[s.time == locked[-1]][0])
+    begin = locked[-1] + dump * math.log(acting / (r * sliding))
+    assert begin == pytest.approx(release, abs=1e-5)
+    at = v[-1] - sliding / M * (begin - locked[-1])
+    found = solve_ivp(motion, (begin, end), [at, 0.0], method="DOP853", rtol=1e-12, atol=1e-12)
+    assert run.final_speed == pytest.approx(found.y[0, -1], rel=1e-9)
+    assert s.wheel_speed[-1] == pytest.approx(found.y[1, -1], rel=1e-9)
+    assert abs(run.energies.error) < 1e-12
+
+
+def test_a_wheel_at_the_edge_of_locking_neither_chatters_without_end_nor_loses_energy() -> None:
+    """The torque swings about what sliding adhesion holds, and a random force pushes the wheel to and fro."""
+    law = published_law("curve", Rail.DRY)
+    edge = PARK2008.wheel.radius * float(curve_force(1.0, *law.parameters()))
+    base = scenario(
+        bare_vehicle(lag=0.05), adhesion=law, disturbances=Disturbances(random_force=431.0), longest_time=60.0
+    )
+    swings = [(3.0 + 0.25 * n, edge * (1.2 if n % 2 else 0.9)) for n in range(200)]
+    controller = TorqueProfile(*zip((0.0, 9000.0), (2.5, 9000.0), *swings, strict=True), REFERENCE)
+    run = simulate(base, controller, seed=2)
+    assert run.signals is not None
+    assert run.outcome in (Outcome.STOPPED, Outcome.OUT_OF_TIME)
+    assert np.count_nonzero(np.diff(run.signals.locked) < 0) > 20  # releases
+    assert np.min(run.signals.wheel_speed) >= -1e-12
+    assert abs(run.energies.error) < 1e-9  # Runge-Kutta through slips that change within milliseconds
+    assert run.steps < 1.1e3 * run.braking_time
+
+
+# --- the delayed integrator ------------------------------------------------------------------------------------------
+
+
+def delayed_integrator(rate: float, dead_time: float, *, period: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """Without adhesion, under a P controller, sigma' = rate (sigma_d - sigma)(t - dead_time); t and sigma/sigma_d."""
+    vehicle = bare_vehicle(dead_time=dead_time)
+    kp = rate * PARK2008.wheel.inertia / PARK2008.wheel.radius
+    base = scenario(vehicle, limits=NO_LIMITS, longest_time=end)
+    run = simulate(base, pi(kp, slip=0.01, period=period), seed=None)
+    assert run.signals is not None
+    return run.signals.time, run.signals.slip / 0.01
+
+
+def test_the_delayed_integrator_by_the_method_of_steps() -> None:
+    """L = 2 exp(-s)/s: y = 0, then 2 (t - 1), then -2 (t - 2)^2 is added; a held command is late by half a period."""
+
+    def exact(t: np.ndarray) -> np.ndarray:
+        return 2.0 * np.maximum(t - 1, 0) - 2.0 * np.maximum(t - 2, 0) ** 2
+
+    errors = []
+    for period in (4e-3, 2e-3, 1e-3):
+        t, y = delayed_integrator(2.0, 1.0, period=period, end=3.0)
+        errors.append(np.max(np.abs(y - exact(t))))
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-2)
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=1e-2)
+    # on [2, 3] y' = 2 (1 - y(t - 1)): half a period late, 4 times that of the integral's 1
+    assert errors[2] == pytest.approx(2.0 * 1e-3, rel=1e-2)
+
+
+@pytest.mark.parametrize("dead_time", [1.0, 0.50371])
+def test_the_sampled_delayed_integrator_exactly(dead_time: float) -> None:
+    """Piecewise linear between command changes, so that an exact recursion exists, also for a fractional delay."""
+    period, rate = 0.01, 1.3
+    t, y = delayed_integrator(rate, dead_time, period=period, end=4.0)
+    whole = math.floor(dead_time / period + 1e-9)
+    late = dead_time / period - whole  # share of a period for which the command before still acts
+    command = np.zeros(t.size)
+    expected = np.zeros(t.size)
+    for n in range(t.size - 1):
+        command[n] = rate * (1.0 - expected[n])
+        older = command[n - whole - 1] if n > whole else 0.0
+        newer = command[n - whole] if n >= whole else 0.0
+        expected[n + 1] = expected[n] + period * (late * older + (1 - late) * newer)
+    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("factor", "stable"), [(0.99, True), (1.01, False)])
+def test_the_delayed_integrator_on_both_sides_of_its_gain_margin(factor: float, stable: bool) -> None:
+    """DeadTimeLoop's limit for exp(-0.5 s)/s is pi; a period of 1 ms moves it by 0.1 %."""
+    dead_time = 0.5
+    loop = DeadTimeLoop(Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
+    limit = loop.margins().gain_increase
+    assert limit == pytest.approx(math.pi, rel=1e-9)
+    t, y = delayed_integrator(factor * limit, dead_time, period=1e-3, end=40.0)
+    early, late = (np.max(np.abs(y[(t > a) & (t < a + 4.0)] - 1.0)) for a in (10.0, 36.0))
+    assert (late < early) == stable
+    assert loop.scaled(factor * limit).is_stable() == stable
+
+
+# --- the linearised loop ----------------------------------------------------------------------------------------------
+
+HEAVY = 1e15  # kg: the speed stays what it is, as the linearisation with frozen speed has it
+
+
+def small_perturbation(
+    *, gain: float = 1.0, extra_dead_time: float = 0.0, end: float = 30.0
+) -> tuple[DeadTimeLoop, np.ndarray, np.ndarray]:
+    """The dry bristle loop at 100 km/h, slip 0.132, kp 190, ki 5: the loop, times and the slip velocity's deviation."""
+    kp, ki = 190.0 * gain, 5.0 * gain
+    law = published_law("bristle", Rail.DRY)
+    dead_time = PARK2008.actuator.dead_time + extra_dead_time
+    vehicle = bare_vehicle(dead_time=dead_time, lag=PARK2008.actuator.lag, viscous=0.25, mass=HEAVY, mass_loaded=HEAVY)
+    point = operating_point(law, vehicle, 100 / 3.6, 0.132)
+    controller = pi(kp, ki)
+    loop = wheel_slip_loop(linearize(point), controller.design, Actuator(dead_time=dead_time, lag=0.6))
+    base = scenario(vehicle, adhesion=law, initial_speed=100 / 3.6, longest_time=end, step=1e-4)
+    simulator = Simulator(base, controller)
+    torque = point.brake_torque
+    start = {
+        layout.V: point.speed,
+        layout.SIGMA: point.sigma + 1e-5,
+        layout.Z: point.adhesion_state or 0.0,
+        layout.TORQUE: torque,
+    }
+    found = run_from(simulator, start, (torque, 0.0, 0.0, torque), every=10)
+    return loop, found.time, found.sigma - point.sigma
+
+
+@pytest.fixture(scope="module")
+def published_margins() -> tuple[float, float]:
+    margins = small_perturbation(end=0.1)[0].margins()
+    # [Park2008]'s loop, frozen speed: 2.89166823 and 0.23715801 s with M = 3517 kg, here without 1/M
+    return margins.gain_increase, margins.delay_s
+
+
+@pytest.mark.parametrize("case", ["gain x 0.99", "gain x 1.01", "delay x 0.99", "delay x 1.01"])
+def test_both_sides_of_a_margin(case: str, published_margins: tuple[float, float]) -> None:
+    gain_increase, delay_margin = published_margins
+    what, factor = case.split(" x ")
+    if what == "gain":
+        loop, t, deviation = small_perturbation(gain=float(factor) * gain_increase, end=40.0)
+    else:
+        loop, t, deviation = small_perturbation(extra_dead_time=float(factor) * delay_margin, end=120.0)
+    window = t[-1] / 4  # over a period of the slowest oscillation, 8 s
+    early = np.max(np.abs(deviation[(t > window) & (t < 2 * window)]))
+    late = np.max(np.abs(deviation[t > 3 * window]))
+    assert loop.is_stable() == (float(factor) < 1)
+    assert (late < early) == loop.is_stable()
+    assert late < 1e-2  # small still, so that the linearisation is what is compared
+
+
+@pytest.mark.parametrize(
+    ("gain", "end", "begin"), [(1.0, 60.0, 10.0), (2.0, 60.0, 10.0), (3.5, 25.0, 3.0), (0.6, 12.0, 4.0)]
+)
+def test_a_perturbation_grows_or_decays_as_the_rightmost_poles_say(gain: float, end: float, begin: float) -> None:
+    loop, t, deviation = small_perturbation(gain=gain, end=end)
+    # what is left after `begin` are the rightmost pair and a real pole: the roots of a linear recursion of order 3
+    order, interval = 3, 0.25
+    y = deviation[t >= begin][:: round(interval / 1e-3)]
+    rows = np.stack([y[order - 1 - i : y.size - 1 - i] for i in range(order)], axis=1)
+    weights = 1 / np.max(np.abs(rows), axis=1)
+    coefficients, *_ = np.linalg.lstsq(rows * weights[:, None], y[order:] * weights, rcond=None)
+    seen = np.log(np.roots(np.concatenate([[1.0], -coefficients])).astype(complex)) / interval
+    for pole in loop.closed_loop_poles(order):
+        nearest = seen[np.argmin(np.abs(seen - pole))]
+        assert nearest.real == pytest.approx(pole.real, rel=0.01)
+        assert nearest.imag == pytest.approx(pole.imag, rel=0.01, abs=1e-9)
+
+
+def test_locking_by_constant_torque_beyond_the_peak() -> None:
+    """Above the largest adhesion torque no slip holds: the curve's wheel runs away and locks, below it does not."""
+    law = published_law("curve", Rail.DRY)
+    peak = max(float(curve_force(s, *law.parameters())) for s in np.linspace(0.05, 0.3, 500))
+    # at the peak the wheel sheds its momentum as the train falls: J v'/r (1 - slip) is what the torque may lack
+    vehicle = bare_vehicle(lag=0.6)
+    for factor, locks in ((0.95, False), (1.05, True)):
+        run = simulate(
+            scenario(vehicle, adhesion=law, longest_time=30.0),
+            constant_torque(factor * peak * PARK2008.wheel.radius * (1 + 0.05)),
+            seed=None,
+            record_every=None,
+        )
+        assert (run.max_slip >= 1.0) == locks
+        assert run.stopped
