@@ -141,6 +141,8 @@ def _factor(given: str, unit: str, text: str) -> float:
         raise InputError(f"{shown(text)} has the wrong dimension; it must be convertible to {unit!r}") from None
     except _UNIT_PARSER_FAILURES:
         raise _not_a_unit(given, unit, text) from None
+    if "rad" in unit and "hertz" in str(parsed):  # to Pint a hertz is 1/s and a radian 1
+        raise InputError(f"{shown(text)} may mean cycles or radians; give a number in {unit!r}")
     # decibels and temperatures with an offset are no multiples of a unit
     if not math.isclose(two, 2.0 * one, rel_tol=1e-9):
         raise _not_a_unit(given, unit, text)

@@ -140,3 +140,11 @@ def test_shown_values_are_short() -> None:
     assert shown("a" * 1000) == repr("a" * 60 + "...")
     assert len(shown(object())) <= 63
     assert shown("two\nlines") == r"'two\nlines'"
+
+
+def test_hertz_are_not_taken_for_radians() -> None:
+    """To Pint 2 Hz are 2 1/s, and so 2 rad/s: a factor of 2 pi lost in silence."""
+    with pytest.raises(InputError, match="cycles or radians"):
+        to_unit("2 Hz", "rad/s")
+    assert to_unit("60 rpm", "rad/s") == pytest.approx(2 * math.pi)
+    assert to_unit("2 Hz", "1/s") == 2.0
