@@ -7,13 +7,13 @@ READY  := $(VENV)/.ready
 # the tests run in parallel processes on small matrices: threads of the linear algebra only get in each other's way
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report test lint check benchmark generate clean
+.PHONY: report test lint check benchmark generate docs clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail
 	$(BIN)/railslip report --out railslip-report
 
 test: lint                ## linter, formatter, types, import contract, tests
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadgroup
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -27,10 +27,16 @@ benchmark: $(READY)       ## speed, as ratios against a peer in the same run
 generate: $(READY)        ## numeric code from the SymPy statement of the plant
 	$(BIN)/python -m railslip_ctrl.generate
 
+docs: $(READY)            ## the documentation site: equations, gallery, API, without a warning
+	$(BIN)/python docs/generate.py
+	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --nitpicky --fail-on-warning --keep-going --quiet \
+		docs docs/_build/html
+	@echo "open docs/_build/html/index.html"
+
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	touch $@
 
 clean:
-	rm -rf $(VENV) railslip-report build dist
+	rm -rf $(VENV) railslip-report build dist docs/_build docs/_generated

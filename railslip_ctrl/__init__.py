@@ -1,6 +1,8 @@
 """railslip_ctrl: wheel-slip control design for trains.
 
-The names below load on first use, so that importing the package, or running a command, costs only what it needs.
+The names below load on first use, so that importing the package, or running a command, costs only what it needs. What
+is not here is in the rooms: `loop`, `design`, `sliding`, `switching`, `simulation`, `reproduction`, `campaign`,
+`observer`, `identification`.
 """
 
 from __future__ import annotations
@@ -9,21 +11,102 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .adhesion import load_law as load_law
+    from .adhesion import published_law as published_law
+    from .assessment import assess as assess
+    from .design import PIController as PIController
     from .design import stabilizing_pi as stabilizing_pi
+    from .design import wheel_slip_loop as wheel_slip_loop
     from .design.tuning import tune_pi as tune_pi
+    from .errors import DomainError as DomainError
+    from .errors import InfeasibleDesignError as InfeasibleDesignError
+    from .errors import InputError as InputError
+    from .errors import KinkError as KinkError
+    from .errors import MissingParametersError as MissingParametersError
+    from .errors import RailslipError as RailslipError
+    from .errors import UnstableLoopError as UnstableLoopError
+    from .linearization import linearize as linearize
+    from .linearization import nonlinear_plant as nonlinear_plant
+    from .linearization import operating_point as operating_point
     from .loop import DeadTimeLoop as DeadTimeLoop
     from .loop import Margins as Margins
+    from .parameters import PARK2008 as PARK2008
+    from .parameters import Actuator as Actuator
+    from .parameters import PIGains as PIGains
+    from .parameters import Rail as Rail
+    from .parameters import Vehicle as Vehicle
+    from .parameters import load_vehicle as load_vehicle
+    from .simulation import Scenario as Scenario
+    from .simulation import built_in_scenario as built_in_scenario
+    from .simulation import simulate as simulate
+    from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "Actuator": ".parameters",
     "DeadTimeLoop": ".loop",
+    "DomainError": ".errors",
+    "InfeasibleDesignError": ".errors",
+    "InputError": ".errors",
+    "KinkError": ".errors",
     "Margins": ".loop",
+    "MissingParametersError": ".errors",
+    "PARK2008": ".parameters",
+    "PIController": ".design",
+    "PIGains": ".parameters",
+    "Rail": ".parameters",
+    "RailslipError": ".errors",
+    "Scenario": ".simulation",
+    "UnstableLoopError": ".errors",
+    "Vehicle": ".parameters",
+    "assess": ".assessment",
+    "built_in_scenario": ".simulation",
+    "derive": ".sliding.derivation",
+    "linearize": ".linearization",
+    "load_law": ".adhesion",
+    "load_vehicle": ".parameters",
+    "nonlinear_plant": ".linearization",
+    "operating_point": ".linearization",
+    "published_law": ".adhesion",
+    "simulate": ".simulation",
     "stabilizing_pi": ".design",
     "tune_pi": ".design.tuning",
+    "wheel_slip_loop": ".design",
 }
 
-__all__ = ["DeadTimeLoop", "Margins", "__version__", "stabilizing_pi", "tune_pi"]
+__all__ = [
+    "PARK2008",
+    "Actuator",
+    "DeadTimeLoop",
+    "DomainError",
+    "InfeasibleDesignError",
+    "InputError",
+    "KinkError",
+    "Margins",
+    "MissingParametersError",
+    "PIController",
+    "PIGains",
+    "Rail",
+    "RailslipError",
+    "Scenario",
+    "UnstableLoopError",
+    "Vehicle",
+    "__version__",
+    "assess",
+    "built_in_scenario",
+    "derive",
+    "linearize",
+    "load_law",
+    "load_vehicle",
+    "nonlinear_plant",
+    "operating_point",
+    "published_law",
+    "simulate",
+    "stabilizing_pi",
+    "tune_pi",
+    "wheel_slip_loop",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -88,7 +88,22 @@ def assess(
 ) -> Assessment:
     """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
 
-    `label` names the controller in reports; `poles` is the number of rightmost closed-loop poles to find.
+    Parameters
+    ----------
+    plant : LinearPlant
+        The wheel, from `linearize`.
+    controller : PIController
+    actuator : Actuator
+        Dead time and lag between commanded and acting torque.
+    label : str
+        Name of the controller in reports; its structure unless given.
+    poles : int
+        Number of rightmost closed-loop poles to find.
+
+    Returns
+    -------
+    Assessment
+        Limits, poles, margins (None of an unstable loop), Pade rows and verdict.
     """
     loop = wheel_slip_loop(plant, controller, actuator)
     stable = loop.is_stable()

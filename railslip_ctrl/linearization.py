@@ -49,7 +49,7 @@ class OperatingPoint:
     speed : float
         v, m/s.
     slip : float
-        lambda, 0 <= lambda < 1.
+        lambda, slip ratio, 0 <= lambda < 1.
     adhesion_state : float or None
         z at rest, m; None for a static law.
     adhesion_force : float
@@ -59,7 +59,7 @@ class OperatingPoint:
     initial_speed_kmh : float or None
         v0 the law's parameters were made for, km/h; None where they do not depend on it.
     residual : float
-        Larger of |lambda'| and |z'| by the equations of motion, relative to the terms that cancel in them.
+        Larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -103,9 +103,21 @@ def operating_point(
     rail: Rail | None = None,
     initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
-    """The operating point of a law (whose parameters are for the rail meant) at a speed in m/s and a slip ratio.
+    """The operating point of a law at a speed and a slip: what is at rest there, and the brake torque that keeps it.
 
-    `rail` and `initial_speed_kmh` only label the point; left out, the rail is the law's own.
+    Parameters
+    ----------
+    law : AdhesionLaw
+        With parameters for the rail meant.
+    vehicle : Vehicle
+    speed : float
+        v, m/s, > 0.
+    slip : float
+        lambda, a ratio, 0 <= slip < 1; positive in braking.
+    rail : Rail, optional
+        A label; left out, the law's own.
+    initial_speed_kmh : float, optional
+        A label: v0 the law's parameters were made for, km/h.
 
     Raises
     ------
@@ -235,7 +247,18 @@ def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
-    """Linearise at an operating point, by the analytic Jacobian of the statement; speed frozen by default.
+    """Linearise at an operating point, by the analytic Jacobian of the statement.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+    speed_state : bool
+        Keep v as the first state; by default it is frozen.
+
+    Returns
+    -------
+    LinearPlant
+        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
 
     Raises
     ------
@@ -291,10 +314,20 @@ NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 
 
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
-    """The plant with states v, sigma and, for a dynamic law, z.
+    """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
 
-    Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error = reference_slip v
-    - sigma (m/s), v (m/s), omega (rad/s). Valid for v > 0.
+    Parameters
+    ----------
+    law : AdhesionLaw
+    vehicle : Vehicle
+    reference_slip : float
+        lambda_d, a ratio, of the output error = reference_slip v - sigma.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s),
+        omega (rad/s). [Park2008] (1)-(4).
     """
     return _io_system(law, vehicle, None, reference_slip)
 

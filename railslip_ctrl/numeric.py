@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .adhesion import AdhesionLaw, law_classes
+from .adhesion import AdhesionLaw
 from .parameters import Vehicle
 
 PACKAGE = Path(__file__).parent

@@ -10,17 +10,16 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail, Vehicle
-from railslip_ctrl.simulation import Disturbances, Measurement, Scenario, Simulator
+from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.compilation import step_text
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.units import KMH
@@ -181,25 +180,34 @@ def _one_test(
     )
     procedure = RigProcedure(_BEGIN, test.rate, test.release_slip, test.interval)
     run = Simulator(scenario, procedure).run(of_run, record_every=1)
-    signals, released = run.signals, run.controller_signals["released"] > 0
+    released = run.controller_signals["released"] > 0
+    _check_release(test, run, bool(released.any()))
+    signals = run.signals
     assert signals is not None, "the run was recorded"
-    if not released.any():
-        raise InputError(
-            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
-            "stopped; give a steeper ramp (N*m/s)"
-        )
     end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
     torque = signals.torque[:end] + test.torque_noise * generator.standard_normal(end)
     load = np.full(end, vehicle.wheel_load)
     return [signals.time[:end], signals.measured_speed[:end], signals.measured_wheel_speed[:end], torque, load]
 
 
+def _check_release(test: RigTest, run: Run, released: bool) -> None:
+    """InputError where the run ended before the release, or in it."""
+    if run.outcome is Outcome.OUTSIDE_DOMAIN:
+        raise InputError(
+            f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
+            "a lower one, or a lower initial_speed"
+        )
+    if not released:
+        raise InputError(
+            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
+            "stopped; give a steeper ramp (N*m/s)"
+        )
+
+
 def published_tests(
     law_name: str = "beam", *, vehicle: Vehicle = PARK2008, rail: Rail = Rail.DRY
 ) -> tuple[RigTest, ...]:
     """The four conditions of [Park2008] Table 1 with the published parameters of a law."""
-    from railslip_ctrl.adhesion import published_law
-
     return tuple(
         RigTest(vehicle, published_law(law_name, rail, speed, vehicle.wheel_load), speed * KMH)
         for speed in TEST_SPEEDS_KMH
@@ -209,15 +217,7 @@ def published_tests(
 def write_log(log: RigLog, path: Path) -> None:
     """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
     columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False, encoding="utf-8") as file:
-        np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
-    os.replace(file.name, path)
-
-
-def joined(logs: Sequence[RigLog]) -> RigLog:
-    """Logs one after the other, each begun a pause after the last."""
-    parts, start = [], 0.0
-    for log in logs:
-        parts.append([log.time + start, *(getattr(log, f.name) for f in fields(log)[1:])])
-        start = float(parts[-1][0][-1]) + _PAUSE
-    return RigLog(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".rig-") as scratch:
+        whole = Path(scratch) / "log.csv"
+        np.savetxt(whole, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
+        os.replace(whole, path)

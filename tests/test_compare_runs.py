@@ -25,8 +25,8 @@ def comparison() -> script.Comparison:
 def test_a_design_of_the_project_beats_the_best_published_column(comparison: script.Comparison) -> None:
     """[Park2008] Table 5, best column: 581 m, 50.7 s, 0.0272; ours knows the reference slip, not the adhesion curve."""
     row = comparison.runs[0].row("PI-lead")
-    assert row.braking_distance.value < 560
-    assert row.braking_time.value < 49
+    assert row.braking_distance.value < 550
+    assert row.braking_time.value < 48
     assert row.slip_error.value < 0.02
     assert row.lock_time.value == 0
     (margins,) = (margins for margins in comparison.margins[0] if margins.name == "PI-lead")

@@ -18,8 +18,9 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, fit
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.model_files import law_toml
 from railslip_ctrl.identification.models import MODELS, Setting, check_model, check_options, fit_model, shape_of
-from railslip_ctrl.identification.observed import AdhesionStream, Observed
+from railslip_ctrl.identification.observed import AdhesionStream, Observed, Observer
 from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.identification.record import Recorder
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -451,3 +452,45 @@ def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     path = tmp_path / "law.toml"
     path.write_text(law_toml(law, reference=law.reference, comments=["two\nlines", "é"]), encoding="utf-8")
     assert load_law(path) == law
+
+
+def test_a_kalman_filter_sets_mu_over_the_slip_it_belongs_to():
+    """Slip goes through the filter that the torque goes through: a straight line stays the line it is."""
+    stream = AdhesionStream(PARK2008, observer=Observer.KALMAN)
+    rows = ramp_rows()
+    observed = stream.add(rows)
+    late = observed.time > observed.time[0] + 20 * stream.time_constant  # as above
+    assert observed.mu[late] == pytest.approx(2 * observed.slip[late], rel=1e-6)
+    lag = 0.02 * observed.time[late] - observed.slip[late]
+    # 1/(tau^2 s^2 + sqrt(2) tau s + 1) is sqrt(2) tau late, on average over intervals that are not even
+    assert lag.mean() == pytest.approx(0.02 * math.sqrt(2.0) * stream.time_constant, rel=0.05)
+    blocks = AdhesionStream(PARK2008, observer=Observer.KALMAN)
+    parts = [blocks.add(rows.part(start, start + 77)) for start in range(0, len(rows), 77)]
+    # the nominal interval, which the gain is for, is the first block's median
+    assert np.concatenate([part.mu for part in parts]) == pytest.approx(observed.mu, rel=0.02)
+
+
+# --- along the motion ----------------------------------------------------------------------------------------------
+
+
+def test_a_record_is_whole_runs_however_its_rows_come():
+    generator = np.random.default_rng(5)
+    used = np.repeat(generator.uniform(size=60) < 0.6, 50)
+    rows = np.vstack([np.arange(used.size, dtype=float), np.ones((4, used.size))])
+    apart = np.zeros(used.size, dtype=bool)
+    apart[1234] = True
+    whole, parts = Recorder(700), Recorder(700)
+    whole.add(rows, used, apart)
+    for start in range(0, used.size, 77):
+        at = slice(start, start + 77)
+        parts.add(rows[:, at], used[at], apart[at])
+    record = whole.record()
+    assert 0 < len(record) <= 700
+    assert np.array_equal(record.time, parts.record().time)
+    begins = np.flatnonzero(np.diff(used.astype(int), prepend=0) == 1)
+    kept = record.time.astype(int)
+    for run in np.unique(record.run):
+        of_run = kept[record.run == run]
+        assert np.array_equal(np.diff(of_run), np.ones(of_run.size - 1))
+        assert of_run[0] in begins or apart[of_run[0]]
+        assert of_run[-1] + 1 == used.size or not used[of_run[-1] + 1] or apart[of_run[-1] + 1]

@@ -205,7 +205,7 @@ def test_the_printed_observer_is_no_use_where_torque_is_ramped(railslip, log):
     [
         (["--model", "beem"], "--model: 'beem' cannot be fitted; did you mean 'beam'"),
         (["--rail", "icy"], "--rail: 'icy' is not a rail condition; choose dry or wet"),
-        (["--observer", "luenberger"], "--observer: 'luenberger' is not known; choose corrected or printed"),
+        (["--observer", "luenberger"], "--observer: 'luenberger' is not known; choose corrected, printed, kalman"),
         (["--tau", "0"], "--tau: 0 s is not allowed; give a value > 0 s"),
         (["--tau", "1 m"], "--tau"),
         (["--column", "time"], "--column: 'time' is not allowed; give NAME=VALUE"),
@@ -261,7 +261,7 @@ def test_identify_does_not_depend_on_how_the_log_is_read(log):
     whole = identify(log, PARK2008, Options(model="beam"))
     parts = identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16))
     assert parts.curve.survey == whole.curve.survey
-    assert parts.chosen.fit.values == pytest.approx(whole.chosen.fit.values, rel=1e-7)  # where a search ends
+    assert parts.chosen.fit.values == pytest.approx(whole.chosen.fit.values, rel=1e-5)  # where searches end
 
 
 def test_progress_is_told_to_the_end(log):

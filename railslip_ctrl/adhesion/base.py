@@ -32,7 +32,7 @@ class ReferenceSlip(Record):
 
 @dataclass(frozen=True)
 class Kink:
-    """A slip ratio at which the law has no unique derivative, or no rest state, and why."""
+    """Where a law has no unique derivative, or no rest state: the `slip` ratio, and the `reason` in words."""
 
     slip: float
     reason: str
@@ -68,6 +68,13 @@ class AdhesionLaw(Record):
 
     Sign convention: sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma|
     where the source's form would diverge for sigma < 0.
+
+    Attributes
+    ----------
+    rail : Rail
+        Condition the parameters are for.
+    reference : ReferenceSlip or None
+        Slip ratios to be held, where the source or the user gives them.
     """
 
     name: ClassVar[str]
@@ -87,7 +94,15 @@ class AdhesionLaw(Record):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The published parameter set for a rail condition, v0 in km/h (30 to 140) and wheel load in N.
+        """The published parameter set for a rail condition.
+
+        Parameters
+        ----------
+        rail : Rail
+        initial_speed_kmh : float
+            v0, km/h, 30 to 140.
+        wheel_load : float
+            N, > 0.
 
         Raises
         ------
@@ -170,13 +185,13 @@ class AdhesionLaw(Record):
         return math.inf, ""
 
     def kinks(self, v: float, wheel_load: float) -> tuple[Kink, ...]:
-        """Slip ratios at which the law is not differentiable, at speed v (m/s) and wheel load (N)."""
+        """Slip ratios at which the law is not differentiable, at a speed `v` (m/s) and a `wheel_load` (N)."""
         return (REST_STATE_UNDEFINED,) if self.has_state else ()
 
     def check_domain(self, v: float, sigma: ArrayLike) -> None:
         """Raise DomainError unless v > 0 is finite, 0 <= sigma/v <= 1 and the law holds there.
 
-        v in m/s; sigma in m/s, a number or an array (the first value outside is named).
+        v in m/s; sigma in m/s, of any shape (the first value outside is named).
         """
         if not (math.isfinite(v) and v > 0.0):
             raise DomainError(f"speed: {v:g} m/s is outside the domain of slip; give a finite speed > 0")

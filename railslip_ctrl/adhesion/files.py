@@ -33,7 +33,18 @@ _KEYS = frozenset({"law", "condition", "parameters", "reference_slip"})
 
 
 def load_law(path: str | Path) -> AdhesionLaw:
-    """Read a law and its parameters; InputError with one line naming file, key, value and bound."""
+    """Read an adhesion law and its parameters from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Keys `law`, `condition`, `parameters` and `reference_slip`; numbers SI, or text with a unit.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or one line naming file, key, value and bound.
+    """
     content = _read(Path(path))
     unknown = sorted(content.keys() - _KEYS)
     if unknown:

@@ -36,7 +36,13 @@ def law_names() -> tuple[str, ...]:
 
 
 def law_class(name: str) -> type[AdhesionLaw]:
-    """The law of a name ("tyre-lugre" is "tyre_lugre"); InputError, listing the names, for another."""
+    """The law of a name, hyphen or underscore ("tyre-lugre" is "tyre_lugre").
+
+    Raises
+    ------
+    InputError
+        No law of that `name`; lists the names.
+    """
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
@@ -50,5 +56,24 @@ def published_law(
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
     wheel_load: float = PARK2008.wheel_load,
 ) -> AdhesionLaw:
-    """The published parameter set of a law by name; see `AdhesionLaw.published`."""
+    """The published parameter set of a law by name.
+
+    Parameters
+    ----------
+    name : str
+        One of `law_names`.
+    rail : Rail
+        Condition the parameters are for.
+    initial_speed_kmh : float
+        Speed v0 at which the brake was applied, km/h, 30 to 140.
+    wheel_load : float
+        Wheel load, N, > 0; the published vehicle's unless given.
+
+    Raises
+    ------
+    InputError
+        No law of that name, or a number outside its range.
+    MissingParametersError
+        The source gives no parameters for this law.
+    """
     return law_class(name).published(rail, initial_speed_kmh, wheel_load)

@@ -118,7 +118,7 @@ class Replay:
     ----------
     number : int
     values : dict
-        What was sampled, by name.
+        What was sampled, SI, by name.
     runs : dict
         By controller, with signals.
     stored : bool
@@ -132,10 +132,23 @@ class Replay:
 
 
 def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
-    """Run number i again, with signals every `record_every` samples, compared with its stored row if there is one.
+    """Run number i of a campaign again, with its time series.
 
-    InputError for a number out of range, values that were refused, or a stored row that is not reproduced (another
-    processor or another NumPy may round differently).
+    Parameters
+    ----------
+    campaign : Campaign
+    i : int
+        From 0.
+    folder : Path, optional
+        Where the campaign was run: the numbers are compared with the row stored there, if there is one.
+    record_every : int
+        Samples from one row of signals to the next.
+
+    Raises
+    ------
+    InputError
+        A number out of range, values that were refused, or a stored row that is not reproduced (another processor or
+        another NumPy may round differently).
     """
     case = campaign.case(i)
     runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}

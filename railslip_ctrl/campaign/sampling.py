@@ -41,15 +41,16 @@ class Distribution(Protocol):
     """A quantity's distribution, by its quantile function; SI."""
 
     @property
-    def ends(self) -> tuple[float, float]: ...
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest value."""
 
     def at(self, u: float) -> float:
-        """The value at a share u of the distribution, 0 <= u < 1."""
+        """The value at a share `u` of the distribution, 0 <= u < 1."""
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Equally likely from `low` to `high`. InputError unless low < high."""
+    """Equally likely from `low` to `high`, SI. InputError unless low < high."""
 
     low: float
     high: float
@@ -68,7 +69,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal, cut off at `low` and `high`; left out, `CUT` standard deviations from the mean.
+    """Normal with `mean` and standard deviation `std`, SI, cut off at `low` and `high`; left out, at `CUT` deviations.
 
     InputError for a `std` <= 0 or bounds that leave next to nothing of the distribution.
     """
@@ -109,7 +110,7 @@ class Normal:
 
 @dataclass(frozen=True)
 class LogNormal:
-    """A quantity whose logarithm is normal: `median`, and `spread`, the standard deviation of the logarithm.
+    """A quantity, SI, with normal logarithm: `median`, and `spread`, the standard deviation of the logarithm.
 
     Cut off at `low` and `high`; left out, at `CUT` standard deviations. InputError for a median, spread or low that is
     not positive.
@@ -144,7 +145,7 @@ class LogNormal:
 
 @dataclass(frozen=True)
 class Triangular:
-    """Most likely at `mode`, falling linearly to `low` and `high`. InputError unless low <= mode <= high."""
+    """Most likely at `mode`, falling linearly to `low` and `high`, SI. InputError unless low <= mode <= high."""
 
     low: float
     mode: float
@@ -171,7 +172,10 @@ class Triangular:
 
 @dataclass(frozen=True)
 class Choice:
-    """One of some values, equally likely or by `weights`. InputError for none, or weights that do not fit."""
+    """One of some `values`, SI, equally likely or by `weights`, factors > 0.
+
+    InputError for no value, or weights that do not fit.
+    """
 
     values: tuple[float, ...]
     weights: tuple[float, ...] | None = None
@@ -196,7 +200,10 @@ class Choice:
 
 @dataclass(frozen=True)
 class Grid:
-    """Every value in turn, combined with every value of the campaign's other grids."""
+    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids.
+
+    InputError for none, or one that is not finite.
+    """
 
     values: tuple[float, ...]
 

@@ -69,6 +69,21 @@ class Campaign:
 
     Each run gives every controller the same sampled vehicle, rail and noise.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        What the quantities change.
+    controllers : tuple of Controller
+        One or more, of different names.
+    runs : int
+        1 to `MOST_RUNS`.
+    quantities : tuple of Quantity
+        What differs from run to run.
+    seed : int
+        0 to 2^63 - 1.
+    sampling : Sampling
+        How the quantities are drawn together.
+
     Raises
     ------
     InputError
@@ -144,7 +159,7 @@ class Campaign:
         return {quantity.name: value for quantity, value in zip(self.quantities, values, strict=True)}
 
     def grid_values(self, point: int) -> dict[str, float]:
-        """The values of the grids at one of their points, by name."""
+        """The values of the grids at one of their points, a `point` by its number from 0, by name."""
         return {q.name: v for q, v in zip(self.quantities, self.values(point).values(), strict=True) if _is_grid(q)}
 
     @cached_property

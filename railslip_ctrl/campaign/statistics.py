@@ -117,9 +117,9 @@ class PointSummary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """A campaign's results, of the parts that are there.
+    """Results of the `runs` of a `campaign` that are there: by `controllers`, `paired`, and by `points` of the grids.
 
-    `sample` holds the columns of the first runs, by controller, for pictures.
+    `worst_by` is what the worst runs have most of; `sample` has the first runs' columns by controller, for pictures.
     """
 
     campaign: Campaign
@@ -137,9 +137,12 @@ class CampaignSummary:
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """The statistics of a campaign, finished or not; memory does not grow with its runs.
+    """The statistics of a campaign's `store`, finished or not; memory does not grow with its runs.
 
-    InputError for a `worst_by` that is no measure, or a campaign without a finished part.
+    Raises
+    ------
+    InputError
+        `worst_by` is no measure, or the campaign has no finished part.
     """
     check_measure(worst_by)
     read = _reader(store)

@@ -50,7 +50,7 @@ def usual_part(runs: int) -> int:
 
 @dataclass(frozen=True)
 class Store:
-    """The folder of a campaign, begun or finished."""
+    """The folder of a campaign, begun or finished; a part, the unit of writing, has `part_runs` runs."""
 
     campaign: Campaign
     folder: Path
@@ -127,7 +127,7 @@ class Store:
         return next(self.missing(), None) is None
 
     def write(self, part: Part, rows: Sequence[dict[str, Any]]) -> None:
-        """Write a part, all or nothing. InputError where the folder cannot be written to."""
+        """Write the `rows` of a part, all or nothing. InputError where the folder cannot be written to."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -138,7 +138,10 @@ class Store:
             raise _unwritable(self.folder, error) from None
 
     def read(self, part: Part, columns: Sequence[str] | None = None) -> pa.Table:
-        """The rows of a part, in order of run and controller. InputError for a file that is damaged."""
+        """The rows of a part, in order of run and controller; all or some `columns`.
+
+        InputError for a file that is damaged.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -153,7 +156,7 @@ class Store:
         return table
 
     def tables(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """The finished parts one after the other: never more than one in memory."""
+        """The finished parts one after the other, all or some `columns`: never more than one part in memory."""
         return (self.read(part, columns) for part in self.finished())
 
     def row(self, i: int) -> dict[str, dict[str, Any]] | None:

@@ -38,7 +38,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     default="best",
     show_default=True,
     metavar="|".join(("best", *MODELS)),
-    help="Model to fit. best: all but curve and bristle_rest; of those with a formula the one with the lowest BIC.",
+    help="Model to fit. best: all but bristle_rest; of those with a formula the one with the lowest BIC.",
 )
 @click.option("--rail", default="dry", show_default=True, metavar="dry|wet", help="Rail condition of the log.")
 @click.option("--vehicle", type=click.Path(path_type=Path), metavar="FILE", help="Vehicle.  [default: the published]")
@@ -61,13 +61,42 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     metavar="S",
     help="Time constant of the observer, s.  [default: 0.05, or five intervals of the log if that is more]",
 )
-@click.option("--observer", default="corrected", show_default=True, metavar="corrected|printed", help="Its form.")
-@click.option("--column", multiple=True, metavar="NAME=HEADER", help="Header of a quantity's column; repeatable.")
-@click.option("--unit", multiple=True, metavar="NAME=UNIT", help="Unit of a quantity's column; repeatable.")
-@click.option("--fix", multiple=True, metavar="PARAMETER=VALUE", help="Parameter not to be fitted; repeatable.")
-@click.option("--bound", multiple=True, metavar="PARAMETER=LOW:HIGH", help="Bounds of a parameter; repeatable.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the model's file, reports and pictures."
+    "--observer",
+    default="corrected",
+    show_default=True,
+    metavar="|".join(Observer),
+    help="Its form, or a Kalman filter.",
+)
+@click.option(
+    "--column",
+    multiple=True,
+    metavar="NAME=HEADER",
+    help="Header of a quantity's column; repeatable.  [default: its name]",
+)
+@click.option(
+    "--unit",
+    multiple=True,
+    metavar="NAME=UNIT",
+    help="Unit of a quantity's column; repeatable.  [default: the header's]",
+)
+@click.option(
+    "--fix",
+    multiple=True,
+    metavar="PARAMETER=VALUE",
+    help="Parameter not to be fitted, SI or with a unit; repeatable.  [default: none]",
+)
+@click.option(
+    "--bound",
+    multiple=True,
+    metavar="PARAMETER=LOW:HIGH",
+    help="Bounds of a parameter, SI or with units; repeatable.  [default: its own]",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the model's file, reports and pictures.  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -76,9 +105,10 @@ def command(
     """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
-    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]". Example:
+    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]". The model is for
+    --adhesion fitted/model.toml of the other commands.
 
-    railslip identify run.csv --rail wet --out fitted; railslip margins --adhesion fitted/model.toml --rail wet
+    Example: railslip identify run.csv --rail wet --out fitted
     """
     options = _options(given)
     if len(logs) > 1 and options.initial_speed is not None:
@@ -110,7 +140,7 @@ def _options(given: Mapping[str, Any]) -> Options:
     if rail not in tuple(Rail):
         raise InputError(f"--rail: {shown(given['rail'])} is not a rail condition; choose dry or wet")
     if observer not in tuple(Observer):
-        raise InputError(f"--observer: {shown(given['observer'])} is not known; choose {' or '.join(Observer)}")
+        raise InputError(f"--observer: {shown(given['observer'])} is not known; choose {', '.join(Observer)}")
     return Options(
         model=given["model"].lower().replace("-", "_"),
         rail=Rail(rail),

@@ -71,7 +71,7 @@ def _first_order(lead: float, lag: float) -> Rational:
 
 
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """From commanded torque (N*m) to -e (m/s) without the dead time: the actuator's lag and the wheel."""
+    """From commanded torque (N*m) to -e (m/s) without the dead time: lag of the `actuator` and wheel of the `plant`."""
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
     else:
@@ -80,5 +80,15 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
 
 
 def wheel_slip_loop(plant: LinearPlant, controller: PIController, actuator: Actuator) -> DeadTimeLoop:
-    """L(s) = C(s) Ga(s) P(s), the dead time exact."""
+    """L(s) = C(s) Ga(s) P(s), the dead time exact.
+
+    Parameters
+    ----------
+    plant : LinearPlant
+        P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
+    controller : PIController
+        C, N*m/(m/s).
+    actuator : Actuator
+        Ga, dead time and lag, s. [Park2008] p. 55.
+    """
     return DeadTimeLoop(controller.transfer_function * actuated_plant(plant, actuator), actuator.dead_time)

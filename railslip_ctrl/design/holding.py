@@ -24,7 +24,15 @@ _INTEGRAL_TIME = 50.0
 class HoldingDesign:
     """PI gains of least worst Ms over some operating points, at a fixed integral time.
 
-    `gain_range` holds the kp (N*m/(m/s)) that stabilise all of them at that integral time (s).
+    Attributes
+    ----------
+    controller : PIController
+    worst_ms : float
+        Largest peak of |S| over the operating points, a ratio.
+    integral_time : float
+        kp/ki, s.
+    gain_range : tuple of float
+        The kp that stabilise all of them at that integral time, N*m/(m/s).
     """
 
     controller: PIController
@@ -34,7 +42,7 @@ class HoldingDesign:
 
 
 def holding_gains(plants: Sequence[LinearPlant], actuator: Actuator) -> HoldingDesign:
-    """The kp that minimises the worst Ms over `plants`, at an integral time of 50 (dead time + lag).
+    """The kp that minimises the worst Ms over `plants`, at an integral time of 50 (dead time + lag) of the `actuator`.
 
     Raises
     ------

@@ -25,7 +25,10 @@ _BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
 
 @dataclass(frozen=True)
 class Strip:
-    """Part of a region between two curves: ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending."""
+    """Part of a region between two curves, in the region's units.
+
+    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending.
+    """
 
     kp: Floats
     ki_low: Floats
@@ -43,7 +46,8 @@ class Strip:
 class MarginGrid:
     """Worst margins over all plants of a region, arrays of shape (kp.size, ki.size), NaN outside the region.
 
-    `ms` peak of |S|, `phase_deg` smallest phase margin in size, deg, `delay_s` smallest delay margin, s.
+    `kp` and `ki` are the grid lines in the region's units; `ms` peak of |S|, a ratio, `phase_deg` smallest phase margin
+    in size, deg, `delay_s` smallest delay margin, s.
     """
 
     kp: Floats
@@ -58,8 +62,10 @@ def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tu
 
     Parameters
     ----------
-    kp : array, optional
-        Columns, ascending; by default `count` of them over `region.kp_range`, closer towards its ends.
+    region : Region
+    kp : array, 1-D, optional
+        Columns, ascending, in the plant's unit of gain; by default `count` of them over `region.kp_range`, closer
+        towards its ends.
 
     Raises
     ------
@@ -95,8 +101,14 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
 
     Parameters
     ----------
+    region : Region
     kp, ki : arrays, 1-D
-        Grid lines; ki = 0 is P control. Raises InputError if one is not finite.
+        Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
+
+    Raises
+    ------
+    InputError
+        A gain is not finite.
     """
     columns, rows = np.atleast_1d(np.asarray(kp, dtype=float)), np.atleast_1d(np.asarray(ki, dtype=float))
     if not (np.isfinite(columns).all() and np.isfinite(rows).all()):

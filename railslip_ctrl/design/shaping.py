@@ -11,9 +11,17 @@ from railslip_ctrl.loop.rootfinding import bracketed_roots
 
 
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
-    """Frequency (rad/s) at which L(j omega) has its largest phase, and that phase (rad, continuous).
+    """Where a loop has most phase.
 
-    Raises InputError where the phase has no interior maximum (it only falls).
+    Returns
+    -------
+    tuple of float
+        Frequency, rad/s, at which L(j omega) of the `loop` has its largest phase, and that phase, rad, continuous.
+
+    Raises
+    ------
+    InputError
+        The phase has no interior maximum (it only falls).
     """
     curve = frequency_curve(loop, *loop.feature_band())
     top = int(np.argmax(curve.phase_deg))
@@ -25,7 +33,13 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 
 
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
-    """Factor on the loop gain that makes |L(j omega)| = 1 at `omega` > 0, rad/s."""
+    """Factor on the gain of a `loop` that makes |L(j omega)| = 1 at `omega`, rad/s, > 0.
+
+    Raises
+    ------
+    InputError
+        omega is not finite and positive.
+    """
     if not (np.isfinite(omega) and omega > 0):
         raise InputError(f"crossover: {omega} rad/s is not allowed; give a finite frequency > 0")
     return float(1 / np.abs(loop.frequency_response(omega)))

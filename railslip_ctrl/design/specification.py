@@ -12,8 +12,21 @@ from railslip_ctrl.errors import InputError
 class Specification:
     """What a design must keep at every plant; None is not asked for.
 
-    ms_max: largest Ms (> 1). phase_min_deg: least phase margin, deg. delay_min_s: least delay margin, s.
-    crossover: (lowest, highest) gain crossover, rad/s, that of the phase margin.
+    Parameters
+    ----------
+    ms_max : float
+        Largest Ms, a ratio, > 1.
+    phase_min_deg : float
+        Least phase margin, deg, 0 to 180.
+    delay_min_s : float
+        Least delay margin, s, >= 0.
+    crossover : tuple of float
+        Lowest and highest gain crossover, rad/s, that of the phase margin.
+
+    Raises
+    ------
+    InputError
+        A value out of its range.
     """
 
     ms_max: float | None = None

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BoundaryCurve:
-    """Gains at which closed-loop poles are on the imaginary axis at +-j omega (rad/s), arrays of one shape.
+    """Gains `kp`, `ki` with closed-loop poles on the imaginary axis at +-j `omega` (rad/s), arrays of one shape.
 
     omega = 0 throughout is the line ki = 0, a pole at the origin.
     """
@@ -93,7 +93,10 @@ class Region(ABC):
 
 @dataclass(frozen=True)
 class StabilizingRegion(Region):
-    """The stabilising set of one plant; made by `stabilizing_pi` and `stabilizing_pid`."""
+    """The stabilising set of one plant: the stable cells of its `decomposition` of the (kp, ki) plane.
+
+    Made by `stabilizing_pi` and `stabilizing_pid`.
+    """
 
     decomposition: Decomposition
 
@@ -145,7 +148,9 @@ class StabilizingRegion(Region):
 
     def boundary_curves(self, omega_max: float | None = None, points_per_turn: int = 200) -> tuple[BoundaryCurve, ...]:
         """The line ki = 0 over the critical kp, then the curve (kp, ki)(omega), in one piece per interval between
-        zeros of the plant on the axis; up to `omega_max`, rad/s (default: as far as `kp_intervals` need it)."""
+        zeros of the plant on the axis; up to `omega_max`, rad/s (default: as far as `kp_intervals` need it), with
+        `points_per_turn` for each turn of the dead time's phase.
+        """
         kp = self._critical.values
         ends = np.array([kp.min(), kp.max()]) if kp.size else np.zeros(2)
         line = BoundaryCurve(np.zeros(2), ends, np.zeros(2))
@@ -269,7 +274,7 @@ class StabilizingRegion(Region):
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """The gains that stabilise every plant; made by `intersection`."""
+    """The gains that lie in all of `regions`; made by `intersection`."""
 
     regions: tuple[Region, ...]
 
@@ -338,7 +343,7 @@ def stabilizing_pid(
     derivative_time : float
         Td, s, >= 0: kd = Td kp, so that the derivative part scales with kp.
     derivative_gain : float
-        kd itself, of either sign. Give one of the two.
+        kd itself, in units of kp times s, of either sign. Give one of the two.
 
     Raises
     ------
@@ -358,7 +363,13 @@ def stabilizing_pid(
 
 
 def intersection(regions: Sequence[Region]) -> IntersectionRegion:
-    """The gains that lie in every one of `regions`, intervals and all; InputError if none is given."""
+    """The gains that lie in every one of `regions`, intervals and all.
+
+    Raises
+    ------
+    InputError
+        No region is given.
+    """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
     return IntersectionRegion(tuple(regions))

@@ -53,11 +53,14 @@ def tune_pi(
         From controller output to controlled variable, without the dead time; negative feedback.
     dead_time : float or sequence
         s; one for all plants, or one each.
-    ms_max, phase_min_deg, delay_min_s, crossover
-        What every loop must keep, see `Specification`; ki is maximised under it.
+    ms_max, phase_min_deg, delay_min_s : float
+        What every loop must keep: Ms, a ratio, > 1; phase margin, deg; delay margin, s. ki is maximised under it.
+    crossover : tuple of float
+        Lowest and highest gain crossover, rad/s; see `Specification`.
     minimise_ms : bool
-        Instead minimise the worst Ms at ki >= `ki_min` (which must be given: without it the integral action
-        vanishes), under whatever else is asked for.
+        Instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for.
+    ki_min : float
+        In the plant's unit of gain per second, > 0; without it the integral action would vanish.
     compensator : Rational
         A further transfer function in series with the PI, such as a lead.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to t
 _SINGULAR = 1e-8
 
 _CONVERGED = 1e-14
+_ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
 _AT_BOUND = 1e-6  # of a parameter's size: the search stays inside its bounds and only tends to them
 
 
@@ -74,6 +75,8 @@ class Fit:
     degrees_of_freedom : int
         Of the long-run variance.
     notes : tuple of str
+    followed : array, (2, k), or None
+        Slip ratio and mu as a dynamic model had them along the log's motion; None for a model that is a curve.
     """
 
     model: FitModel
@@ -85,6 +88,7 @@ class Fit:
     long_run_variance: float
     degrees_of_freedom: int
     notes: tuple[str, ...]
+    followed: Floats | None = None
 
     @property
     def values(self) -> Floats:
@@ -117,32 +121,77 @@ def fit(model: FitModel, cells: Cells, stretches: Stretches, setting: Setting, p
         )
     problem = _Problem(model, cells, used, setting.wheel_load)
     values, scale = problem.solve()
-    active = _active(values, model, scale)
-    mean, spread = problem.in_every_cell(values)
+    active = active_bounds(values, model, scale)
+    mean, spread = in_cells(model, values, cells, setting.wheel_load)
     jacobian = problem.jacobian(values)
     dead = np.zeros(len(values), dtype=bool)
-    dead[active == 0] = _unidentified((jacobian * scale)[:, active == 0])
+    dead[active == 0] = unidentified((jacobian * scale)[:, active == 0])
     free = ~dead & (active == 0)
-    variance, freedom = _long_run_variance(mean, used, stretches, int(free.sum()), tau)
-    covariance = _covariance(jacobian, free, variance, freedom)
-    parameters = tuple(
-        Parameter(name, float(value), math.sqrt(covariance[i, i]), _status(int(active[i]), bool(dead[i])))
-        for i, (name, value) in enumerate(zip(model.names, values, strict=True))
-    )
+    variance, freedom = long_run_variance(mean, used, stretches, int(free.sum()), tau)
+    covariance = covariance_of(jacobian, free, variance, freedom)
+    parameters = _parameters(model, values, covariance, active, dead)
     return Fit(
         model=model,
         law=model.make(values, setting.rail),
         parameters=parameters,
         covariance=covariance,
-        # of the scatter in a cell, that which the model has there too is no residual
-        residual_squares=float(
-            np.sum(np.maximum(cells.squares - cells.count * spread, 0.0) + cells.count * (cells.mu - mean) ** 2)
-        ),
+        residual_squares=_residual_squares(cells, mean, spread),
         cell_coefficients=mean,
         long_run_variance=variance,
         degrees_of_freedom=freedom,
         notes=(*model.notes, *_remarks(parameters, variance)),
     )
+
+
+def refitted(
+    found: Fit,
+    model: FitModel,
+    values: Floats,
+    covariance: Floats,
+    active: NDArray[np.int_],
+    dead: NDArray[np.bool_],
+    cells: Cells,
+    setting: Setting,
+    followed: Floats | None = None,
+) -> Fit:
+    """A fit with other values: what follows from them, anew; the noise over the cells stays as it was found."""
+    mean, spread = in_cells(model, values, cells, setting.wheel_load)
+    if followed is not None:
+        mean = np.interp(cells.slip, *followed)
+    parameters = _parameters(model, values, covariance, active, dead)
+    return replace(
+        found,
+        model=model,
+        law=model.make(values, setting.rail),
+        parameters=parameters,
+        covariance=covariance,
+        residual_squares=_residual_squares(cells, mean, spread),
+        cell_coefficients=mean,
+        notes=(*model.notes, *_remarks(parameters, found.long_run_variance)),
+        followed=followed,
+    )
+
+
+def _parameters(
+    model: FitModel, values: Floats, covariance: Floats, active: NDArray[np.int_], dead: NDArray[np.bool_]
+) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(name, float(value), math.sqrt(covariance[i, i]), _status(int(active[i]), bool(dead[i])))
+        for i, (name, value) in enumerate(zip(model.names, values, strict=True))
+    )
+
+
+def _residual_squares(cells: Cells, mean: Floats, spread: Floats) -> float:
+    # of the scatter in a cell, that which the model has there too is no residual
+    inside = np.maximum(cells.squares - cells.count * spread, 0.0)
+    return float(np.sum(inside + cells.count * (cells.mu - mean) ** 2))
+
+
+def in_cells(model: FitModel, values: Floats, cells: Cells, wheel_load: float) -> tuple[Floats, Floats]:
+    """The model's mean and variance of mu in every cell."""
+    mu = model.coefficient(values, cells.nodes, cells.node_speeds, wheel_load)
+    mean: Floats = np.sum(cells.weights * mu, axis=0)
+    return mean, np.sum(cells.weights * (mu - mean) ** 2, axis=0)
 
 
 class _Problem:
@@ -158,13 +207,6 @@ class _Problem:
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], self.load)
         result: Floats = np.sum(c.weights[:, at] * mu, axis=0)
         return result
-
-    def in_every_cell(self, values: Floats) -> tuple[Floats, Floats]:
-        """The model's mean and variance of mu in every cell."""
-        c = self.cells
-        mu = self.model.coefficient(values, c.nodes, c.node_speeds, self.load)
-        mean: Floats = np.sum(c.weights * mu, axis=0)
-        return mean, np.sum(c.weights * (mu - mean) ** 2, axis=0)
 
     def solve(self) -> tuple[Floats, Floats]:
         """The best of the solutions from all starts, and the size of its parameters."""
@@ -185,8 +227,11 @@ class _Problem:
                 gtol=_CONVERGED,
                 max_nfev=300,
             )
+            alike = best is not None and abs(found.cost - best[0]) <= _ALIKE * best[0]
             if best is None or found.cost < best[0]:
                 best = found.cost, found.x * scale, np.maximum(scale, np.abs(found.x * scale))
+            if alike:
+                break
         assert best is not None
         return best[1], best[2]
 
@@ -201,13 +246,13 @@ class _Problem:
         return np.stack(columns, axis=1)
 
 
-def _active(values: Floats, model: FitModel, scale: Floats) -> NDArray[np.int_]:
+def active_bounds(values: Floats, model: FitModel, scale: Floats) -> NDArray[np.int_]:
     """Which bound each parameter rests on: -1 the lower, 1 the upper, 0 none."""
     low, high = values - model.lower <= _AT_BOUND * scale, model.upper - values <= _AT_BOUND * scale
     return np.where(low, -1, np.where(high, 1, 0))
 
 
-def _unidentified(scaled: Floats) -> NDArray[np.bool_]:
+def unidentified(scaled: Floats) -> NDArray[np.bool_]:
     """Parameters that take part in a direction in which the residuals do not change."""
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
@@ -223,7 +268,7 @@ def _status(active: int, dead: bool) -> str:
     return {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}[active]
 
 
-def _covariance(jacobian: Floats, free: NDArray[np.bool_], variance: float, freedom: int) -> Floats:
+def covariance_of(jacobian: Floats, free: NDArray[np.bool_], variance: float, freedom: int) -> Floats:
     """Long-run variance times the inverse of the normal matrix, widened from Student's quantile to the normal one."""
     from scipy.stats import t as student
 
@@ -237,13 +282,14 @@ def _covariance(jacobian: Floats, free: NDArray[np.bool_], variance: float, free
     return covariance
 
 
-def _long_run_variance(
+def long_run_variance(
     mean: Floats, used: NDArray[np.bool_], stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
     """Variance of sums of the residuals over stretches of time, by sample, and its degrees of freedom.
 
     The largest over all lengths of stretch that leave some freedom: too short ones do not see scatter from run to run.
-    What the correlation through the filter alone takes from a stretch of finite length is given back.
+    What the correlation through the filter alone takes from a stretch of finite length is given back; `tau` of 0 is
+    for residuals that passed no filter.
     """
     entry = used[stretches.cell]
     stretch, length = stretches.stretch[entry], stretches.length
@@ -256,7 +302,7 @@ def _long_run_variance(
         freedom = len(sums) - parameters
         if freedom < 1 or (freedom < _LEAST_FREEDOM and best[1]):
             return best
-        share = 1.0 - tau / length * -math.expm1(-length / tau)
+        share = 1.0 - tau / length * -math.expm1(-length / tau) if tau > 0.0 else 1.0
         variance = float(np.sum(sums**2)) / count * len(sums) / freedom / share
         if not variance <= best[0]:
             best = variance, freedom

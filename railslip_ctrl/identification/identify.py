@@ -17,11 +17,13 @@ from railslip_ctrl.parameters import Rail, Vehicle
 from .cells import Accumulator, Bins, Cells, Stretches
 from .comparison import Score, compare, peak_slip
 from .fits import Fit, fit
-from .logs import BLOCK_BYTES, Log, Rows
+from .logs import BLOCK_BYTES, Broken, Log, Rows
 from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
 from .observed import AdhesionStream, Observer, Survey
 from .outliers import OutlierFilter
 from .polynomials import ParameterPolynomial, over_initial_speed
+from .prediction import along_the_motion
+from .record import Record
 from .reference import PeakSlip, drift
 
 Floats = NDArray[np.float64]
@@ -35,9 +37,21 @@ _LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
 
 @dataclass(frozen=True)
 class Options:
-    """How to identify; see `railslip identify --help`.
+    """How to identify; None takes it from the log. See `railslip identify --help`.
 
-    `initial_speed` in m/s, `slip_acceleration` in m/s^2, `time_constant` in s; None: from the log.
+    Parameters
+    ----------
+    model : str
+        A model's name, or "best": of those with a formula the one with the lowest BIC.
+    rail : Rail
+    initial_speed, slip_acceleration, time_constant : float or None
+        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    columns, units : mapping
+        Header and unit of a quantity's column, by quantity.
+    fixed, bounds : mapping
+        Value (SI), or lowest and highest, of a parameter, by name.
+    block_bytes : int
+        How much of a log is read at a time.
     """
 
     model: str = "best"
@@ -65,6 +79,8 @@ class Curve:
     time_constant : float
         tau, s.
     bins, cells, stretches : Bins, Cells, Stretches
+    record : Record
+        Rows for the fits along the motion.
     peak_slip : float
         Where the data's mu is highest: the adhesion regime lies below.
     adhesion_samples, sliding_samples : int
@@ -79,6 +95,7 @@ class Curve:
     bins: Bins
     cells: Cells
     stretches: Stretches
+    record: Record
     peak_slip: float
     adhesion_samples: int
     sliding_samples: int
@@ -141,69 +158,95 @@ def read_curve(
     InputError with one line for a log that cannot be used.
     """
     log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
+
+    def told() -> Iterator[Rows]:
+        for rows in log.rows():
+            yield rows
+            if progress is not None:
+                progress(log.bytes_read / log.size)
+        if progress is not None:
+            progress(log.bytes_read / log.size)
+
+    gathered = _gathered(told(), log.name, vehicle, options)
+    return _curve(*gathered, log.name, log.broken, log.notes)
+
+
+def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
+    """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
+    gathered = _gathered(iter([rows]), name, vehicle, options)
+    return _curve(*gathered, name, Broken(), ())
+
+
+def _gathered(
+    blocks: Iterator[Rows], name: str, vehicle: Vehicle, options: Options
+) -> tuple[OutlierFilter, AdhesionStream, Accumulator]:
     outliers = OutlierFilter()
     stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
     sums: Accumulator | None = None
-    for rows in _kept(log, outliers):
+    for rows in _kept(blocks, outliers):
         samples = stream.add(rows)
         sums = sums or (Accumulator(stream.time_constant) if len(rows) else None)
         if sums is not None:
             sums.add(samples)
-        if progress is not None:
-            progress(log.bytes_read / log.size)
-    stream.check(log.name)
+    stream.check(name)
     if sums is None or stream.survey.used < _LEAST_SAMPLES:
         raise InputError(
-            f"{log.name}: {stream.survey.used} of {stream.survey.rows} rows are under brake with slip between "
+            f"{name}: {stream.survey.used} of {stream.survey.rows} rows are under brake with slip between "
             "0.005 and 0.98; give a log with braking, and check columns, units, --vehicle and the wheel's radius"
         )
-    return _curve(log, outliers, stream, sums)
+    return outliers, stream, sums
 
 
-def _kept(log: Log, outliers: OutlierFilter) -> Iterator[Rows]:
-    """The rows of a log without the outliers."""
-    for rows in log.rows():
+def _kept(blocks: Iterator[Rows], outliers: OutlierFilter) -> Iterator[Rows]:
+    """The rows without the outliers."""
+    for rows in blocks:
         yield outliers.add(rows)
     rest = outliers.finish()
     if rest is not None:
         yield rest
 
 
-def _curve(log: Log, outliers: OutlierFilter, stream: AdhesionStream, sums: Accumulator) -> Curve:
+def _curve(
+    outliers: OutlierFilter,
+    stream: AdhesionStream,
+    sums: Accumulator,
+    name: str,
+    broken: Broken,
+    notes: tuple[str, ...],
+) -> Curve:
     cells, bins = sums.cells(), sums.bins()
     peak = peak_slip(cells)
     below = cells.slip < peak
     return Curve(
-        name=log.name,
+        name=name,
         survey=stream.survey,
         time_constant=stream.time_constant,
         bins=bins,
         cells=cells,
         stretches=sums.stretches(),
+        record=stream.recorder.record(),
         peak_slip=peak,
         adhesion_samples=int(cells.count[below].sum()),
         sliding_samples=int(cells.count[~below].sum()),
-        broken_lines=log.broken.count,
+        broken_lines=broken.count,
         outliers=outliers.count,
-        warnings=_warnings(log, outliers, stream.survey),
-        notes=log.notes,
+        warnings=_warnings(name, broken, outliers, stream.survey),
+        notes=notes,
     )
 
 
-def _warnings(log: Log, outliers: OutlierFilter, survey: Survey) -> tuple[str, ...]:
-    found = [f"{log.name}: {text}" for text in log.broken.first]
-    if log.broken.count > len(log.broken.first):
-        found.append(f"{log.name}: {log.broken.count} broken lines in all; every other line is used")
+def _warnings(name: str, broken: Broken, outliers: OutlierFilter, survey: Survey) -> tuple[str, ...]:
+    found = [f"{name}: {text}" for text in broken.first]
+    if broken.count > len(broken.first):
+        found.append(f"{name}: {broken.count} broken lines in all; every other line is used")
     if outliers.count:
-        found.append(
-            f"{log.name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}"
-        )
+        found.append(f"{name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
     if survey.implausible:
-        found.append(f"{log.name}: {survey.implausible} impossible rows left out; {survey.first_implausible}")
+        found.append(f"{name}: {survey.implausible} impossible rows left out; {survey.first_implausible}")
     for line, seconds in survey.gaps:
-        found.append(f"{log.name}: gap of {seconds:.4g} s before line {line}: the observer starts anew")
+        found.append(f"{name}: gap of {seconds:.4g} s before line {line}: the observer starts anew")
     if survey.gap_count > len(survey.gaps):
-        found.append(f"{log.name}: {survey.gap_count} gaps in all")
+        found.append(f"{name}: {survey.gap_count} gaps in all")
     return tuple(found)
 
 
@@ -212,14 +255,30 @@ def identify(
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
-    InputError with one line for a log or an option that cannot be used.
+    The CSV at `path` is as `railslip identify --help` says; `vehicle` gives wheel and load, `options` the rest;
+    `progress` is told the share that is read, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        A log or an option that cannot be used, in one line.
     """
+    _model_names(options)  # before a large log is read
+    return identify_curve(read_curve(path, vehicle, options, progress=progress), vehicle, options)
+
+
+def _model_names(options: Options) -> tuple[str, ...]:
     names = CANDIDATES if options.model == "best" else (options.model,)
     check_model(options.model)
     check_options(names, options.fixed, options.bounds)
-    curve = read_curve(path, vehicle, options, progress=progress)
+    return names
+
+
+def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identification:
+    """Identify from an adhesion curve that is read already. InputError as `identify`."""
+    names = _model_names(options)
     setting = setting_of(curve, options)
-    fits, failures = _fits(names, curve, setting)
+    fits, failures = _fits(names, curve, vehicle, setting)
     if not fits:
         raise InputError(failures[0])
     scores = compare(fits, curve.cells, curve.peak_slip)
@@ -247,6 +306,8 @@ def _peaks(score: Score, setting: Setting) -> tuple[PeakSlip, ...]:
 def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
     order = np.argsort(cells.slip)
     slip = np.linspace(math.sqrt(cells.slip[order[0]]), math.sqrt(cells.slip[order[-1]]), _LINE_POINTS) ** 2
+    if fit.followed is not None:
+        return ModelLine(fit.model.name, slip, np.interp(slip, *fit.followed))
     speed = np.interp(slip, cells.slip[order], cells.speed[order])
     return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
 
@@ -268,13 +329,14 @@ def setting_of(curve: Curve, options: Options) -> Setting:
     )
 
 
-def _fits(names: Sequence[str], curve: Curve, setting: Setting) -> tuple[list[Fit], tuple[str, ...]]:
+def _fits(names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting) -> tuple[list[Fit], tuple[str, ...]]:
     shape = shape_of(curve.cells, curve.peak_slip)
     fits, failures = [], []
     for name in names:
         try:
             model = fit_model(name, curve.cells, shape, setting)
-            fits.append(fit(model, curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant))
+            first = fit(model, curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
+            fits.append(along_the_motion(first, curve.record, vehicle, curve.cells, setting))
         except InputError as error:
             failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
     return fits, tuple(failures)
@@ -298,9 +360,9 @@ class Campaign:
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
 ) -> Campaign:
-    """Identify logs at several initial speeds with one model; of "best", the one with the lowest sum of BIC.
+    """Identify logs at several initial speeds, `paths`, with one model; of "best", the one with the lowest sum of BIC.
 
-    InputError as `identify`.
+    `vehicle`, `options`, `progress` and InputError as of `identify`.
     """
     done = []
     for i, path in enumerate(paths):

@@ -1,8 +1,9 @@
 """What can be fitted: for each model its law, which parameters are free, where a search starts and its bounds.
 
-"bristle" is fitted with the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
-Fig. 17), the only motion that shows alpha; "bristle_rest" and "lugre" with their steady state, over the sliding regime
-alone, as the rise of the adhesion is none of it. What a steady state does not show keeps a stated value.
+"bristle" starts from the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
+Fig. 17); the motion itself, the only thing that shows alpha, comes after (`prediction`). "bristle_rest" and "lugre" are
+fitted with their steady state, over the sliding regime alone, as the rise of the adhesion is none of it. What a steady
+state does not show keeps a stated value.
 """
 
 from __future__ import annotations
@@ -284,8 +285,8 @@ def _bristle(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
         )
     built = _built_up(cells, shape, setting, R)
     note = (
-        f"fitted as built up along steady ramps of slip of {R:.4g} m/s^2; where the slip of the log runs away instead, "
-        "beta and gamma of bristle_rest are the right ones"
+        f"fitted as built up along steady ramps of slip of {R:.4g} m/s^2, as the log is too short to follow its slip; "
+        "where the slip runs away instead, beta and gamma of bristle_rest are the right ones"
     )
     return replace(built, name="bristle", law=law_class("bristle"), notes=(note,))
 
@@ -367,8 +368,8 @@ _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name fo
 MODELS = tuple(_MODELS)
 """Names of the models that can be fitted."""
 
-CANDIDATES = tuple(name for name in MODELS if name not in ("bristle_rest", "curve"))
-"""Those among which the best is looked for: "curve" is fitted as "bristle" is, "bristle_rest" to a part of the data."""
+CANDIDATES = tuple(name for name in MODELS if name != "bristle_rest")
+"""Those among which the best is looked for: "bristle_rest" is fitted to a part of the data."""
 
 
 def parameter_unit(name: str) -> str:

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.observer.filters import FilterObserver, Form
+from railslip_ctrl.observer.kalman import KalmanObserver
 from railslip_ctrl.observer.recursion import linear_recursion
 from railslip_ctrl.parameters import Vehicle
 from railslip_ctrl.units import KMH
 
 from .logs import Rows
+from .record import Recorder
 
 Floats = NDArray[np.float64]
 
@@ -45,14 +47,19 @@ _LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not ap
 _FASTEST = 200.0
 _LARGEST_TORQUE = 1e6
 _LEAST_SLIP = -0.5
+_LEAST_FREE_SLIP = -2.0
 _TOLERATED_SHARE = 0.01
 
 
 class Observer(StrEnum):
-    """CORRECTED: every term filtered; PRINTED: [Park2008] (27) as it stands, the brake torque unfiltered."""
+    """CORRECTED: every term filtered; PRINTED: [Park2008] (27) as it stands, the brake torque unfiltered.
+
+    KALMAN: a Kalman filter whose adhesion torque walks at random, as fast as its bandwidth of 1/tau asks.
+    """
 
     CORRECTED = "corrected"
     PRINTED = "printed"
+    KALMAN = "kalman"
 
 
 class TorqueObserver(Protocol):
@@ -157,11 +164,13 @@ class AdhesionStream:
     ) -> None:
         self.vehicle, self.kind = vehicle, observer
         self.survey = Survey()
+        self.recorder = Recorder()
         self._tau = time_constant
         self._observer: TorqueObserver | None = None
         self._state: Any = None
         self._filtered: Floats | None = None  # of each channel, after the last row
         self._input: Floats | None = None
+        self._states: list[Any] | None = None  # of the channels, with a Kalman filter
         self._last = self._settled = -math.inf
         self._last_used = False
         self._last_slip = 0.0
@@ -176,7 +185,19 @@ class AdhesionStream:
 
     def _start_with(self, tau: float) -> None:
         self._tau = tau
-        self._observer = FilterObserver.of(self.vehicle, tau, Form(self.kind.value))
+        if self.kind is not Observer.KALMAN:
+            self._observer = FilterObserver.of(self.vehicle, tau, Form(self.kind.value))
+        elif math.isfinite(self.survey.interval):
+            self._observer = self._kalman(tau)
+
+    def _kalman(self, tau: float) -> KalmanObserver:
+        """Damped by 1/sqrt(2) at 1/tau: the gains depend on the ratio of walk and noise alone, so the noise is 1."""
+        J, B, interval = (
+            self.vehicle.effective_inertia,
+            self.vehicle.effective_viscous_friction,
+            self.survey.interval,
+        )
+        return KalmanObserver(J, B, interval, 1.0, 0.0, interval * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
         """The samples of the next rows."""
@@ -188,10 +209,11 @@ class AdhesionStream:
             self.survey.interval = float(np.median(np.diff(time)))
         if self._observer is None:
             least = INTERVALS_PER_TIME_CONSTANT * self.survey.interval if len(time) > 1 else 0.0
-            self._start_with(max(DEFAULT_TIME_CONSTANT, least))
+            self._start_with(self._tau or max(DEFAULT_TIME_CONSTANT, least))
         steps = np.diff(time, prepend=self._last)
         new = np.flatnonzero(steps > _GAP_INTERVALS * self.survey.interval)
         self._note_gaps(rows, steps, new)
+        self._record(rows, omega, new)
         parts = []
         for start, stop in zip([0, *new], [*new, len(rows)], strict=True):
             if stop > start:
@@ -213,12 +235,14 @@ class AdhesionStream:
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
         v, torque = rows.columns["train_speed"], rows.columns["brake_torque"]
         wheel = radius * omega
+        # a wheel let go overshoots, as its contact is a spring
+        least = np.where(self._braked(torque, self._load(rows)), _LEAST_SLIP, _LEAST_FREE_SLIP)
         checks = (
             (np.abs(v) > _FASTEST, v / KMH, "train speed", "km/h is beyond any train"),
             (np.abs(wheel) > _FASTEST, wheel / KMH, "wheel speed", "km/h is beyond any train"),
             (np.abs(torque) > _LARGEST_TORQUE, torque, "brake torque", "N*m is beyond any wheel"),
             (
-                (v - wheel < _LEAST_SLIP * v) & (v > LOWEST_SPEED),
+                (v - wheel < least * v) & (v > LOWEST_SPEED),
                 wheel / KMH,
                 "wheel speed",
                 "km/h is far above the train's, which braking cannot cause",
@@ -233,6 +257,20 @@ class AdhesionStream:
         self.survey.implausible += int(bad.sum())
         return rows.where(~bad), omega[~bad]
 
+    def _load(self, rows: Rows) -> Floats:
+        return rows.columns.get("wheel_load", np.full(len(rows), self.vehicle.wheel_load))
+
+    def _braked(self, torque: Floats, load: Floats) -> NDArray[np.bool_]:
+        """A released brake counts at once."""
+        return torque > _LEAST_TORQUE * self.vehicle.wheel.radius * load
+
+    def _record(self, rows: Rows, omega: Floats, new: NDArray[np.intp]) -> None:
+        time, v, torque = (rows.columns[name] for name in ("time", "train_speed", "brake_torque"))
+        load, apart = self._load(rows), np.zeros(len(time), dtype=bool)
+        apart[new] = True
+        rolling = (v > LOWEST_SPEED) & (self.vehicle.wheel.radius * omega > (1.0 - SLIP_RANGE[1]) * v) & (load > 0.0)
+        self.recorder.add(np.stack([time, v, omega, torque, load]), rolling & self._braked(torque, load), apart)
+
     def _note_gaps(self, rows: Rows, steps: Floats, new: NDArray[np.intp]) -> None:
         real = [i for i in new if math.isfinite(steps[i])]
         self.survey.gap_count += len(real)
@@ -244,18 +282,29 @@ class AdhesionStream:
         assert self._observer is not None
         time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
         if fresh or self._filtered is None:
-            self._state, self._filtered, self._input = None, None, None
+            self._state, self._filtered, self._input, self._states = None, None, None, None
             self._settled = time[0] + _SETTLING * self.time_constant
             self._last_used = False
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
-        load = rows.columns.get("wheel_load", np.full(len(rows), self.vehicle.wheel_load))
+        load = self._load(rows)
         slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
         channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
-        filtered = self._low_pass(time, channels)
-        braked = torque > _LEAST_TORQUE * self.vehicle.wheel.radius * load  # a released brake counts at once
-        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked)
+        filtered = (
+            self._low_pass(time, channels) if self.kind is not Observer.KALMAN else self._as_torques(time, channels)
+        )
+        return self._samples(time, steps, filtered, estimate.adhesion_torque, self._braked(torque, load))
+
+    def _as_torques(self, time: Floats, channels: Floats) -> Floats:
+        """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
+        assert self._observer is not None
+        before = [None] * len(channels) if self._states is None else self._states
+        still = np.zeros(len(time))
+        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
+        self._states = [each.state for each in found]
+        self._filtered, self._last = np.empty(0), float(time[-1])
+        return np.stack([each.adhesion_torque for each in found])
 
     def _low_pass(self, time: Floats, channels: Floats) -> Floats:
         """Each channel through 1/(tau s + 1), taken to run straight between samples, as in the observer."""

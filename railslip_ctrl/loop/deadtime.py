@@ -79,11 +79,14 @@ class DeadTimeLoop:
         return DeadTimeLoop(self._system * factor, self._dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` seconds more dead time (the sum must not be negative)."""
+        """The loop with `extra` more dead time, s (the sum must not be negative)."""
         return DeadTimeLoop(self._system, self._dead_time + extra)
 
     def pade(self, order: int) -> DeadTimeLoop:
-        """The loop with its dead time replaced by a diagonal Pade approximation; for comparison only."""
+        """The loop with a diagonal Pade approximation of some `order` in place of its dead time; for comparison only.
+
+        Raises InputError for an order < 1.
+        """
         return DeadTimeLoop(self._system * pade(self._dead_time, order), 0.0)
 
     # -- frequency response -------------------------------------------------------------------------------
@@ -101,11 +104,11 @@ class DeadTimeLoop:
         return np.asarray(1 - self.sensitivity(omega))
 
     def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """Continuous phase of L(j omega), rad, dead time included; no unwrapping needed. omega > 0, rad/s."""
+        """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape."""
         return self._response.phase(np.asarray(omega, dtype=float))[0]
 
     def phase_slope(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s."""
+        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape."""
         return self._response.phase(np.asarray(omega, dtype=float))[1]
 
     def feature_band(self) -> tuple[float, float]:

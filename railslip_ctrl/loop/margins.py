@@ -43,15 +43,15 @@ class Margins:
     ms, ms_frequency, mt, mt_frequency : float
         Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, and where, rad/s.
     disk, disk_frequency : float
-        Balanced disk margin alpha = 1/||S - 1/2||_inf ([Seiler2020]): gain and phase may change together within
-        `disk_gain_range` and +-`disk_phase_deg`.
-    gain_crossovers, phase_crossovers : array, rad/s
+        Balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]): gain and phase may
+        change together within `disk_gain_range` and +-`disk_phase_deg`.
+    gain_crossovers, phase_crossovers : array, 1-D, rad/s
         All |L| = 1; and all L < 0 real, 0 included, complete where |L| >= 1/100 (with dead time there are
         infinitely many).
-    phase_margins_deg : array
-        At each gain crossover, in (-180, 180]: positive is destroyed by lag, negative by lead.
-    phase_crossover_gains : array
-        1/|L| at each phase crossover.
+    phase_margins_deg : array, 1-D
+        deg, at each gain crossover, in (-180, 180]: positive is destroyed by lag, negative by lead.
+    phase_crossover_gains : array, 1-D
+        Factor 1/|L| at each phase crossover.
     """
 
     gain_increase: float

@@ -37,7 +37,7 @@ class Rational:
 
     Parameters
     ----------
-    zeros, poles : array of complex
+    zeros, poles : array of complex, 1-D
         rad/s; complex ones in conjugate pairs. Common factors are kept: a pole cancelled by a zero is still a
         pole of every closed loop.
     gain : float
@@ -68,7 +68,7 @@ class Rational:
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike) -> Rational:
-        """From coefficients in descending powers of s."""
+        """From coefficients `num` and `den`, 1-D, in descending powers of s, whose unit is rad/s."""
         numerator = np.trim_zeros(np.atleast_1d(np.asarray(num, dtype=float)), "f")
         denominator = np.trim_zeros(np.atleast_1d(np.asarray(den, dtype=float)), "f")
         if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
@@ -84,7 +84,15 @@ class Rational:
     def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
         """From a SISO realisation x' = A x + B u, y = C x + D u; hidden modes are kept as pole-zero pairs.
 
-        Raises InputError where the factored form does not reproduce the realisation's frequency response.
+        Parameters
+        ----------
+        a, b, c, d : array
+            In SI units, n by n, n by 1, 1 by n and 1 by 1.
+
+        Raises
+        ------
+        InputError
+            The factored form does not reproduce the realisation's frequency response.
         """
         a, b = np.atleast_2d(np.asarray(a, dtype=float)), np.asarray(b, dtype=float).reshape(-1, 1)
         c, d = np.asarray(c, dtype=float).reshape(1, -1), float(np.asarray(d, dtype=float).reshape(()))
@@ -96,7 +104,7 @@ class Rational:
 
     @classmethod
     def from_control(cls, system: Any) -> Rational:
-        """From a continuous-time SISO python-control TransferFunction or StateSpace, or a real number.
+        """From a `system` of python-control, continuous-time SISO TransferFunction or StateSpace, or a real number.
 
         Raises
         ------
@@ -179,7 +187,7 @@ class Rational:
         return roots.real, roots.imag, np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
 
     def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
-        """ln abs G(j omega) and its derivative with respect to omega; shapes of `omega`."""
+        """ln abs G(j omega) and its derivative with respect to omega; shapes of `omega`, rad/s."""
         real, imag, sign = self._roots
         offset = omega[..., None] - imag
         distance = np.hypot(real, offset)  # hypot, not squares: no overflow at any frequency
@@ -188,7 +196,7 @@ class Rational:
             return value, (offset / distance / distance) @ sign
 
     def log_slope(self, omega: Floats) -> Complexes:
-        """d ln G(j omega)/d omega, complex; shape of `omega`."""
+        """d ln G(j omega)/d omega, complex; shape of `omega`, rad/s."""
         s = 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(1j * ((1 / (s - self.zeros)).sum(axis=-1) - (1 / (s - self.poles)).sum(axis=-1)))

@@ -35,7 +35,7 @@ class Form(StrEnum):
 
 @dataclass(frozen=True)
 class FilterState:
-    """After a sample: its time (s), torque (N*m) and speed (rad/s), and what the filter holds (N*m)."""
+    """After a sample: `time` (s), `torque` (N*m), speed `omega` (rad/s); `filtered` (N*m) is what the filter holds."""
 
     time: float
     torque: float
@@ -105,13 +105,19 @@ class FilterObserver:
         )
 
     def start(self, time: float, torque: float, omega: float) -> tuple[float, FilterState]:
-        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb."""
+        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
         checked_samples([time], [torque], [omega], after=None)
         steady = self.viscous_friction * omega + torque
         return steady, FilterState(time, torque, omega, steady if self.form is Form.CORRECTED else 0.0)
 
     def step(self, state: FilterState, time: float, torque: float, omega: float) -> tuple[float, FilterState]:
-        """Ta_hat (N*m) after a sample, and the state after it; pure."""
+        """Ta_hat (N*m) after a sample, and the `state` after it; pure.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
         h = checked_step(time, torque, omega, after=state.time)
         q = h / self.time_constant
         share = -math.expm1(-q)

@@ -221,14 +221,20 @@ class KalmanObserver:
         )
 
     def start(self, time: float, torque: float, omega: float) -> tuple[float, KalmanState]:
-        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb; Td = 0."""
+        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb; Td = 0.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
         checked_samples([time], [torque], [omega], after=None)
         steady = self.viscous_friction * omega + torque
         rest = (0.0,) * (len(self.model[0]) - 2)
         return steady, KalmanState(time, torque, (omega, steady, *rest))
 
     def step(self, state: KalmanState, time: float, torque: float, omega: float) -> tuple[float, KalmanState]:
-        """Ta_hat (N*m) after a sample, and the state after it; pure."""
+        """Ta_hat (N*m) after a sample, and the `state` after it; pure.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
         h = checked_step(time, torque, omega, after=state.time)
         transition, before, now = (each[0] for each in self._transitions(np.array([h])))
         predicted = transition @ np.array(state.mean) + before * state.torque + now * torque

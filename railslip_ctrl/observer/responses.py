@@ -24,21 +24,33 @@ class AdhesionObserver(Protocol):
         """Effective B, N m s."""
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """From measured torque and measured speed to Ta_hat, at complex s."""
+        """From measured torque (1) and measured speed (N*m*s) to Ta_hat, at complex `s`, 1/s, 1-D."""
 
     def sampled(self, interval: float) -> SampledForm:
         """The recursion at a constant interval, s."""
 
     def run(self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: Any = None) -> Estimates[Any]:
-        """Estimates over columns of samples."""
+        """Estimates over columns of samples.
+
+        Parameters
+        ----------
+        time : array, 1-D
+            s, growing.
+        torque, omega : array, 1-D
+            Measured brake torque, N*m, and speed of the wheel, rad/s.
+        state : optional
+            After the sample before, to go on from.
+        """
 
 
 @dataclass(frozen=True)
 class ObserverResponses:
-    """Responses of Ta_hat on a grid of omega (rad/s), complex; the names are those of `statement.WheelTransfers`.
+    """Responses of Ta_hat, complex arrays of one length; the names are those of `statement.WheelTransfers`.
 
     Attributes
     ----------
+    omega : array
+        Frequencies, rad/s.
     adhesion, brake, disturbance, torque_noise : array
         N*m per N*m. A good observer has 1, 0, 0 and little.
     speed_noise : array
@@ -54,7 +66,7 @@ class ObserverResponses:
 
 
 def observer_responses(observer: AdhesionObserver, omega: ArrayLike) -> ObserverResponses:
-    """The continuous observer behind the wheel, on a 1-D grid of omega > 0, rad/s."""
+    """The continuous `observer` behind the wheel, on a 1-D grid of `omega` > 0, rad/s."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid
     torque, speed = observer.transfers(s)

@@ -34,7 +34,14 @@ class Estimates(Generic[State]):
 
 
 def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> NDArray[np.float64] | np.float64:
-    """mu_hat = Ta_hat/(N r) for torques in N*m of any shape; the wheel load is the vehicle's. [Park2008] (29)."""
+    """mu_hat = Ta_hat/(N r), with the wheel load and radius of the `vehicle`. [Park2008] (29).
+
+    Parameters
+    ----------
+    adhesion_torque : array of any shape
+        Ta_hat, N*m.
+    vehicle : Vehicle
+    """
     return np.asarray(np.asarray(adhesion_torque, dtype=float) / (vehicle.wheel_load * vehicle.wheel.radius))[()]
 
 

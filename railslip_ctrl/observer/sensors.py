@@ -57,7 +57,10 @@ class Encoder:
         return 2 * self.angle_variance / interval**2
 
     def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
-        """Measured speed (rad/s) at all times but the first, from the true angle (rad) at times (s), k - 1 values."""
+        """Measured speed (rad/s) at all times but the first, so k - 1 values.
+
+        `time` in s and true `angle` in rad are arrays of one length k, 1-D.
+        """
         counted = np.floor(np.asarray(angle, dtype=float) / self.angle_step)
         return np.asarray(np.diff(counted) * self.angle_step / np.diff(np.asarray(time, dtype=float)))
 
@@ -92,13 +95,23 @@ class TorqueSensor:
         return self.noise**2 + self.resolution**2 / 12
 
     def measured(self, torque: ArrayLike, generator: np.random.Generator) -> Floats:
-        """Measured torque (N*m) of the true one, of any shape."""
+        """Measured torque (N*m) of the true `torque` (N*m), of any shape, with noise from a `generator`."""
         true = np.asarray(torque, dtype=float)
         noisy = true + self.noise * generator.standard_normal(true.shape)
         return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Standard deviation of Ta_hat, N*m, that both sensors' noise gives a sampled observer."""
+    """Standard deviation of Ta_hat, N*m, that both sensors' noise gives a sampled observer.
+
+    Parameters
+    ----------
+    form : SampledForm
+        The observer's recursion, at the interval of the samples.
+    encoder : Encoder
+        Of the wheel's speed.
+    sensor : TorqueSensor
+        Of the brake torque.
+    """
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)

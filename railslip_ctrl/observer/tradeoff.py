@@ -53,11 +53,11 @@ class TradeOff:
 
     Attributes
     ----------
-    settings : array
+    settings : array, 1-D
     errors : tuple of ObserverErrors
         At the settings.
     best : float
-        The setting with the least total error, between the first and last of `settings`.
+        The setting with the least total error, between the first and last of `settings`, in their unit.
     at_best : ObserverErrors
     """
 
@@ -76,7 +76,18 @@ def estimated(observer: AdhesionObserver, trial: Trial) -> Floats:
 def observer_errors(
     observer: AdhesionObserver, trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
-    """Errors of one observer over a trial."""
+    """Errors of one observer over a trial.
+
+    Parameters
+    ----------
+    observer : AdhesionObserver
+    trial : Trial
+        The truth.
+    encoder, sensor : Encoder, TorqueSensor
+        What measures the wheel's speed and the brake torque.
+    seed : int
+        Of the torque's noise.
+    """
     braked = trial.time[1:] >= trial.brake_time
     truth = trial.adhesion_torque[1:]
     seen = measured(trial, encoder, sensor, seed=seed)
@@ -97,7 +108,17 @@ def trade_off(
     *,
     seed: int,
 ) -> TradeOff:
-    """Errors of the observers that `make` gives for growing settings > 0, and the best setting between them."""
+    """Errors over a setting of the observer, and the best setting between its first and last value.
+
+    Parameters
+    ----------
+    make : callable
+        The observer for a setting.
+    settings : array, 1-D
+        > 0, growing: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
+    trial, encoder, sensor, seed
+        As of `observer_errors`.
+    """
     from scipy.optimize import minimize_scalar
 
     values = np.asarray(settings, dtype=float)

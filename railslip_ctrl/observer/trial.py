@@ -92,7 +92,17 @@ class Trial:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What the sensors give: time (s), brake torque (N*m), speed of the wheel (rad/s), one a sample."""
+    """What the sensors give, arrays of one length.
+
+    Attributes
+    ----------
+    time : array
+        s, growing.
+    torque : array
+        Brake torque, N*m.
+    omega : array
+        Speed of the wheel, rad/s.
+    """
 
     time: Floats
     torque: Floats
@@ -100,9 +110,25 @@ class Measurements:
 
 
 def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse) -> Trial:
-    """Simulate a course from free rolling at a speed in m/s, sampled at an interval in s.
+    """Simulate a brake course from free rolling.
 
-    InputError where the train stops before the slip reaches the bound; DomainError where the law ends before it.
+    Parameters
+    ----------
+    law : AdhesionLaw
+    vehicle : Vehicle
+    speed : float
+        At the start, m/s, > 0.
+    interval : float
+        Between samples, s, > 0.
+    course : BrakeCourse
+        What the brake does.
+
+    Raises
+    ------
+    InputError
+        A number out of range, or the train stops before the slip reaches the course's bound.
+    DomainError
+        The law ends before that slip.
     """
     require("speed", speed, "m/s")
     require("interval", interval, "s")
@@ -128,7 +154,17 @@ def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: f
 
 
 def measured(trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
-    """A trial through its sensors; one sample fewer, as the encoder's speed needs two angles. Same seed, same noise."""
+    """A trial through its sensors; one sample fewer, as the encoder's speed needs two angles.
+
+    Parameters
+    ----------
+    trial : Trial
+        The truth.
+    encoder, sensor : Encoder, TorqueSensor
+        What measures the wheel's speed and the brake torque.
+    seed : int
+        Of the torque's noise; the same seed gives the same noise.
+    """
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
 

@@ -62,5 +62,5 @@ TABLE4_PI = MappingProxyType(
 
 
 def table4_gains(adhesion: str) -> PIGains:
-    """Table 4's PI gains for an adhesion law by name, SI: the beam's own column, the bristle column for any other."""
+    """Table 4's PI gains, SI, for an `adhesion` law by name: the beam's own column, else the bristle column."""
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]

@@ -21,7 +21,16 @@ class Rail(StrEnum):
 
 
 class Record(BaseModel):
-    """Base of the parameter records: immutable, unknown keys refused, non-finite numbers refused."""
+    """Base of the parameter records: immutable, unknown keys refused, non-finite numbers refused.
+
+    Numbers are SI, or text with a unit ("3.5 t").
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A value of another dimension or out of its range; it is a ValueError. What reads a record from a file raises
+        InputError in its place.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -74,6 +83,21 @@ class Vehicle(Record):
     as-published reading (speeds integrated in km/h with forces in N). Use `effective_mass`,
     `effective_inertia` and `effective_viscous_friction` in equations of motion. `wheel_load` is a quantity of
     its own: in the published vehicle it does not follow the mass.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    wheel : Wheel
+        The braked wheelset.
+    resistance : Resistance
+        Travelling resistance of the quarter car.
+    actuator : Actuator
+        The brake.
+    source : str
+        Where the numbers are from.
+    notes : tuple of str
+        One sentence for each thing that was assumed.
     """
 
     name: str

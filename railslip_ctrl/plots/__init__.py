@@ -7,6 +7,7 @@ from .lyapunov_runs import lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
 from .runs import run_comparison_figure
 from .style import save_figure
+from .virtual_rig import rig_test_figure
 
 __all__ = [
     "adhesion_figure",
@@ -22,6 +23,7 @@ __all__ = [
     "observer_responses_figure",
     "region_figure",
     "response_figure",
+    "rig_test_figure",
     "run_comparison_figure",
     "save_figure",
     "sweep_figure",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -33,5 +34,11 @@ def legend_below(ax: Any, drop: float = 0.2, columns: int = 1) -> None:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; the format follows the path's suffix, and the same record drawn again gives the same PNG."""
-    metadata = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    figure.savefig(path, dpi=150, metadata=metadata)
+    path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
+
+
+def figure_bytes(figure: Figure, form: str) -> bytes:
+    """A figure as the content of a file, "png" or "svg"; see `save_figure`."""
+    stream = BytesIO()
+    figure.savefig(stream, format=form, dpi=150, metadata={"Date": None} if form == "svg" else {"Software": None})
+    return stream.getvalue()

@@ -29,7 +29,22 @@ _POINTS = 801
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """mu over the slip ratio at v = v0, on one rail; `reference` is the published slip to hold, at 100 km/h only."""
+    """mu over the slip ratio at v = v0, on one rail.
+
+    Attributes
+    ----------
+    law : str
+        Name of the adhesion law.
+    rail : Rail
+    initial_speed_kmh : float
+        v0, km/h.
+    slip, coefficient : array
+        Slip ratio and mu = Fa/N, of one length.
+    peak : Peak
+        Where mu is highest.
+    reference : float or None
+        The published slip ratio to hold; at 100 km/h only.
+    """
 
     law: str
     rail: Rail
@@ -52,10 +67,24 @@ def model_curves(
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
 ) -> tuple[AdhesionCurve, ...]:
-    """Curves by law, then initial speed, then rail, at the rig's wheel load.
+    """Curves by law, then initial speed, then rail, at the rig's wheel load. [Park2008] Figs. 13 to 15.
 
-    Each goes from slip 0 to `largest_slip` or just short of where its law's domain ends. InputError for a law that is
-    not one, an initial speed outside 30 to 140 km/h; MissingParametersError for a law without published parameters.
+    Parameters
+    ----------
+    laws : sequence of str
+        Names of laws with published parameters.
+    speeds_kmh : sequence of float
+        Initial speeds v0, km/h, 30 to 140.
+    rails : sequence of Rail
+    largest_slip : float
+        Each curve goes from slip 0 to this ratio, or just short of where its law's domain ends.
+
+    Raises
+    ------
+    InputError
+        A law that is not one, or an initial speed out of range.
+    MissingParametersError
+        A law without published parameters.
     """
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 

@@ -50,8 +50,16 @@ CASES = (Case("pi", "beam"), Case("pi", "bristle"), Case("asmc", "beam"), Case("
 class Setup:
     """What is run for a column, and how its numbers are read.
 
-    `own_reference` takes the slip error against the controller's reference instead of 0.132/0.092; `energy_in_joules`
-    leaves the energy as it is instead of multiplying it with the inertia scale.
+    Attributes
+    ----------
+    case : Case
+        The column.
+    scenario, controller
+        What is run.
+    own_reference : bool
+        Take the slip error against the controller's reference instead of 0.132/0.092.
+    energy_in_joules : bool
+        Leave the energy as it is instead of multiplying it with the inertia scale.
     """
 
     case: Case
@@ -68,7 +76,7 @@ class Setup:
 
 
 def published_setup(case: Case) -> Setup:
-    """A column in the reading of `reading.READING`."""
+    """The setup of a `case`, a column of Table 5, in the reading of `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 
 
@@ -80,7 +88,7 @@ class CaseResult:
     ----------
     setup : Setup
     values : array (runs, 4)
-        The `QUANTITIES` of each run, by rows; NaN where it did not stop.
+        The `QUANTITIES` of each run, by rows, in the units they name; NaN where it did not stop.
     failures : tuple of str
         What became of the runs that did not stop.
     """
@@ -137,7 +145,15 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int | None = 0, every: int = 20) -> dict[str, Run]:
-    """One recorded run of each column by name, with a row of signals every so many milliseconds; None: no noise."""
+    """One recorded run of each column of Table 5, by name.
+
+    Parameters
+    ----------
+    seed : int or None
+        Of the random force; None: no noise.
+    every : int
+        Steps of 1 ms from one row of signals to the next.
+    """
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=every) for s in setups}
 

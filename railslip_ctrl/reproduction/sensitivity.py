@@ -48,7 +48,17 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All alternatives against the reading itself with the same seeds."""
+    """All alternatives against the reading itself with the same seeds.
+
+    Attributes
+    ----------
+    base : tuple of CaseResult
+        The four columns in the reading.
+    rows : tuple of SensitivityRow
+        One for each alternative.
+    seeds : int
+        Runs of each column.
+    """
 
     base: tuple[CaseResult, ...]
     rows: tuple[SensitivityRow, ...]
@@ -66,7 +76,21 @@ def sensitivity(
     alternatives: Sequence[Alternative] = ALTERNATIVES,
     progress: Progress | None = None,
 ) -> Sensitivity:
-    """Run the reading and each alternative with so many seeds a column. InputError for a number out of range."""
+    """Run the reading and each alternative to one of its rules.
+
+    Parameters
+    ----------
+    seeds : int
+        Runs of each column, 2 to `MOST_SEEDS`.
+    alternatives : sequence of Alternative
+    progress : callable, optional
+        Told each alternative's name when it has been run.
+
+    Raises
+    ------
+    InputError
+        A number of seeds out of range.
+    """
     checked_seeds(seeds)
     base = run_setups([published_setup(case) for case in CASES], seeds)
     rows = []

@@ -26,7 +26,21 @@ NOT_REPRODUCIBLE = (
 
 @dataclass(frozen=True)
 class Table3:
-    """What follows from the printed errors: row means, improvements of bristle over beam in percent, and findings."""
+    """What follows from the printed errors of the adhesion coefficient (ratios), and findings.
+
+    Attributes
+    ----------
+    beam_mean, bristle_mean : float
+        Means of the printed rows.
+    improvement_percent : float
+        Of bristle over beam, %, from these means.
+    improvement_of_printed_means_percent, improvement_in_adhesion_regime_percent : float
+        The same from the printed means, and from the errors where adhesion rises with slip.
+    not_reproducible : str
+        What cannot be computed again, and why.
+    source : str
+        Where it is printed.
+    """
 
     beam_mean: float
     bristle_mean: float

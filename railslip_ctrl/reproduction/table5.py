@@ -34,7 +34,19 @@ The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the la
 
 @dataclass(frozen=True)
 class Row:
-    """One number, published and obtained; deviations in percent of the published one, NaN where runs did not stop."""
+    """One number, published and obtained; deviations in percent of the published one, NaN where runs did not stop.
+
+    Attributes
+    ----------
+    item : str
+        "Table 5 / PI beam / braking_time_s", and so on.
+    published, obtained, standard_error : float
+        In the unit that the item names; the last of `obtained`, from the runs' spread.
+    tolerance_percent : float
+        Largest deviation that counts as reproduced, %.
+    source : str
+        Where it is printed.
+    """
 
     item: str
     published: float
@@ -56,7 +68,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Table5:
-    """The comparison: rows by column and quantity, the runs behind them."""
+    """The comparison.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        By column and quantity.
+    results : tuple of CaseResult
+        The runs behind them, by column.
+    seeds : int
+        Runs of each column.
+    """
 
     rows: tuple[Row, ...]
     results: tuple[CaseResult, ...]
@@ -74,7 +96,20 @@ class Table5:
 
 
 def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> Table5:
-    """Run the four columns with so many seeds each and compare. InputError for a number of seeds out of range."""
+    """Run the four columns and compare them with [Park2008] Table 5.
+
+    Parameters
+    ----------
+    seeds : int
+        Runs of each column, 2 to `MOST_SEEDS`.
+    progress : callable, optional
+        Told what is run, a line for each column done.
+
+    Raises
+    ------
+    InputError
+        A number of seeds out of range.
+    """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(
         Row(

@@ -79,13 +79,16 @@ class PIKeys(Limited):
     lead_filter: float = quantity("s", "its filter", ge=0, default=0.0)
     anti_windup: bool = True
     tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
+    initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
     rule: Rule = Rule.BACKWARD
 
     def made(self, path: Path) -> Controller:
         """A `LinearControl`."""
         design = PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
         tracking = self.tracking_time if self.anti_windup else math.inf
-        return LinearControl(design, tracking_time=tracking, rule=self.rule, **self.common())
+        return LinearControl(
+            design, tracking_time=tracking, rule=self.rule, initial_torque=self.initial_torque, **self.common()
+        )
 
 
 class SlidingKeys(Limited):
@@ -123,12 +126,19 @@ class ScheduledKeys(Limited):
 
     schedule: str
     tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
+    initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
     rule: Rule = Rule.BACKWARD
 
     def made(self, path: Path) -> Controller:
         """A `ScheduledControl`."""
         schedule = GainSchedule.from_json(read_text(path.parent / self.schedule))
-        return ScheduledControl(schedule, tracking_time=self.tracking_time, rule=self.rule, **self.common())
+        return ScheduledControl(
+            schedule,
+            tracking_time=self.tracking_time,
+            rule=self.rule,
+            initial_torque=self.initial_torque,
+            **self.common(),
+        )
 
 
 class SlideProtectionKeys(ControllerKeys):

@@ -71,18 +71,39 @@ class Controller(Protocol):
         """Text of its `command`, to be put into a kernel."""
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Its numbers from the third on: see `steps`; SI."""
+        """Its numbers from the third on, in a `situation`: see `steps`; SI."""
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """Its state when the brake is applied at a speed, m/s."""
+        """Its state when the brake is applied at a `speed`, m/s."""
 
 
 @dataclass(frozen=True)
 class LinearControl:
     """A `PIController`, sampled, with limits and anti-windup; see `design.sampled.SampledController`.
 
-    `torque_low` and `torque_high`, N*m, are the controller's own limits; `tracking_time`, s, as there (inf: no
-    anti-windup). A `period` of None samples at every step.
+    Parameters
+    ----------
+    design : PIController
+        Gains and lead, continuous.
+    reference : ReferenceSlip
+        Slip ratio to be held, by rail.
+    name : str
+        For reports.
+    period : float or None
+        Sampling period, s; None samples at every step.
+    torque_low, torque_high : float
+        The controller's own limits, N*m.
+    tracking_time, rule
+        As of `SampledController`; a tracking time of inf: no anti-windup.
+    initial_torque : float
+        The integral's start, N*m: a torque that the rail surely takes, which need not be built up first.
+    model_law, knows_rail
+        As of `Controller`: no adhesion law, and the reference follows the rail.
+
+    Raises
+    ------
+    InputError
+        An initial torque that is not finite.
     """
 
     design: PIController
@@ -93,10 +114,14 @@ class LinearControl:
     torque_high: float = math.inf
     tracking_time: float | None = math.inf
     rule: Rule = Rule.BACKWARD
+    initial_torque: float = 0.0
     model_law: None = None
     knows_rail: bool = True
 
     states = ("integral", "error", "filtered_error", "unlimited_torque")
+
+    def __post_init__(self) -> None:
+        _check_initial(self.initial_torque)
 
     def sampled(self, period: float) -> SampledController:
         """The difference equations at a period, s."""
@@ -111,15 +136,21 @@ class LinearControl:
         return (*self.sampled(situation.period).constants, self.torque_low, self.torque_high)
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """At rest."""
-        return (0.0, 0.0, 0.0, 0.0)
+        """At rest but for the initial torque."""
+        return (self.initial_torque, 0.0, 0.0, self.initial_torque)
 
 
 @dataclass(frozen=True)
 class ScheduledControl:
     """A `GainSchedule`, sampled: PI gains over speed and rail with one lead, taken over without a bump in torque.
 
-    Limits, `tracking_time` and `period` as in `LinearControl`; a `tracking_time` of None follows the gains, kp/ki.
+    Parameters
+    ----------
+    schedule : GainSchedule
+    reference, name, period, torque_low, torque_high, rule, initial_torque, model_law, knows_rail
+        As of `LinearControl`.
+    tracking_time : float or None
+        As of `LinearControl`, s; None follows the gains, kp/ki.
     """
 
     schedule: GainSchedule
@@ -130,10 +161,14 @@ class ScheduledControl:
     torque_high: float = math.inf
     tracking_time: float | None = None
     rule: Rule = Rule.BACKWARD
+    initial_torque: float = 0.0
     model_law: None = None
     knows_rail: bool = True
 
     states = LinearControl.states
+
+    def __post_init__(self) -> None:
+        _check_initial(self.initial_torque)
 
     def sampled(self, speed: float, rail: Rail, period: float) -> SampledController:
         """The difference equations at a speed, m/s, on a rail, and a period, s."""
@@ -161,8 +196,8 @@ class ScheduledControl:
         )
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """At rest."""
-        return (0.0, 0.0, 0.0, 0.0)
+        """At rest but for the initial torque."""
+        return (self.initial_torque, 0.0, 0.0, self.initial_torque)
 
 
 @dataclass(frozen=True)
@@ -177,10 +212,16 @@ class SlidingControl:
     ----------
     gains : LawGains
         K, D, rho, k1, k2 and the boundary layer, SI.
+    reference, name, period, torque_low, torque_high
+        As of `LinearControl`.
     nominal_mass, nominal_viscous_friction : float or None
         Mn, kg, and Bn, N*m*s, before the inertia scale; None takes the vehicle's at the start.
     filter_time : float
         Time constant of the filter that estimates v', s.
+    anti_windup : bool
+        Integral and estimates rest while the torque is at a limit.
+    knows_rail, model_law
+        As above.
     """
 
     gains: LawGains
@@ -233,9 +274,21 @@ class SlidingControl:
 
 @dataclass(frozen=True)
 class TorqueProfile:
-    """A torque given over time, linear in between and constant after; open loop. `times`, s, rising; `torques`, N*m.
+    """A torque given over time, linear in between and constant after; open loop.
 
-    InputError for lists of different lengths, or times that do not rise.
+    Parameters
+    ----------
+    times, torques : tuple of float
+        s, rising; N*m, one for each time.
+    reference : ReferenceSlip
+        What the slip error is taken against; the torque does not follow it.
+    name, period, knows_rail, model_law
+        As of `LinearControl`.
+
+    Raises
+    ------
+    InputError
+        Lists of different lengths, or times that do not rise.
     """
 
     times: tuple[float, ...]
@@ -277,7 +330,9 @@ class SlideProtection:
 
     The valve dumps where the slip is above `dump_slip` or the wheel decelerates by more than `dump_deceleration`
     (m/s^2), fills where the slip is below `fill_slip`, and holds in between; the torque asked for moves by `fill_rate`
-    and `dump_rate` (N*m/s) between 0 and `torque_high` (N*m), which a driver's full brake asks for.
+    and `dump_rate` (N*m/s) between 0 and `torque_high` (N*m), which a driver's full brake asks for. The wheel's
+    deceleration is filtered with `filter_time` (s). `reference` only judges the slip; `name`, `period`, `knows_rail`,
+    `model_law` as of `LinearControl`.
 
     The defaults are a baseline: slips and deceleration of the size that wheel slide protection in service acts on
     (slips of 5 to 30 %), the rates slow enough for the published brake's lag and dead time that the wheel does not lock
@@ -325,6 +380,11 @@ class SlideProtection:
     def start(self, speed: float) -> tuple[float, ...]:
         """Brake released; the wheel's speed is taken at the first sample."""
         return (0.0, 0.0, 0.0, 1.0)
+
+
+def _check_initial(torque: float) -> None:
+    if not math.isfinite(torque):
+        raise InputError(f"initial torque: {torque:g} N*m is not allowed; give a finite value")
 
 
 def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:

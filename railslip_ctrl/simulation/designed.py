@@ -37,6 +37,9 @@ TORQUE_LIMIT = 9000.0
 TRACKING_TIME = 2.0
 """Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
 
+INITIAL_SHARE = 0.12
+"""Initial torque by wheel load times radius: less than even the wet rail of [Park2008] takes, whose peak is 0.153."""
+
 SPEEDS_KMH = (20.0, 60.0, 100.0)
 _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 
@@ -72,8 +75,8 @@ def recommended_pi_lead(
     """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
 
     As published (the default vehicle): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`; without
-    the adhesion curve it stops in about 553 m and 48.0 s with a mean slip error of 0.017, where the best of Table 5
-    needs 581 m and 50.7 s with 0.027. Faster gains exist (kp 2500, ki 2000: 546 m) at an Ms of 4.
+    the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017, where the best of Table 5
+    needs 581 m and 50.7 s with 0.027.
 
     Parameters
     ----------
@@ -102,6 +105,7 @@ def recommended_pi_lead(
         torque_low=0.0,
         torque_high=full_brake_torque(car),
         tracking_time=TRACKING_TIME,
+        initial_torque=initial_torque(car),
     )
 
 
@@ -159,6 +163,11 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
 def full_brake_torque(vehicle: Vehicle) -> float:
     """The torque limit of the designs, N*m: `TORQUE_LIMIT`, in proportion to wheel load times radius."""
     return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
+
+
+def initial_torque(vehicle: Vehicle) -> float:
+    """The torque the designs begin with, N*m: `INITIAL_SHARE` of wheel load times radius."""
+    return INITIAL_SHARE * vehicle.wheel_load * vehicle.wheel.radius
 
 
 def design_points(vehicle: Vehicle, laws: tuple[str, ...] = ("curve", "bristle")) -> list[LinearPlant]:

@@ -40,10 +40,17 @@ _OUTCOMES = tuple(Outcome)  # in the order of the kernel's numbers
 
 @dataclass(frozen=True)
 class Energies:
-    """Energy balance of train and wheel, J: what was there, what each work took, what remains.
+    """Energy balance of train and wheel, J.
 
-    `works` are those of `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous,
-    travelling resistance, random force, caliper disturbance. `booked` came in with changes of mass.
+    Attributes
+    ----------
+    starting, final : float
+        Kinetic energy when the brake is applied, and at the end.
+    booked : float
+        What came in with changes of mass.
+    works : dict
+        By `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
+        resistance, random force, caliper disturbance.
     """
 
     starting: float
@@ -99,8 +106,8 @@ class Run:
     energies : Energies
         The balance.
     mean_abs_slip_error, mean_abs_slip_error_published : float
-        Mean over time of |slip - reference|: the controller's own, and [Park2008]'s 0.132/0.092 (NaN where the scenario
-        is not the published one).
+        Mean over time of |slip - reference|, slip ratio: the controller's own, and [Park2008]'s 0.132/0.092 (NaN where
+        the scenario is not the published one).
     max_slip, locked_fraction : float
         Highest slip ratio; share of time with r omega < 0.02 v.
     first_lock : float
@@ -112,7 +119,7 @@ class Run:
     signals : Signals or None
         Time series, where asked for.
     controller_signals : dict
-        The controller's own state over `signals.time`, by name.
+        The controller's own state over `signals.time`, arrays of one length, by name; units as its law's.
     """
 
     scenario: Scenario
@@ -176,7 +183,10 @@ def simulate(
 
 
 class Simulator:
-    """A scenario and a controller made ready: many runs of them cost only the runs. Arguments as `simulate`."""
+    """A scenario and a controller made ready: many runs of them cost only the runs. Arguments as `simulate`.
+
+    InputError as of `simulate`.
+    """
 
     def __init__(self, scenario: Scenario, controller: Controller, *, compiled: bool = True) -> None:
         self.scenario, self.controller, self._compiled = scenario, controller, compiled
@@ -190,7 +200,7 @@ class Simulator:
         return kernel(type(self.scenario.adhesion), self.controller.source(), compiled=self._compiled)
 
     def run(self, seed: int | np.random.SeedSequence | None = 0, *, record_every: int | None = None) -> Run:
-        """One run; see `simulate`."""
+        """One run; `seed` and `record_every` as of `simulate`. InputError for one out of range."""
         if record_every is not None and record_every < 1:
             raise InputError(
                 f"record_every: {record_every} is not allowed; give an integer >= 1, or None for no record"

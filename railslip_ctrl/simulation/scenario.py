@@ -93,8 +93,26 @@ class BrakeLimits(Record):
 class Scenario(Record):
     """A braking run from `initial_speed`, free rolling, to `final_speed`.
 
-    `adhesion` is the law on dry rail where it has one; `rail` the condition at the start. The viscous coefficient is
-    the vehicle's plus `viscous_rate` t, times the inertia scale, and at least `viscous_least`.
+    The viscous coefficient is the vehicle's plus `viscous_rate` t, times the inertia scale, and at least
+    `viscous_least`.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    vehicle : Vehicle
+    adhesion : AdhesionLaw
+        The law on dry rail where it has one.
+    rail : Rail
+        The condition at the start.
+    events : tuple of Event
+        Changes of rail and mass on the way.
+    disturbances : Disturbances
+        What acts on the wheel besides.
+    measurement : Measurement
+        What the controller sees of the speeds.
+    limits : BrakeLimits
+        What the actuator cannot do.
     """
 
     name: str
@@ -204,7 +222,13 @@ BUILT_IN = ("park2008", "park2008-si")
 
 
 def built_in_scenario(name: str) -> Scenario:
-    """A built-in scenario by name; InputError, listing the names, for another."""
+    """A built-in scenario by `name`, one of `BUILT_IN`.
+
+    Raises
+    ------
+    InputError
+        No scenario of that name; lists them.
+    """
     if name not in BUILT_IN:
         raise InputError(f"scenario: {name!r} is not one; choose {' or '.join(BUILT_IN)}, or give a TOML file")
     return published_scenario(as_published=name == "park2008")

@@ -1,0 +1,105 @@
+"""[Park2008] Figs. 12 and 13, Table 3 and (30)-(32), redrawn from the virtual rig.
+
+The rig's own records are not available. Here a simulated rig, with the paper's dynamic bristle model in the wheel's
+contact, runs the tests of Table 1, and beam and bristle are fitted to its logs. How do they compare where the truth is
+known, and do the polynomials (30)-(32) come back? The numbers are this project's, of simulated data, not the rig's.
+
+    python analysis/virtual_rig.py [FOLDER for the pictures]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.adhesion.bristle import published_coefficients
+from railslip_ctrl.identification.identify import Campaign, Identification, Options, curve_of, identify_curve
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.units import KMH
+from railslip_ctrl.virtual_rig import RigLog, RigTest, published_tests, run_tests
+
+MODELS = ("bristle", "beam")
+SPREAD = 0.03  # of the adhesion from test to test, relative: the width of the marks in Fig. 13
+TORQUE_NOISE = 50.0  # N*m
+TESTS = {30: 60, 60: 24, 100: 12, 140: 12}  # by v0, km/h: at 30 km/h the slip hardly shows the fall of the adhesion
+PUBLISHED = {"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)}  # Table 3
+
+
+@dataclass(frozen=True)
+class VirtualRig:
+    """One test to look at, and the identifications by model at the four speeds."""
+
+    course: RigLog
+    tests: tuple[RigTest, ...]
+    found: dict[str, tuple[Identification, ...]]
+    campaign: Campaign
+
+    def errors(self, model: str) -> tuple[float, ...]:
+        """Mean absolute error of mu at each speed, as in Table 3."""
+        return tuple(each.chosen.mean_abs_error for each in self.found[model])
+
+
+def identified(test: RigTest, model: str) -> Identification:
+    """A model fitted to the log of a condition."""
+    speed = round(test.initial_speed / KMH)
+    log = run_tests(test, tests=TESTS[speed], seed=speed)
+    options = Options(model=model, initial_speed=test.initial_speed)
+    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    return identify_curve(curve_of(rows, test.vehicle, options, name="virtual rig"), test.vehicle, options)
+
+
+def run() -> VirtualRig:
+    """Run the tests and fit."""
+    tests = tuple(
+        dataclasses.replace(test, spread=SPREAD, torque_noise=TORQUE_NOISE) for test in published_tests("bristle")
+    )
+    found = {model: tuple(identified(test, model) for test in tests) for model in MODELS}
+    fits = [each.chosen.fit for each in found["bristle"]]
+    polynomials = over_initial_speed([test.initial_speed for test in tests], fits)
+    return VirtualRig(run_tests(tests[2], tests=1), tests, found, Campaign(found["bristle"], polynomials))
+
+
+def main() -> None:
+    """Print Table 3's form and the parameters; with a folder, draw."""
+    result = run()
+    speeds = [test.initial_speed / KMH for test in result.tests]
+    print("Mean absolute error of mu on the virtual rig's data (in brackets: Table 3, on the real rig's)")
+    print("  model   " + "".join(f"{speed:>10.0f} km/h" for speed in speeds))
+    for model in MODELS:
+        pairs = zip(result.errors(model), PUBLISHED[model], strict=True)
+        print(f"  {model:8s}" + "".join(f" {ours:.4f} ({theirs:.4f})" for ours, theirs in pairs))
+    print("The bristle model's parameters, fitted and (30)-(32):")
+    for speed, each in zip(speeds, result.found["bristle"], strict=True):
+        truth = published_coefficients(speed, PARK2008.wheel_load)
+        fitted = each.chosen.fit.parameters
+        texts = [f"{p.name} {p.value:.4g} ± {p.stderr:.2g} ({t:.4g})" for p, t in zip(fitted, truth, strict=True)]
+        print(f"  {speed:3.0f} km/h: " + ", ".join(texts))
+    if len(sys.argv) > 1:
+        draw(result, Path(sys.argv[1]))
+
+
+def draw(result: VirtualRig, folder: Path) -> None:
+    """Fig. 12, and Fig. 13 with each model."""
+    from railslip_ctrl.plots import adhesion_figure, coefficients_figure, rig_test_figure, save_figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    title = f"A test on the virtual rig, v0 = {result.tests[2].initial_speed / KMH:.0f} km/h"
+    save_figure(
+        rig_test_figure(result.course, radius=PARK2008.wheel.radius, title=title), folder / "virtual_rig_course.png"
+    )
+    both = [
+        dataclasses.replace(bristle, lines=(*bristle.lines, *beam.lines), scores=(*bristle.scores, *beam.scores))
+        for bristle, beam in zip(result.found["bristle"], result.found["beam"], strict=True)
+    ]
+    save_figure(adhesion_figure(both), folder / "virtual_rig_adhesion.png")
+    save_figure(coefficients_figure(result.campaign), folder / "virtual_rig_coefficients.png")
+
+
+if __name__ == "__main__":
+    main()

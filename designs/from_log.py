@@ -1,0 +1,199 @@
+"""From a brake-rig log to a braking train: observer, fit, operating points, robust design, margins, braking runs.
+
+The vehicle is a Siemens Desiro Classic (railtoolkit/rolling-stock-data, CC BY 4.0), the log one that the virtual rig
+wrote for its wheel. The design sees the log alone: is a controller made from it, for every law within its uncertainty,
+good on the law that made the log, which it never saw?
+
+    python designs/from_log.py [FOLDER for the log, the fitted model and the pictures]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, law_class
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.controllers import wheel_slip_loop
+from railslip_ctrl.design.tuning import PIDesign, tune_pi
+from railslip_ctrl.identification.fits import CONFIDENCE, Fit
+from railslip_ctrl.identification.identify import Identification, Options, identify
+from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
+from railslip_ctrl.loop import Margins
+from railslip_ctrl.numeric import adhesion_coefficient
+from railslip_ctrl.parameters import PIGains, Rail, Vehicle, load_vehicle
+from railslip_ctrl.simulation import Disturbances, Event, Run, Scenario, Simulator
+from railslip_ctrl.simulation.controllers import LinearControl
+from railslip_ctrl.units import KMH
+from railslip_ctrl.virtual_rig import RigTest, run_tests, write_log
+
+VEHICLE = Path(__file__).parent / "vehicles" / "desiro_classic.toml"
+TRUE_LAW = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})  # the rig's, not the design's
+INITIAL_SPEED = 100.0 * KMH
+RANDOM_SHARE = 431.0 / 34_500.0  # of the wheel load: [Park2008]'s random adhesion force
+TESTS = 12
+SPEEDS_KMH = (10.0, 30.0, 100.0)
+HELD_SHARE = 0.98  # of the highest adhesion: at the peak itself the least disturbance slides over it
+MS_MAX = 1.8
+LEAD_FILTER = 0.1  # of the lead's time constant, which is the actuator's lag
+PERIOD = 0.02  # s, of the controller
+RAIN = 5.0  # s after the brake is applied
+SEEDS = (0, 1, 2)
+
+
+@dataclass(frozen=True)
+class FromLog:
+    """Every station of the way."""
+
+    vehicle: Vehicle
+    found: Identification
+    held: ReferenceSlip
+    plants: tuple[LinearPlant, ...]  # of all laws within the uncertainty, at all operating points
+    design: PIDesign
+    controller: PIController
+    true_margins: tuple[Margins, ...]  # with the law the design never saw
+    runs: tuple[Run, ...]  # on that law
+
+
+def rig_log(vehicle: Vehicle, path: Path) -> Path:
+    """The log of the rig's tests with the vehicle's wheel."""
+    test = RigTest(
+        vehicle, TRUE_LAW, INITIAL_SPEED, rate=8000.0, random_force=RANDOM_SHARE * vehicle.wheel_load, torque_noise=50.0
+    )
+    write_log(run_tests(test, tests=TESTS, seed=1), path)
+    return path
+
+
+def laws_within(fit: Fit) -> list[AdhesionLaw]:
+    """The fitted law, and those at the ends of the axes of its joint 99 % ellipsoid."""
+    from scipy.stats import chi2
+
+    size, axes = np.linalg.eigh(fit.covariance)
+    reach = np.sqrt(chi2.ppf(CONFIDENCE, len(size)) * size) * axes
+    values = [fit.values, *(fit.values + sign * axis for axis in reach.T for sign in (-1, 1))]
+    return [fit.model.make(each, fit.law.rail) for each in values]
+
+
+def held_slip(found: Identification) -> ReferenceSlip:
+    """Where the fitted law, rising, passes `HELD_SHARE` of its peak."""
+    assert found.reference is not None, "the model has a peak"
+    law, load = found.chosen.fit.law, found.setting.wheel_load
+
+    def slip(rail: Rail, top: float) -> float:
+        slips = np.linspace(0.01 * top, top, 400)
+        mu = [float(adhesion_coefficient(law.on(rail), INITIAL_SPEED, each, load)) for each in slips]
+        return float(np.interp(HELD_SHARE * mu[-1], mu, slips))
+
+    return ReferenceSlip(dry=slip(Rail.DRY, found.reference.dry), wet=slip(Rail.WET, found.reference.wet))
+
+
+def operating_plants(laws: list[AdhesionLaw], vehicle: Vehicle, held: ReferenceSlip) -> tuple[LinearPlant, ...]:
+    """At the slip that is held: rails, speeds, empty and loaded, for each law."""
+    return tuple(
+        linearize(operating_point(law.on(rail), each, speed=speed * KMH, slip=getattr(held, rail)))
+        for law in laws
+        for rail in Rail
+        for speed in SPEEDS_KMH
+        for each in (vehicle, vehicle.loaded())
+    )
+
+
+def run(folder: Path | None = None) -> FromLog:
+    """The whole way; the log is written to `folder`, else to one that is thrown away."""
+    vehicle = load_vehicle(VEHICLE)
+    # 1. The log, and what is found in it.
+    with tempfile.TemporaryDirectory() as scratch:
+        log = rig_log(vehicle, (folder or Path(scratch)) / "rig.csv")
+        found = identify(log, vehicle, Options())
+    # 2. Every law that the log allows, at every operating point.
+    held = held_slip(found)
+    plants = operating_plants(laws_within(found.chosen.fit), vehicle, held)
+    # 3. One PI-lead for all of them. The largest ki with Ms <= MS_MAX.
+    actuator = vehicle.actuator
+    lead, lead_filter = actuator.lag, LEAD_FILTER * actuator.lag
+    shape = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    design = tune_pi(
+        [actuated_plant(plant, actuator) for plant in extremes(plants)],
+        actuator.dead_time,
+        ms_max=MS_MAX,
+        compensator=shape,
+    )
+    controller = PIController(PIGains(kp=design.kp, ki=design.ki), lead, lead_filter)
+    # 4. Its margins with the true law, and the stop on it.
+    true_plants = operating_plants([TRUE_LAW], vehicle, held)
+    margins = tuple(wheel_slip_loop(plant, controller, actuator).margins() for plant in true_plants)
+    simulator = braking(vehicle, controller, held)
+    return FromLog(
+        vehicle,
+        found,
+        held,
+        plants,
+        design,
+        controller,
+        margins,
+        tuple(simulator.run(s, record_every=5) for s in SEEDS),
+    )
+
+
+def extremes(plants: tuple[LinearPlant, ...]) -> list[LinearPlant]:
+    """Of plants that differ by one pole alone, r/J over s - p, the ends of its range and some between."""
+    by_pole = sorted(plants, key=lambda plant: float(plant.poles[0].real))
+    return [by_pole[i] for i in np.unique(np.linspace(0, len(by_pole) - 1, 9).astype(int))]
+
+
+def braking(vehicle: Vehicle, controller: PIController, held: ReferenceSlip) -> Simulator:
+    """From 100 km/h on the true law, the rail turning wet on the way; the random force with the wheel load."""
+    scenario = Scenario(
+        name="from-log",
+        vehicle=vehicle,
+        adhesion=TRUE_LAW,
+        initial_speed=INITIAL_SPEED,
+        events=(Event(time=RAIN, rail=Rail.WET),),
+        disturbances=Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
+    )
+    limit = vehicle.wheel.radius * vehicle.wheel_load  # mu = 1 is more than any rail gives
+    control = LinearControl(controller, held, period=PERIOD, torque_low=0.0, torque_high=limit, tracking_time=2.0)
+    return Simulator(scenario, control)
+
+
+def main() -> None:
+    """Print the stations; with a folder, keep the log, the model's file and pictures."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    result = run(folder)
+    fit, held = result.found.chosen.fit, result.held
+    print(f"{result.vehicle.name}: {result.found.curve.survey.used} rows under brake, best model {fit.model.name!r}")
+    for p in fit.parameters:
+        print(f"  {p.name} = {p.value:.4g}, 99 % from {p.interval[0]:.4g} to {p.interval[1]:.4g}")
+    print(f"Slip to hold: {held.dry:.4g} dry, {held.wet:.4g} wet.")
+    poles = [float(plant.poles[0].real) for plant in result.plants]
+    print(f"{len(poles)} plants within the uncertainty, slip poles from {min(poles):.3g} to {max(poles):.3g} 1/s.")
+    print(f"PI-lead: kp {result.design.kp:.4g} N*m/(m/s), ki {result.design.ki:.4g} N*m/m, Ms <= {MS_MAX:g} on all.")
+    print(f"On the true law the worst Ms is {max(m.ms for m in result.true_margins):.4g}.")
+    for run_ in result.runs:
+        print(
+            f"Seed {run_.seed}: {run_.outcome} after {run_.braking_distance:.1f} m and {run_.braking_time:.2f} s, mean "
+            f"slip error {run_.mean_abs_slip_error:.4f}, locked {100 * run_.locked_fraction:.2g} % of the time"
+        )
+    if folder is not None:
+        draw(result, folder)
+
+
+def draw(result: FromLog, folder: Path) -> None:
+    """The log's curve with its models, the stop, and the law as a file for `--adhesion`."""
+    from railslip_ctrl.plots import adhesion_figure, save_figure
+    from railslip_ctrl.plots.simulation import simulation_figure
+    from railslip_ctrl.report.identification import model_toml
+
+    (folder / "model.toml").write_text(model_toml(result.found), encoding="utf-8")
+    save_figure(adhesion_figure((result.found,)), folder / "from_log_adhesion.png")
+    save_figure(simulation_figure(result.runs[0]), folder / "from_log_stop.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Sphinx configuration; `make docs` runs `generate.py` first, then builds from disk without any network."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE / "extensions"), str(HERE)]
+
+from railslip_ctrl import __version__  # noqa: E402  the path comes first
+
+project = "railslip_ctrl"
+author = "the railslip_ctrl developers"
+project_copyright = author
+release = version = __version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "myst_parser",
+    "mathml",
+    "docstrings",
+    "commands",
+]
+exclude_patterns = ["_build", "_generated/equations", "_generated/run", "_generated/*.md"]
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+myst_links_external_new_tab = False
+suppress_warnings = [
+    "myst.header",  # an included piece may begin below the first level
+    "ref.python",  # a word in backticks may be the name of a field of several records: it is then not linked
+]
+
+autodoc_default_options = {
+    "members": True,
+    "exclude-members": "model_config",  # pydantic's own, the same for every record
+    "show-inheritance": True,
+    "member-order": "bysource",
+}
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+napoleon_numpy_docstring = True
+napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes are a list below the class; as entries of their own they would be there twice
+napoleon_use_rtype = False
+default_role = "py:obj"  # `name` in a docstring is linked where there is such a thing, see extensions/docstrings.py
+toc_object_entries_show_parents = "hide"
+
+nitpicky = True
+# What is documented elsewhere: a build without network has no inventories of other projects to look into.
+nitpick_ignore_regex = [
+    (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
+    (r"py:.*", r"(pydantic\w*|annotated_types|click|rich|numba)\..*"),
+    (r"py:.*", r"(abc|collections\.abc|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
+    (r"py:class", r"(NDArray|ArrayLike|Figure|Axes|Path|Any|RenderableType|ValidationError|BaseModel|Self|Literal)"),
+    # names that modules give to types of their own
+    (r"py:class", r"(.*\.)?(Floats|Complexes|Booleans|Batch|Flags|State|Method|How|Reference|F|L|R|T)"),
+    (r"py:class", r".*\[.*"),  # a type in words that Sphinx splits at its commas
+]
+
+html_math_renderer = "mathml"
+html_theme = "furo"
+html_title = f"railslip_ctrl {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False

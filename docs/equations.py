@@ -1,0 +1,349 @@
+"""Equations (1)-(49) of [Park2008], each from where the package states or derives it, in the order of the paper.
+
+What the package uses stands first; where the print differs, the erratum (`railslip_ctrl.sliding.errata`) stands beside
+it. Only what the package does not need as a formula is stated here: the names (1), (26), (29), (34), (38), and the
+beam's (7) and (8), which the package has inside `adhesion.beam.integrated_force`. `tests/test_docs.py` integrates what
+is stated here and compares.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+
+from railslip_ctrl import plant
+from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.adhesion.beam import Beam, integrated_force
+from railslip_ctrl.adhesion.bristle import published_coefficients
+from railslip_ctrl.notation import latex_names, symbol
+from railslip_ctrl.observer import statement as observer
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.sliding import printed
+from railslip_ctrl.sliding.derivation import Derivation
+from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
+from railslip_ctrl.units import KMH
+
+SOURCE = "Park2008"
+
+_ADHESION_LATEX = {
+    **{name: f"{name[0]}_{name[1:]}" for name in ("Fs", "Fc", "vs", "Kx", "Cx")},
+    "mu_max": r"\mu_\mathrm{max}",
+    "mu_s": r"\mu_s",
+    "mu_c": r"\mu_c",
+    "mu_d": r"\mu_d",
+    "x_c": "x_c",
+    "l_h": "l_h",
+    "C_x": "C_x",
+    "F_s": "F_s",
+    "F_c": "F_c",
+    "v_s": "v_s",
+}
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One numbered equation as the package has it.
+
+    `lines` are LaTeX, one formula each; `home` names the object of the package that states or derives it, or is empty
+    where it is only a name for something; `note` says what a reader of the paper would trip over.
+    """
+
+    number: int
+    title: str
+    lines: tuple[str, ...]
+    home: str
+    note: str = ""
+
+    def errata(self, rows: Sequence[Erratum]) -> list[Erratum]:
+        """The rows of the errata that name this equation."""
+        return [row for row in rows if self.number in numbers_in(row.where)]
+
+
+def numbers_in(where: str) -> set[int]:
+    """The equation numbers that a place in the paper names: "(22)-(24)" is 22, 23 and 24."""
+    found = set()
+    for first, last in re.findall(r"\((\d+)\)(?:-\((\d+)\))?", where):
+        found |= set(range(int(first), int(last or first) + 1))
+    return found
+
+
+def tex(expression: sp.Basic) -> str:
+    """LaTeX in the source's letters."""
+    own = {sp.Symbol(name, **kind): text for name, text in _ADHESION_LATEX.items() for kind in ({}, {"positive": True})}
+    sliding = {sliding_symbol(name): entry.latex for name, entry in SLIDING_NOTATION.items()}
+    text = sp.latex(expression, symbol_names={**latex_names(), **own, **sliding})
+    return str(text).replace(r"\operatorname{sign}", r"\operatorname{sgn}").replace(r"\:", r"\ ")
+
+
+def _is(left: str, right: sp.Basic) -> str:
+    return f"{left} = {tex(right)}"
+
+
+def _eq(equation: sp.Eq) -> str:
+    return _is(tex(equation.lhs), equation.rhs)
+
+
+def plant_equations() -> list[Equation]:
+    """(1)-(4)."""
+    mu = sp.Function("mu")(plant.slip)
+    home = "railslip_ctrl.plant"
+    return [
+        Equation(1, "adhesion coefficient", (_is("F_a", mu * symbol("N")),), "railslip_ctrl.adhesion.base.Statement"),
+        Equation(2, "slip", (_eq(plant.SLIP_VELOCITY), _eq(plant.SLIP_RATIO)), home),
+        Equation(
+            3,
+            "wheel",
+            (_eq(plant.WHEEL), _eq(plant.ADHESION_TORQUE)),
+            home,
+            "The paper adds the random adhesion torque $T_r$ in (35); here the plant has it from the start.",
+        ),
+        Equation(
+            4,
+            "train",
+            (_eq(plant.TRAIN), _eq(plant.RESISTANCE)),
+            home,
+            "$F_r$ is the travelling resistance; the random force is $T_r/r$.",
+        ),
+    ]
+
+
+@dataclass(frozen=True)
+class BeamParts:
+    """(5)-(9) in SymPy, `mu_d` and `sticking` (lh) stated here."""
+
+    pressure: sp.Expr
+    per_length: tuple[sp.Expr, sp.Expr]
+    mu_d: sp.Expr
+    sticking: sp.Expr
+    stiffness: sp.Expr
+
+
+def beam_parts() -> BeamParts:
+    """The pieces of the beam model; (6) with the branches that (9) and full sliding ask for."""
+    mu_max, a, Kx = Beam.symbols()
+    length, slip, x, N = printed.length, printed.slip, printed.xc, printed.wheel_load
+    sticking = length * (1 - Kx * slip / (3 * mu_max * N))
+    mu_d = mu_max - a * slip * plant.v * length / (length - sp.Symbol("l_h", positive=True))
+    locking = printed.Cx * slip * x
+    sliding = printed.mu_d * printed.width * sp.Symbol("p", positive=True)
+    return BeamParts(printed.pressure(), (locking, sliding), mu_d, sticking, printed.travelling_stiffness())
+
+
+def beam_force_in_u() -> sp.Expr:
+    """The integrated (10) with u = Kx lambda/(3 mu_max N), sigma > 0."""
+    mu_max, _a, Kx = Beam.symbols()
+    u, N = sp.Symbol("u", positive=True), symbol("N")
+    force = sp.expand(integrated_force().subs(plant.v, Kx * plant.sigma / (3 * mu_max * N * u)))
+    return sp.collect(sp.expand(force), plant.sigma, lambda factor: sp.factor(sp.expand(factor)))
+
+
+def beam_equations() -> list[Equation]:
+    """(5)-(10)."""
+    parts = beam_parts()
+    home = "railslip_ctrl.adhesion.beam"
+    locking, sliding = parts.per_length
+    mu_max, _a, Kx = Beam.symbols()
+    share = Kx * symbol("slip") / (3 * mu_max * symbol("N"))
+    branches = (
+        rf"f_x = {tex(locking)} \quad \text{{for }} x_c \le l_h",
+        rf"f_x = {tex(sliding)} \quad \text{{beyond}}",
+    )
+    return [
+        Equation(5, "contact pressure", (_is("p", parts.pressure),), f"{home}.integrated_force"),
+        Equation(6, "force per length", branches, f"{home}.integrated_force"),
+        Equation(7, "friction where the footprint slides", (_is(r"\mu_d", parts.mu_d),), f"{home}.integrated_force"),
+        Equation(8, "length that sticks", (_is("l_h", parts.sticking),), f"{home}.integrated_force"),
+        Equation(9, "travelling stiffness", (_is("K_x", parts.stiffness),), f"{home}.integrated_force"),
+        Equation(
+            10,
+            "adhesion force",
+            (_is("F_a", beam_force_in_u()), _is("u", share)),
+            f"{home}.Beam",
+            r"For $u \le 1$. Beyond it the whole footprint slides, of which the paper says nothing: "
+            rf"$F_a = {tex(Beam.statement().force.args[1][0])}$.",
+        ),
+    ]
+
+
+def dynamic_equations() -> list[Equation]:
+    """(11)-(18): Dahl, LuGre and the LuGre tyre model."""
+    rows = []
+    for first, name in ((11, "dahl"), (13, "lugre"), (16, "tyre_lugre")):
+        law = law_class(name)
+        statement, home = law.statement(), f"{law.__module__}.{law.__name__}"
+        rate, force = _is(r"\dot z", statement.state_rate), _is("F_a", _in_the_rate(statement))
+        if name == "dahl":
+            rows += [Equation(first, f"{law.title}: state", (rate,), home), Equation(12, "force", (force,), home)]
+            continue
+        alpha = law.symbols()[0]
+        stribeck = sp.simplify((statement.steady_state * alpha).subs(plant.sigma, _positive()))
+        g = _is(r"g(\sigma)", stribeck.subs(_positive(), sp.Abs(plant.sigma)))
+        rows += [
+            Equation(
+                first, f"{law.title}: state", (rate,), home, r"The fraction's denominator is $g(\sigma)$ of the next."
+            ),
+            Equation(first + 1, "Stribeck curve", (g,), home),
+            Equation(first + 2, "force", (force,), home, r"$\dot z$ as above."),
+        ]
+    return rows
+
+
+def _in_the_rate(statement: object) -> sp.Expr:
+    """The force with z' as one symbol."""
+    return statement.force.subs(statement.state_rate, sp.Symbol(r"\dot{z}"))  # type: ignore[attr-defined]
+
+
+def _positive() -> sp.Symbol:
+    return sp.Symbol("sigma_positive", positive=True)
+
+
+def bristle_equations() -> list[Equation]:
+    """(19)-(24)."""
+    law = law_class("bristle")
+    statement = law.statement()
+    alpha, beta, gamma = law.symbols()
+    home = f"{law.__module__}.{law.__name__}"
+    h = beta / (gamma - sp.Abs(plant.sigma))
+    inverse = sp.Symbol(r"h(\sigma)")
+    with_h = sp.expand(sp.cancel(statement.state_rate.subs(beta, inverse * (gamma - sp.Abs(plant.sigma)))))
+    along = with_h.subs(sp.Abs(plant.sigma), plant.sigma).subs(plant.z, plant.Fa / alpha) / plant.sigma
+    along = sp.factor(sp.expand(alpha * along))
+    coefficients = (printed.vs / (printed.Fs - printed.Fc), printed.Fs * printed.vs / (printed.Fs - printed.Fc))
+    return [
+        Equation(19, "force along the slip path", (_is(r"\frac{\mathrm{d}F_a}{\mathrm{d}x}", along),), home),
+        Equation(20, "force of the bristles", (_is("F_a", statement.force),), home),
+        Equation(21, "force in time", (_is(r"\dot F_a", alpha * sp.Symbol(r"\dot{z}")),), home),
+        Equation(
+            22,
+            "state",
+            (_is(r"\dot z", statement.state_rate),),
+            home,
+            r"The print has $\sigma$ for $|\sigma|$, with which it would diverge for $\sigma < 0$.",
+        ),
+        Equation(23, "Stribeck curve, linear", (_is(r"g(\sigma)", printed.bristle_g()),), home),
+        Equation(
+            24,
+            "its inverse",
+            (_is(r"h(\sigma)", h), _is(r"\beta", coefficients[0]), _is(r"\gamma", coefficients[1])),
+            home,
+        ),
+    ]
+
+
+def observer_equations() -> list[Equation]:
+    """(25)-(29)."""
+    home = "railslip_ctrl.observer.statement"
+    torque = observer.adhesion_torque()
+
+    def estimate(transfers: observer.Transfers) -> sp.Expr:
+        return transfers.torque * plant.Tb + transfers.speed * plant.omega
+
+    hat = sliding_symbol("Ta_hat")
+    return [
+        Equation(25, "adhesion torque from the wheel", (_is("T_a", torque),), f"{home}.adhesion_torque"),
+        Equation(26, "the same in s", (_is("T_a", torque.subs(plant.omega_rate, observer.s * plant.omega)),), home),
+        Equation(27, "observer", (_is(r"\hat T_a", estimate(observer.corrected())),), f"{home}.corrected"),
+        Equation(
+            28,
+            "observer without a derivative",
+            (_is(r"\hat T_a", estimate(observer.printed_without_derivative())),),
+            f"{home}.printed_without_derivative",
+            "As printed; equal to (27) as printed, so that its error is the same.",
+        ),
+        Equation(29, "estimated adhesion coefficient", (_is(r"\hat\mu", hat / (symbol("N") * plant.r)),), home),
+    ]
+
+
+def coefficient_equations() -> list[Equation]:
+    """(30)-(32), read back from the function that evaluates them."""
+    speeds = np.array([30.0, 85.0, 140.0])
+    values = np.array([published_coefficients(v, PARK2008.wheel_load) for v in speeds]).T
+    units = (("alpha", r"\mathrm{N/m}", 1.0), ("beta", r"\mathrm{(km/h)/N}", KMH), ("gamma", r"\mathrm{km/h}", KMH))
+    rows = []
+    for number, (name, unit, scale), row in zip((30, 31, 32), units, values, strict=True):
+        quadratic = np.polyfit(speeds, row / scale, 2)  # three points: exact to rounding
+        powers = ("", r"\,v_0", r"\,v_0^2")
+        terms = " ".join(_number(c) + power for c, power in zip(quadratic[::-1], powers, strict=True))
+        line = rf"\{name} = {terms.lstrip('+')}\ {unit}"
+        home = "railslip_ctrl.adhesion.bristle.published_coefficients"
+        rows.append(Equation(number, rf"{name} over the initial speed", (line,), home, "$v_0$ in km/h, 30 to 140."))
+    return rows
+
+
+def _number(value: float) -> str:
+    """A number in the paper's four digits."""
+    mantissa, exponent = f"{value:+.3e}".split("e")
+    return rf"{mantissa} \times 10^{{{int(exponent)}}}"
+
+
+def surface_equations(d: Derivation) -> list[Equation]:
+    """(33)-(37)."""
+    home = "railslip_ctrl.sliding.derivation.Derivation"
+    Ueq, Ur = sliding_symbol("Ueq"), sliding_symbol("Ur")
+    return [
+        Equation(33, "sliding variable", (_is("s", d.s), _is("e", d.error)), home),
+        Equation(34, "brake torque", (_is("T_b", sp.Add(Ueq, Ur, evaluate=False)),), home),
+        Equation(35, "rate of the sliding variable", (_is(r"\dot s", d.s_rate),), home),
+        Equation(36, "equivalent control", (_is("U_{eq}", d.equivalent_control),), home),
+        Equation(37, "what is left", (_is(r"\dot s", d.reaching),), home),
+    ]
+
+
+def reaching_equations(d: Derivation) -> list[Equation]:
+    """(38)-(43)."""
+    home = "railslip_ctrl.sliding.derivation.Derivation"
+    asked = printed.asked_rate()
+    disturbance = tex(d.disturbance)
+    return [
+        Equation(
+            38, "reaching law, sign only", (_is(r"\dot s", asked.subs(sliding_symbol("D"), 0)),), "", "As printed."
+        ),
+        Equation(39, "reaching law", (_is(r"\dot s", asked),), "railslip_ctrl.sliding.printed", "As printed."),
+        Equation(
+            40,
+            "what the gains must exceed",
+            (
+                rf"D_0 \left|s\right| + K_0 > \left|{disturbance}\right| + \eta",
+                r"D_0 = \frac{r}{J} D, \quad K_0 = \frac{r}{J} K",
+            ),
+            home,
+        ),
+        Equation(41, "robust control", (_is("U_r", d.robust_term),), home),
+        Equation(42, "reaching condition", (_is(r"s \dot s", d.reaching_product) + r" < -\eta \left|s\right|",), home),
+        Equation(43, "control law", (_is("T_b", d.control_law),), home),
+    ]
+
+
+def adaptive_equations(d: Derivation) -> list[Equation]:
+    """(44)-(49)."""
+    home = "railslip_ctrl.sliding.derivation.Derivation"
+    theta = [_is(rf"\theta_{i}", one) for i, one in enumerate(d.theta, 1)]
+    rates = [_is(rf"\dot{{\hat\theta}}_{i}", one) for i, one in enumerate(d.adaptation_matrix, 1)]
+    return [
+        Equation(44, "unknown coefficients", (*theta, _is(r"\phi", sp.Matrix(d.phi))), home),
+        Equation(45, "adaptive control law", (_is("T_b", d.adaptive_law_control),), home),
+        Equation(46, "Lyapunov function", (_is("V", d.V),), home, "With the scalar gain of the paper."),
+        Equation(47, "its rate", (_is(r"\dot V", d.V_rate),), home),
+        Equation(48, "its rate under the law", (_is(r"\dot V", d.V_rate_final),), home),
+        Equation(49, "adaptation", tuple(rates), home, "A gain for each component, so that the units are right."),
+    ]
+
+
+def groups(d: Derivation) -> dict[str, list[Equation]]:
+    """All equations, by the piece of a page that shows them."""
+    return {
+        "plant": plant_equations(),
+        "beam": beam_equations(),
+        "dynamic": dynamic_equations(),
+        "bristle": bristle_equations(),
+        "observer": observer_equations(),
+        "coefficients": coefficient_equations(),
+        "surface": surface_equations(d),
+        "reaching": reaching_equations(d),
+        "adaptive": adaptive_equations(d),
+    }

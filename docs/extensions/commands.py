@@ -1,0 +1,87 @@
+"""The directives `file` and `railslip` (see `pages`): what a page shows as output is what the command prints."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any, ClassVar
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from pages import GENERATED, Block, prepare, run
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+_LANGUAGES = {".toml": "toml", ".py": "python", ".csv": "text", ".json": "json"}
+_LINES = 40
+
+
+class _OnPage(SphinxDirective):
+    """What both share: the page's folder, and what has been put there so far."""
+
+    def folder(self) -> Path:
+        return prepare(GENERATED / "run" / self.env.docname)
+
+    def history(self, more: str = "") -> str:
+        """A hash of everything run or written on the page so far, with `more` added to it."""
+        told = self.env.temp_data.get("railslip", "") + more
+        digest = hashlib.sha256(told.encode()).hexdigest()
+        self.env.temp_data["railslip"] = digest
+        return digest
+
+
+class FileDirective(_OnPage):
+    """Write the text to a file of the page's folder, and show it."""
+
+    has_content = True
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """The text with its name above it."""
+        name, text = self.arguments[0], "\n".join(self.content) + "\n"
+        (self.folder() / name).write_text(text, encoding="utf-8")
+        self.history(name + text)
+        block = nodes.literal_block(text, text, language=_LANGUAGES.get(Path(name).suffix, "text"))
+        caption = nodes.caption("", "", nodes.literal(name, name))
+        return [nodes.container("", caption, block, literal_block=True, classes=["literal-block-wrapper"])]
+
+
+class RailslipDirective(_OnPage):
+    """Run commands, show them, their output (its first `lines` lines) and `pictures` that they wrote."""
+
+    has_content = True
+    option_spec: ClassVar[dict[str, Any]] = {
+        "lines": directives.nonnegative_int,
+        "pictures": directives.unchanged,
+        "alt": directives.unchanged,
+        "language": directives.unchanged,
+        "tested": directives.unchanged,
+    }
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes."""
+        text = "\n".join(self.content) + "\n"
+        found: list[nodes.Node] = [nodes.literal_block(text, text, language="sh")]
+        for words in Block("", text).commands:
+            output = run(words, self.folder(), self.history(" ".join(words)))
+            found += self._shown(output)
+        for picture in self.options.get("pictures", "").split():
+            uri = f"/_generated/run/{self.env.docname}/{picture}"
+            found.append(nodes.image(uri=uri, alt=self.options.get("alt", picture)))
+        return found
+
+    def _shown(self, output: str) -> list[nodes.Node]:
+        lines = output.rstrip().splitlines()
+        limit = self.options.get("lines", _LINES)
+        if limit == 0 or not lines:
+            return []
+        shown = "\n".join(lines[:limit] + (["..."] if len(lines) > limit else []))
+        block = nodes.literal_block(shown, shown, language=self.options.get("language", "text"))
+        return [nodes.container("", block, classes=["output"])]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_directive("file", FileDirective)
+    app.add_directive("railslip", RailslipDirective)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

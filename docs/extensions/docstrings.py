@@ -1,0 +1,104 @@
+"""Docstrings of the package for Sphinx: plain prose and formulas, escaped where reStructuredText reads signs.
+
+The docstrings are written to be read in an editor: |x| is a size, N*m a unit, a `name` in backticks a name. Here the
+signs are escaped, names are linked where there is such an object, and the fields of a record get their unit, bounds and
+meaning from its declaration.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
+
+from railslip_ctrl.parameters import Record
+
+_CODE = re.compile(r"(``.+?``|`[^`]+`)", re.DOTALL)
+_SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")
+
+
+def escape(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Escape the signs outside code, before napoleon reads the sections; then add a record's fields."""
+    lines[:] = _escaped("\n".join(lines)).split("\n")
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]  # an empty comment: napoleon takes a first line with a colon for a type
+    if what == "class" and isinstance(obj, type) and issubclass(obj, Record):
+        lines += ["", *_fields(obj)]
+
+
+def signature(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, given: str | None, returned: str | None
+) -> tuple[str, str | None] | None:
+    """A record's arguments by name; their types are in the list of its fields, in words."""
+    if what != "class" or not (isinstance(obj, type) and issubclass(obj, Record)):
+        return None
+    names = [name if info.is_required() else f"{name}=..." for name, info in obj.model_fields.items()]
+    return f"(*, {', '.join(names)})" if names else "()", returned
+
+
+def _escaped(text: str) -> str:
+    parts = _CODE.split(text)
+    for i in range(0, len(parts), 2):
+        parts[i] = _SIGNS.sub(lambda sign: "\\" + sign[0], parts[i])
+        if i and re.match(r"[\w^]", parts[i]):
+            parts[i] = "\\ " + parts[i]  # what follows a name at once has to be told apart from it
+    return "".join(parts)
+
+
+def _fields(record: type[Record]) -> Iterator[str]:
+    """The fields that carry a unit, as a list: unit, meaning, bounds, default."""
+    for name, info in record.model_fields.items():
+        extra = info.json_schema_extra
+        if not isinstance(extra, dict) or "unit" not in extra:
+            continue
+        bounds = [
+            f"{sign} {value:g}"
+            for constraint in info.metadata
+            for key, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+            if (value := getattr(constraint, key, None)) is not None
+        ]
+        default = [] if info.is_required() else [f"default {info.default}"]
+        unit = "" if extra["unit"] == "1" else f" ({extra['unit']})"
+        text = ", ".join([f"{info.description}{unit}", *bounds, *default])
+        yield f":ivar {name}: {_escaped(text)}"
+
+
+def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:
+    """Link a name to the only object that ends in it; show a `name` or a word of a field's type that is none as it is.
+
+    What a page or a signature names in full has to resolve: that is left to Sphinx, which complains.
+    """
+    if node.get("refdomain") != "py":
+        return None
+    target = node["reftarget"]
+    words = node["reftype"] == "obj" or bool(node.get("refspecific"))
+    if words or "." not in target or target.startswith("railslip_ctrl."):
+        return _link(app, env, node, content) or (content if words else None)
+    return None
+
+
+def _link(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:
+    target = node["reftarget"].removeprefix("~").removesuffix("()")
+    objects = env.domains["py"].data["objects"]
+    room, _, last = target.removeprefix("railslip_ctrl.").rpartition(".")
+    ends = [full for full in objects if full.endswith("." + target)] or [
+        full for full in objects if full.endswith("." + last) and full.startswith(f"railslip_ctrl.{room}")
+    ]
+    if len(ends) != 1:
+        return None
+    found = objects[ends[0]]
+    uri = app.builder.get_relative_uri(node.get("refdoc", env.docname), found.docname)
+    return nodes.reference("", "", content, internal=True, refuri=f"{uri}#{found.node_id}")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect; 400 comes before napoleon's 500."""
+    app.connect("autodoc-process-docstring", escape, priority=400)
+    app.connect("autodoc-process-signature", signature)
+    app.connect("missing-reference", resolve)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,151 @@
+"""The gallery: every script of designs/ and analysis/ run, with its pictures, its printing, its text.
+
+A script's result is kept until the package or the script changes. Two run at a time on two cores.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from pages import ROOT, package_digest
+
+FOLDERS = ("designs", "analysis")
+FEWER = {"RUNS": "200", "SEEDS": "16"}
+"""Numbers given to scripts that take one, so that the site is built in minutes."""
+
+_PRINTED = "printed.txt"
+_DONE = "done"
+
+
+@dataclass(frozen=True)
+class Script:
+    """A script and the folder of the gallery that holds what it made."""
+
+    path: Path
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """designs/pi_dry is "pi_dry"."""
+        return self.path.stem
+
+    @property
+    def docstring(self) -> list[str]:
+        """Its lines, the first the question it answers."""
+        text = ast.get_docstring(ast.parse(self.path.read_text("utf-8")))
+        assert text is not None, "every script says what it is for"
+        return text.splitlines()
+
+    @property
+    def usage(self) -> str:
+        """The line of its docstring that shows how it is called."""
+        called = f"python {self.path.relative_to(ROOT)}"
+        return next(line.strip() for line in self.docstring if line.strip().startswith(called))
+
+    def arguments(self) -> list[str]:
+        """What it is given here for each argument that its usage names, in order."""
+        given = {**FEWER, "FOLDER": str(self.folder)}
+        return [given[name] for name in re.findall(r"\[([A-Z]+)", self.usage)]
+
+    @property
+    def digest(self) -> str:
+        """Changes with the package and the script."""
+        return hashlib.sha256(self.path.read_bytes() + package_digest().encode()).hexdigest()
+
+    @property
+    def fresh(self) -> bool:
+        """Whether what the folder holds is this script's and this package's."""
+        done = self.folder / _DONE
+        return done.is_file() and done.read_text() == self.digest
+
+    @property
+    def pictures(self) -> list[Path]:
+        """The pictures it drew, in the order of their names."""
+        return sorted(self.folder.glob("*.png"))
+
+    @property
+    def printed(self) -> str:
+        """What it printed; nothing if it has not run."""
+        path = self.folder / _PRINTED
+        return path.read_text("utf-8") if path.is_file() else ""
+
+
+def scripts(folder: Path) -> list[Script]:
+    """The scripts in the order of their names, designs first."""
+    return [Script(path, folder / path.stem) for name in FOLDERS for path in sorted((ROOT / name).glob("*.py"))]
+
+
+def write_gallery(folder: Path, *, run: bool) -> None:
+    """Run what has changed, and write a page for each script and one with all of them."""
+    found = scripts(folder)
+    for script in found:
+        script.folder.mkdir(parents=True, exist_ok=True)
+    if run:
+        stale = [script for script in found if not script.fresh]
+        # as many at a time as there are processors; each script is one process of one thread
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(_run, stale))
+    for script in found:
+        (folder / f"{script.name}.md").write_text("\n".join(_page(script)), encoding="utf-8")
+    (folder / "index.md").write_text("\n".join(_index(found)), encoding="utf-8")
+
+
+def _run(script: Script) -> None:
+    """Run one script into its folder; its failure is the build's."""
+    shutil.rmtree(script.folder)
+    script.folder.mkdir()
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "110", "NO_COLOR": "1"}
+    done = subprocess.run(
+        [sys.executable, str(script.path), *script.arguments()],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"{script.path.relative_to(ROOT)} failed:\n{done.stderr}")
+    printed = done.stdout.replace(str(script.folder), "FOLDER")
+    (script.folder / _PRINTED).write_text(printed, encoding="utf-8")
+    (script.folder / _DONE).write_text(script.digest)
+
+
+def _page(script: Script) -> Iterator[str]:
+    where = script.path.relative_to(ROOT)
+    title, *rest = script.docstring
+    yield from (f"# {script.name}", "", f"**{title}**", "")
+    yield from (line for line in rest if line.strip() != script.usage)
+    yield from ("", "```sh", script.usage, "```", "")
+    for picture in script.pictures:
+        alt = f"{picture.stem.replace('_', ' ')}, drawn by {where}"
+        yield from (f"![{alt}]({script.name}/{picture.name})", "")
+    if script.printed:
+        yield from ("## What it prints", "", "```text", script.printed.rstrip(), "```", "")
+    source = "/".join([".."] * 3 + [str(where)])
+    yield from (f"## {where}", "", f"```{{literalinclude}} {source}", ":language: python", "```", "")
+
+
+def _index(found: list[Script]) -> Iterator[str]:
+    yield from ("# Gallery", "")
+    yield "The scripts of the repository, each run when this page was built: the question, the pictures, what it"
+    yield from ("prints, and its text to read line by line.", "")
+    for folder, title in zip(FOLDERS, ("Designs", "Questions"), strict=True):
+        yield from (f"## {title}", "")
+        for script in found:
+            if script.path.parent.name != folder:
+                continue
+            yield from (f"### [{script.name}]({script.name}.md)", "", script.docstring[0], "")
+            if script.pictures:
+                picture = script.pictures[0]
+                yield from (f"![{script.name}]({script.name}/{picture.name})", "")
+    yield from ("```{toctree}", ":hidden:", "", *(script.name for script in found), "```", "")

@@ -1,0 +1,235 @@
+"""Write what the documentation computes into docs/_generated: equations, tables, the API's pages, the gallery.
+
+Nothing of it is committed: a number or formula in a page is either here, in the output of a command that the page
+runs, or in a doctest.
+
+    python docs/generate.py [--without-gallery]
+"""
+
+from __future__ import annotations
+
+import argparse
+import pkgutil
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import railslip_ctrl
+from railslip_ctrl.adhesion.registry import law_classes
+from railslip_ctrl.notation import NOTATION, Notation
+from railslip_ctrl.sliding.derivation import Derivation, derive
+from railslip_ctrl.sliding.errata import errata
+from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.symbols import SLIDING_NOTATION
+from railslip_ctrl.sources import SOURCES
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from equations import SOURCE, Equation, groups
+from gallery import write_gallery
+from pages import GENERATED
+
+_HOW = {"symbolic": "comparing the expressions", "computed": "computing the numbers", "argument": "argument"}
+
+HIDDEN = ("_generated", "__main__", "cli")
+"""Modules without a page: committed generated code, and the command line, whose help is its reference."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write everything; the gallery takes the longest and may be left as it is."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--without-gallery", action="store_true")
+    given = parser.parse_args(arguments)
+    derivation = derive()
+    rows = errata(derivation)
+    for name, equations in groups(derivation).items():
+        _write(f"equations/{name}.md", equations_text(equations, rows))
+    _write("equations/derivation.md", steps_text(derivation))
+    _write("equations/errata.md", errata_text(rows))
+    _write("equations/nomenclature.md", nomenclature_text())
+    _write("equations/laws.md", laws_text())
+    _write("equations/sources.md", sources_text())
+    _write("equations/commands.md", commands_text())
+    write_api()
+    write_gallery(GENERATED / "gallery", run=not given.without_gallery)
+
+
+def _write(name: str, text: str) -> None:
+    path = GENERATED / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text("utf-8") != text:  # an unchanged page is not read again by Sphinx
+        path.write_text(text, encoding="utf-8")
+
+
+# --- theory --------------------------------------------------------------------------------------------------------
+
+
+def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> str:
+    """Each equation with its source, where it is in the package, and what the print has instead."""
+    parts = []
+    for equation in equations:
+        parts += [f"(eq-{equation.number})=", "", f"### ({equation.number}) {equation.title}", ""]
+        parts += [f"$$\n{line}\n$$\n" for line in equation.lines]
+        home = f"; {{py:obj}}`{equation.home}`" if equation.home else ""
+        parts += [f"[[{SOURCE}]](#source-{SOURCE.lower()}) ({equation.number}){home}. {equation.note}".rstrip(), ""]
+        for row in equation.errata(rows):
+            parts += [_erratum_line(row, rows), ""]
+    return "\n".join(parts)
+
+
+def _erratum_line(row: Erratum, rows: Sequence[Erratum]) -> str:
+    link = f"[errata, {_prose(row.where)}](#erratum-{rows.index(row) + 1})"
+    if row.agrees:
+        return f"Checked: the print agrees with what follows; {link}."
+    return f"**Erratum**: printed $\\displaystyle {row.printed_latex}$; what is wrong with it, and how much: {link}."
+
+
+def errata_text(rows: Sequence[Erratum]) -> str:
+    """Every row of the errata, those that agree as well, with an anchor each."""
+    wrong = sum(not row.agrees for row in rows)
+    parts = [f"Of {len(rows)} equations, tables and claims looked at, {wrong} do not agree with what follows.", ""]
+    for number, row in enumerate(rows, 1):
+        word = "agrees" if row.agrees else "does not agree"
+        parts += [f"(erratum-{number})=", "", f"### {_prose(row.where)}: {word}", ""]
+        if row.agrees:
+            parts += [f"$$\n{row.derived_latex}\n$$\n"]
+        else:
+            parts += [f"Printed:\n\n$$\n{row.printed_latex}\n$$\n", f"What follows:\n\n$$\n{row.derived_latex}\n$$\n"]
+        parts += [f"By {_HOW[row.how]}: {_prose(row.sign_and_size)}. {_prose(row.explanation)}", ""]
+    return "\n".join(parts)
+
+
+def steps_text(derivation: Derivation) -> str:
+    """The steps of the derivation with their checks."""
+    parts = []
+    for number, step in enumerate(derivation.steps, 1):
+        mark = "checked" if step.checked else "CHECK FAILS"
+        parts += [f"### {number}. {step.name}", "", f"{_prose(step.statement)} *{_prose(step.source)}*", ""]
+        parts += [
+            f"$$\n{step.equation_latex}\n$$\n",
+            f"{_prose(step.done)} {mark.capitalize()}: {_prose(step.check)}.",
+            "",
+        ]
+    return "\n".join(parts)
+
+
+def _prose(text: str) -> str:
+    """Plain text for Markdown: its signs escaped."""
+    return re.sub(r"([*_|<>`\[\]$])", r"\\\1", text)
+
+
+def nomenclature_text() -> str:
+    """Symbols of the plant, of the sliding-mode law, and the parameters of the adhesion laws."""
+    return "\n".join(
+        [
+            "## Plant",
+            "",
+            *_symbols(NOTATION.values()),
+            "",
+            "## Sliding-mode law",
+            "",
+            *_symbols(SLIDING_NOTATION.values()),
+            "",
+        ]
+    )
+
+
+def _symbols(entries: Iterable[Notation]) -> list[str]:
+    head = ["| symbol | name in code | unit | meaning |", "|---|---|---|---|"]
+    return head + [f"| ${e.latex}$ | `{e.name}` | {_unit(e.unit)} | {_prose(e.meaning)} |" for e in entries]
+
+
+def _unit(unit: str) -> str:
+    return "-" if unit == "1" else _prose(unit)
+
+
+def laws_text() -> str:
+    """The adhesion laws with their parameters."""
+    parts = []
+    for name, law in law_classes().items():
+        parts += [
+            f"### `{name}`: {law.title}",
+            "",
+            _prose(law.source) + ".",
+            "",
+            "| key | unit | meaning |",
+            "|---|---|---|",
+        ]
+        for key in law.parameter_names():
+            info = law.model_fields[key]
+            extra = info.json_schema_extra
+            unit = str(extra["unit"]) if isinstance(extra, dict) and "unit" in extra else ""
+            parts.append(f"| `{key}` | {_unit(unit)} | {_prose(info.description or 'see its docstring')} |")
+        parts.append("")
+    return "\n".join(parts)
+
+
+def sources_text() -> str:
+    """The references by key, with an anchor each."""
+    parts = []
+    for key, text in sorted(SOURCES.items()):
+        linked = re.sub(r"doi:(\S+)", r"doi:[\1](https://doi.org/\1)", text)
+        parts += [f"(source-{key.lower()})=", "", f"**[{key}]** {linked}", ""]
+    return "\n".join(parts)
+
+
+# --- reference -----------------------------------------------------------------------------------------------------
+
+
+def commands_text() -> str:
+    """The help of every command, as the terminal shows it."""
+    import click
+
+    from railslip_ctrl.cli import railslip
+
+    parts = []
+    group = click.Context(railslip, info_name="railslip", max_content_width=100, terminal_width=100)
+    parts += ["```text", railslip.get_help(group), "```", ""]
+    for name in railslip.list_commands(group):
+        command = railslip.get_command(group, name)
+        assert command is not None, "a listed command exists"
+        context = click.Context(command, info_name=name, parent=group, max_content_width=100, terminal_width=100)
+        parts += [f"## railslip {name}", "", "```text", command.get_help(context), "```", ""]
+    return "\n".join(parts)
+
+
+def rooms() -> dict[str, list[str]]:
+    """The modules by the room (package or module at the top) that they are in, in the order of their names."""
+    found: dict[str, list[str]] = {"railslip_ctrl": ["railslip_ctrl"]}
+    for info in pkgutil.walk_packages(railslip_ctrl.__path__, "railslip_ctrl."):
+        parts = info.name.split(".")
+        if parts[1] not in HIDDEN:
+            found.setdefault(".".join(parts[:2]), []).append(info.name)
+    return found
+
+
+def write_api() -> None:
+    """One page a room, each module with its docstrings."""
+    for room, modules in rooms().items():
+        lines = [room, "=" * len(room), ""]
+        for module in modules:
+            if module != room:
+                lines += [module, "-" * len(module), ""]
+            lines += [f".. automodule:: {module}", *_offered(import_module(module)), ""]
+        _write(f"api/{room}.rst", "\n".join(lines))
+    keep = {f"{room}.rst" for room in rooms()}
+    for path in (GENERATED / "api").glob("*.rst"):
+        if path.name not in keep:
+            path.unlink()
+
+
+def _offered(module: ModuleType) -> list[str]:
+    """For a package: what it offers under its own name, linked to where each is defined and documented."""
+    if not hasattr(module, "__path__"):
+        return []
+    lines = ["   :no-members:", ""]
+    names = [name for name in getattr(module, "__all__", ()) if hasattr(getattr(module, name), "__module__")]
+    homes = {name: f"{getattr(module, name).__module__}.{name}" for name in names}
+    return lines + ["Offers " + ", ".join(f":py:obj:`~{home}`" for home in homes.values()) + "."] * bool(homes)
+
+
+if __name__ == "__main__":
+    main()

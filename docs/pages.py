@@ -1,0 +1,102 @@
+"""What a page of the documentation runs: files it writes, commands it calls, in the order in which it shows them.
+
+    ```{file} tram.toml          the text is written to tram.toml and shown
+    ```{railslip}                each line is a command; it is run and shown with its output
+    >>>                          Python, run by the tests as a doctest
+
+Files and commands share a folder, one for each page.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+GENERATED = DOCS / "_generated"
+
+_FENCE = re.compile(r"^```\{(file|railslip)\} *(.*?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_OPTION = re.compile(r"^:([\w-]+): *(.*)\n", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A file (with its name) or commands (name empty), and the text.
+
+    `tested` names the test file that runs commands which take too long to be run for every page as well.
+    """
+
+    name: str
+    text: str
+    tested: str = ""
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """The words of each command: `railslip ...`, or `python FILE` for a script that the page has written."""
+        lines = self.text.replace("\\\n", " ").splitlines()
+        return [shlex.split(line, comments=True) for line in lines if line.startswith(("railslip ", "python "))]
+
+
+def sources() -> list[Path]:
+    """The pages written by hand, in order."""
+    return sorted(path for path in DOCS.rglob("*.md") if not {"_generated", "_build"} & set(path.parts))
+
+
+def blocks(text: str) -> list[Block]:
+    """The files and commands of a page, in order."""
+    return [
+        Block(name, _OPTION.sub("", body), dict(_OPTION.findall(body)).get("tested", ""))
+        for _kind, name, body in _FENCE.findall(text)
+    ]
+
+
+def prepare(folder: Path) -> Path:
+    """A folder in which a page's commands run: the repository's designs are in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    link = folder / "designs"
+    if not link.exists():
+        link.symlink_to(ROOT / "designs", target_is_directory=True)
+    return folder
+
+
+@cache
+def package_digest() -> str:
+    """Changes with every source file that a command may run."""
+    digest = hashlib.sha256()
+    for folder in ("railslip_ctrl", "designs"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".toml", ".yaml") and path.is_file():
+                digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def run(words: list[str], folder: Path, history: str) -> str:
+    """Standard output of a command in a folder; kept until the package or what went before it (`history`) changes."""
+    key = hashlib.sha256(json.dumps([words, history, package_digest()]).encode()).hexdigest()[:16]
+    stored = folder / f".{key}.txt"
+    if stored.is_file():
+        return stored.read_text("utf-8")
+    environment = {**os.environ, "COLUMNS": "100", "NO_COLOR": "1"}
+    program = {"railslip": ["-m", "railslip_ctrl"], "python": []}[words[0]]
+    done = subprocess.run(
+        [sys.executable, *program, *words[1:]],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    answered = (0, 1) if words[0] == "railslip" else (0,)  # 1: what was asked does not hold, which is an answer
+    if done.returncode not in answered:
+        raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
+    stored.write_text(done.stdout, encoding="utf-8")
+    return done.stdout

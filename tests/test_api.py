@@ -1,0 +1,230 @@
+"""The public API: what `import railslip_ctrl` and its rooms offer is there, listed and documented."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pydantic
+import pytest
+
+import railslip_ctrl
+from railslip_ctrl import errors
+from railslip_ctrl.campaign.sampling import Distribution
+from railslip_ctrl.observer import AdhesionObserver
+from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.sources import SOURCES
+
+ROOT = Path(railslip_ctrl.__file__).parent
+ROOMS = ("adhesion", "campaign", "design", "loop", "observer", "parameters", "reproduction", "simulation", "switching")
+
+ENTRIES = {
+    "identification.identify": ("Identification", "Options", "identify", "identify_several"),
+    "design.sampled": ("SampledController",),
+    "design.specification": ("Specification",),
+    "linearization": ("LinearPlant", "OperatingPoint"),
+    "sliding.conditions": ("verify",),
+    "sliding.derivation": ("Derivation",),
+    "sliding_verification": ("verify_with_actuator",),
+}
+"""What is public of the modules that do not list their names."""
+
+PROTOCOLS = (AdhesionObserver, Controller, Distribution)
+"""What public classes implement without inheriting it."""
+
+UNIT = re.compile(
+    r"(?<![\w'])(?:s|m|N|J|rad|deg|kg|1/s|km/h|m/s|%|SI)(?![\w'])|kg\*?m|N\*m|N m|/s\b"
+    r"|\b(?:[Rr]atios?|share|[Ff]actors?|[Nn]umber of|dimensionless|units?|as printed)\b"
+)
+"""A unit, or a word that says that there is none or where it is given."""
+
+SHAPE = re.compile(r"\d-D|\bshape|of one length|array,? \([\w, ]+\)|\b[a-z] by [a-z0-9]\b")
+
+
+def public() -> dict[str, Any]:
+    """Everything offered at the top, by the rooms that list their names, and the other entries."""
+    found = {f"railslip_ctrl.{name}": getattr(railslip_ctrl, name) for name in railslip_ctrl.__all__}
+    offered = {room: importlib.import_module(f"railslip_ctrl.{room}").__all__ for room in ROOMS}
+    for room, names in (offered | ENTRIES).items():
+        module = importlib.import_module(f"railslip_ctrl.{room}")
+        found |= {f"{room}.{name}": getattr(module, name) for name in names}
+    return found
+
+
+FUNCTIONS = {name: inspect.unwrap(thing) for name, thing in public().items() if inspect.isroutine(thing)}
+CLASSES = {name: thing for name, thing in public().items() if inspect.isclass(thing)}
+
+
+def test_the_top_lists_what_it_offers() -> None:
+    tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
+    typed = {alias.asname for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names}
+    names = set(railslip_ctrl.__all__) - {"__version__"}
+    assert names == typed - {None} == set(railslip_ctrl._HOME)
+    assert dir(railslip_ctrl) == sorted(railslip_ctrl.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'derivee'"):
+        _ = railslip_ctrl.derivee
+
+
+def test_every_error_of_the_package_is_at_the_top_and_a_builtin_too() -> None:
+    own = {name for name, thing in vars(errors).items() if inspect.isclass(thing) and issubclass(thing, Exception)}
+    assert own <= set(railslip_ctrl.__all__)
+    for name in own - {"RailslipError"}:
+        bases = getattr(errors, name).__mro__
+        assert errors.RailslipError in bases
+        assert any(base.__module__ == "builtins" and base not in (Exception, BaseException, object) for base in bases)
+
+
+def test_no_room_takes_its_names_from_the_top() -> None:
+    """What is at the top comes from rooms of every height: the import contract does not see through it."""
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module in ("railslip_ctrl", None):
+                assert not {alias.name for alias in node.names} & set(railslip_ctrl._HOME), path.relative_to(ROOT)
+
+
+def test_importing_the_package_costs_nothing() -> None:
+    code = "import sys, railslip_ctrl; print(*sorted(m for m in sys.modules if m in {'numpy', 'sympy', 'numba'}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_argument_of_a_public_function_is_documented(name: str) -> None:
+    text = inspect.getdoc(FUNCTIONS[name]) or ""
+    assert text, f"{name} has no docstring"
+    missing = [argument for argument in inspect.signature(FUNCTIONS[name]).parameters if not entry(text, argument)]
+    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_field_of_a_public_record_is_documented(name: str) -> None:
+    text = documentation(CLASSES[name])
+    assert text, f"{name} has no docstring"
+    missing = [field for field in fields_of(CLASSES[name]) if not entry(text, field)]
+    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_number_taken_by_a_public_function_has_its_unit_and_shape(name: str) -> None:
+    text, parameters = inspect.getdoc(FUNCTIONS[name]) or "", inspect.signature(FUNCTIONS[name]).parameters
+    annotations = {argument: str(parameter.annotation) for argument, parameter in parameters.items()}
+    assert not unsaid(text, annotations, general="")
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_number_of_a_public_record_has_its_unit_and_shape(name: str) -> None:
+    """The first paragraph may give those of all."""
+    text = documentation(CLASSES[name])
+    assert not unsaid(text, fields_of(CLASSES[name]), general=text.partition("\n\n")[0])
+
+
+@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
+def test_every_public_method_says_what_it_takes(name: str) -> None:
+    """With its unit and shape; in its own docstring, or that of what it implements, or else in the class's."""
+    thing = CLASSES[name]
+    (node,) = ast.parse(inspect.getsource(thing)).body
+    assert isinstance(node, ast.ClassDef)
+    for method in (item for item in node.body if isinstance(item, ast.FunctionDef) and item.name[0] != "_"):
+        said = [
+            vars(base)[method.name].__doc__ or "" for base in (*thing.__mro__, *PROTOCOLS) if method.name in vars(base)
+        ]
+        assert any(said), f"{name}.{method.name} has no docstring"
+        own, whole = (inspect.cleandoc("\n\n".join(map(inspect.cleandoc, said))), documentation(thing))
+        for argument in (*method.args.args, *method.args.kwonlyargs):
+            if argument.arg not in ("self", "cls") and argument.annotation is not None:
+                asked = {argument.arg: ast.unparse(argument.annotation)}
+                told = any(entry(text, argument.arg) and not unsaid(text, asked, general="") for text in (own, whole))
+                assert told, f"{name}.{method.name}: {argument.arg} is not in its docstring with its unit and shape"
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_error_a_public_function_raises_is_documented(name: str) -> None:
+    text = inspect.getdoc(FUNCTIONS[name]) or ""
+    (function,) = ast.parse(inspect.getsource(FUNCTIONS[name])).body
+    missing = {error for error in raised(function) if not re.search(rf"\b{error}\b", text)}
+    assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
+
+
+@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if not issubclass(thing, Exception)])
+def test_every_error_a_public_class_raises_is_documented(name: str) -> None:
+    """By the public method that raises it, or by the class, which says what making the object raises."""
+    (node,) = ast.parse(inspect.getsource(CLASSES[name])).body
+    assert isinstance(node, ast.ClassDef)
+    for method in (item for item in node.body if isinstance(item, ast.FunctionDef)):
+        private, dunder = method.name.startswith("_"), method.name.startswith("__")
+        if private and not (dunder or any("validator" in ast.unparse(d) for d in method.decorator_list)):
+            continue
+        text = documentation(CLASSES[name]) + (ast.get_docstring(method) or "")
+        missing = {error for error in raised(method) if not re.search(rf"\b{error}\b", text)}
+        assert not missing, f"{name}.{method.name}: {', '.join(missing)} not in its docstring"
+
+
+def documentation(thing: type) -> str:
+    """The docstrings of a class and of the package's classes it is made from."""
+    own = (base for base in thing.__mro__ if base.__module__.startswith("railslip_ctrl"))
+    return "\n\n".join(inspect.cleandoc(base.__doc__ or "") for base in own)
+
+
+def fields_of(thing: type) -> dict[str, str]:
+    """Fields and their types; those of a model that `units.quantity` or `Field` describes are documented there."""
+    if issubclass(thing, pydantic.BaseModel):
+        return {field: str(info.annotation) for field, info in thing.model_fields.items() if not info.description}
+    if dataclasses.is_dataclass(thing):
+        return {field.name: str(field.type) for field in dataclasses.fields(thing) if not field.name.startswith("_")}
+    return {field: str(thing.__annotations__[field]) for field in getattr(thing, "_fields", ())}
+
+
+def entry(text: str, name: str) -> str:
+    """What a docstring says of an argument: its entry in a section, else the sentences that name it; "" if nothing."""
+    block = re.search(rf"^(?:[\w, ]*[ ,])?{name}(?:,[\w, ]*)?(?: :.*)?$(?:\n {{4}}.*)*", _sections(text), flags=re.M)
+    if block:
+        return block[0]
+    sentences = re.split(r"(?<=[.;])\s+|\n\n", text)
+    return " ".join(sentence for sentence in sentences if re.search(rf"(?<!\w){name}(?!\w)", sentence))
+
+
+def _sections(text: str) -> str:
+    return "\n".join(re.findall(r"^(?:Parameters|Attributes)\n-+\n((?:.+\n?)*)", text, flags=re.M))
+
+
+def unsaid(text: str, annotations: dict[str, str], *, general: str) -> list[str]:
+    """Numbers that have no unit, and arrays that have no shape, in what is said of them or in general."""
+    found = []
+    for name, annotation in annotations.items():
+        array = re.search(r"ArrayLike|Floats|NDArray|Complexes", annotation)
+        if annotation.startswith("Callable") or not (array or re.search(r"\bfloat\b", annotation)):
+            continue
+        said = entry(text, name)
+        pointer = re.search(r"[Aa]s (?:of|for) `([\w.]+)`", said)
+        said += entry(docstring_of(pointer[1]), name) if pointer else ""
+        found += [] if UNIT.search(said) or UNIT.search(general) else [f"{name}: no unit in {said!r}"]
+        found += [] if not array or SHAPE.search(said) or SHAPE.search(general) else [f"{name}: no shape in {said!r}"]
+    return found
+
+
+def docstring_of(pointed_at: str) -> str:
+    """Of what a docstring points at; "" unless that is public."""
+    known = {name.rpartition(".")[2]: thing for name, thing in (FUNCTIONS | CLASSES).items()}
+    thing = known.get(pointed_at.rpartition(".")[2])
+    return documentation(thing) if inspect.isclass(thing) else (thing and inspect.getdoc(thing)) or ""
+
+
+def raised(node: ast.AST) -> set[str]:
+    """Names of the errors in the raise statements of a function's own text."""
+    calls = (item.exc for item in ast.walk(node) if isinstance(item, ast.Raise) and item.exc is not None)
+    names = {ast.unparse(call.func if isinstance(call, ast.Call) else call) for call in calls}
+    return {name for name in names if name.endswith("Error")}
+
+
+def test_every_source_key_resolves() -> None:
+    """A citation is a name with a year in brackets."""
+    for path in ROOT.rglob("*.py"):
+        for key in re.findall(r"\[([A-Z][A-Za-z]+(?:19|20)\d\d[a-z]?)\]", path.read_text(encoding="utf-8")):
+            assert key in SOURCES, f"{path.relative_to(ROOT)}: [{key}] is not in sources"

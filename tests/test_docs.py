@@ -1,0 +1,366 @@
+"""The documentation: what its pages show is run, what they name is there, what they derive follows."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import importlib.util
+import os
+import re
+import runpy
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+import yaml
+
+import railslip_ctrl
+from railslip_ctrl import plant
+from railslip_ctrl.adhesion import beam, law_names
+from railslip_ctrl.adhesion.beam import integrated_force
+from railslip_ctrl.cli import _COMMANDS, main
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.errata import errata
+from railslip_ctrl.sources import SOURCES
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+
+
+def documentation(name: str):
+    """A module of docs/, as the build imports it."""
+    if str(DOCS) not in sys.path:
+        sys.path.append(str(DOCS))
+    return importlib.import_module(name)
+
+
+pages, equations, generate = (documentation(name) for name in ("pages", "equations", "generate"))
+SOURCES_OF_PAGES = pages.sources()
+TEXTS = {path: path.read_text("utf-8") for path in SOURCES_OF_PAGES}
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(DOCS).with_suffix(""))
+
+
+# --- what the pages run --------------------------------------------------------------------------------------------
+
+RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text]
+
+
+@pytest.mark.parametrize("page", RUNNING, ids=named)
+def test_pages_run(page, tmp_path, monkeypatch, capsys):
+    """Files are written and commands called in the page's order; then its Python has to give what it shows."""
+    monkeypatch.chdir(pages.prepare(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for block in pages.blocks(TEXTS[page]):
+        if block.name:
+            Path(block.name).write_text(block.text, encoding="utf-8")
+            continue
+        assert block.commands, "a block of commands has some"
+        if block.tested:
+            (words,) = block.commands
+            assert f'run(capsys, "{words[1]}")' in (ROOT / block.tested).read_text("utf-8")
+            continue
+        for program, *words in block.commands:
+            if program == "python":
+                runpy.run_path(words[0])
+            else:
+                with pytest.raises(SystemExit) as caught:
+                    main(words)
+                assert caught.value.code in (0, 1), capsys.readouterr().err
+            assert capsys.readouterr().out
+    for picture in re.findall(r"^:pictures: (.*)$", TEXTS[page], flags=re.M):
+        assert all(Path(name).is_file() for name in picture.split())
+    assert doctest.testfile(str(page), module_relative=False).failed == 0
+
+
+def test_the_folder_of_a_page_has_the_designs(tmp_path):
+    assert (pages.prepare(tmp_path / "page") / "designs" / "vehicles").is_dir()
+
+
+def test_a_failing_command_stops_the_build(tmp_path):
+    with pytest.raises(RuntimeError, match="--rail"):
+        pages.run(["railslip", "margins", "--rail", "icy"], tmp_path, "")
+
+
+# --- what they name ------------------------------------------------------------------------------------------------
+
+_ANCHORS = {f"source-{key.lower()}" for key in SOURCES}
+
+
+@cache
+def generated() -> set[str]:
+    """The generated pages that the written ones may name; in a function, as collecting tests need not derive."""
+    names = (*equations.groups(derive()), "derivation", "errata", "nomenclature", "laws", "sources", "commands")
+    return {"_generated/gallery/index.md"} | {f"_generated/equations/{name}.md" for name in names}
+
+
+@pytest.mark.parametrize("page", SOURCES_OF_PAGES, ids=named)
+def test_links_and_includes_resolve(page):
+    text = TEXTS[page]
+    targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r"\{(?:include|literalinclude)\} (\S+)", text)
+    for target in targets:
+        if target.startswith("#"):
+            assert target[1:] in _ANCHORS, target
+        elif not target.startswith("https://"):
+            path = Path(os.path.normpath(page.parent / target))
+            assert path.is_file() or str(path.relative_to(DOCS)) in generated(), target
+
+
+@pytest.mark.parametrize("page", SOURCES_OF_PAGES, ids=named)
+def test_every_page_is_in_a_table_of_contents(page):
+    if page.name == "index.md" and page.parent == DOCS:
+        return
+    entries = {
+        os.path.normpath(path.parent / line.strip())
+        for path, text in TEXTS.items()
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", text, flags=re.S)
+        for line in block.splitlines()
+    }
+    assert os.path.normpath(page.with_suffix("")) in entries
+
+
+def test_objects_named_in_pages_and_equations_exist():
+    names = {name for text in TEXTS.values() for name in re.findall(r"\{py:\w+\}`([\w.]+)`", text)}
+    names |= {one.home for group in equations.groups(derive()).values() for one in group if one.home}
+    assert len(names) > 20
+    for name in names:
+        try:
+            importlib.import_module(name)
+        except ModuleNotFoundError:
+            module, _, last = name.rpartition(".")
+            assert hasattr(importlib.import_module(module), last), name
+
+
+def test_spelling():
+    """Words outside code are English, or in docs/words.txt."""
+    from spellchecker import SpellChecker
+
+    dictionary = SpellChecker(language="en")
+    dictionary.word_frequency.load_words((DOCS / "words.txt").read_text("utf-8").split())
+    for path in (*SOURCES_OF_PAGES, *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md"))):
+        text = re.sub(r"^(`{3,}).*?^\1$", "", path.read_text("utf-8"), flags=re.M | re.S)
+        text = re.sub(r"`+[^`]*`+|\$[^$]*\$|\]\([^)]*\)|https?://\S+|\{[^}]*\}|\[\[\w+\]\]", "", text)
+        words = {word.lower().removesuffix("'s").strip("'") for word in re.findall(r"[A-Za-z][a-z']+(?![\w])", text)}
+        plurals = {word for word in words if dictionary.known([word.removesuffix("s")])}
+        assert not dictionary.unknown(words - plurals), path.name
+
+
+# --- what they derive ----------------------------------------------------------------------------------------------
+
+
+def test_every_equation_of_the_source_stands_once():
+    found = [one.number for group in equations.groups(derive()).values() for one in group]
+    assert found == list(range(1, 50))
+    theory = "\n".join(text for path, text in TEXTS.items() if path.parent.name == "theory")
+    for name in equations.groups(derive()):
+        assert theory.count(f"_generated/equations/{name}.md") == 1
+
+
+def test_errata_are_with_their_equations():
+    rows = errata(derive())
+    assert equations.numbers_in("(22)-(24)") == {22, 23, 24}
+    assert equations.numbers_in("F_r in (4) and (35)") == {4, 35}
+    wrong = {one.number for group in equations.groups(derive()).values() for one in group
+             if any(not row.agrees for row in one.errata(rows))}  # fmt: skip
+    # the table of errata of the project's specification, section 9
+    assert {6, 10, 22, 23, 24, 27, 44, 47, 48, 49, 38, 39, 4, 35, 40} <= wrong
+
+
+def test_the_beam_stated_here_integrates_to_the_package_s():
+    """(5)-(9) over the footprint, as (10) says: the closed form in u, and `beam.integrated_force`."""
+    parts = equations.beam_parts()
+    own, (locking, sliding) = equations.printed, parts.per_length
+    positive = {name: sp.Symbol(name, positive=True) for name in ("p", "l_h")}
+    mu_d = parts.mu_d.subs(positive["l_h"], parts.sticking)
+    slides = sliding.subs(positive["p"], parts.pressure).subs(own.mu_d, mu_d)
+    force = sp.integrate(locking, (own.xc, 0, parts.sticking)) + sp.integrate(
+        slides, (own.xc, parts.sticking, own.length)
+    )
+    Kx, N = beam.Beam.symbols()[2], plant.symbol("N")
+    force = force.subs(own.Cx, 2 * Kx / own.length**2).subs(own.slip, plant.sigma / plant.v)
+    assert sp.simplify(force.subs(own.wheel_load, N) - integrated_force()) == 0
+    u = Kx * plant.sigma / plant.v / (3 * beam.Beam.symbols()[0] * N)
+    assert sp.simplify(equations.beam_force_in_u().subs(sp.Symbol("u", positive=True), u) - integrated_force()) == 0
+
+
+def test_coefficients_have_the_printed_digits():
+    """[Park2008] (30)-(32), digits as printed."""
+    lines = [one.lines[0] for one in equations.coefficient_equations()]
+    digits = [re.findall(r"[+-]?\d\.\d{3} \\times 10\^\{-?\d+\}", line) for line in lines]
+    numbers = [[float(re.sub(r" \\times 10\^\{(-?\d+)\}", r"e\1", one)) for one in row] for row in digits]
+    assert numbers == [
+        [5.455e4, -3.641e2, 3.798e-1],
+        [1.873e-2, -6.059e-5, 5.500e-8],
+        [2.345e2, -8.620e-1, 1.053e-4],
+    ]
+
+
+def test_formulas_become_mathml(tmp_path, monkeypatch):
+    """No command of LaTeX is left over: the converter shows one that it does not know as text."""
+    from latex2mathml.converter import convert
+
+    monkeypatch.setattr(generate, "GENERATED", tmp_path)
+    monkeypatch.setattr(generate, "write_api", lambda: None)
+    monkeypatch.setattr(generate, "write_gallery", lambda folder, run: None)
+    generate.main(["--without-gallery"])
+    texts = [path.read_text("utf-8") for path in tmp_path.rglob("*.md")]
+    assert {str(path.relative_to(tmp_path).parent / path.name) for path in tmp_path.rglob("*.md")} == {
+        name.removeprefix("_generated/") for name in generated() if "gallery" not in name
+    }
+    formulas = [one for text in texts for one in re.findall(r"\$\$\n(.*?)\n\$\$|\$([^$\n]+)\$", text)]
+    assert len(formulas) > 150
+    for display, inline in formulas:
+        assert "\\" not in convert(display or inline), display or inline
+
+
+def test_every_public_module_has_its_page():
+    listed = {module for modules in generate.rooms().values() for module in modules}
+    files = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in (ROOT / "railslip_ctrl").rglob("*.py")
+    }
+    hidden = {name for name in files if set(name.split(".")) & set(generate.HIDDEN)}
+    assert listed == files - hidden
+
+
+def test_commands_page_has_every_command():
+    text = generate.commands_text()
+    for name in _COMMANDS:
+        assert f"## railslip {name}\n" in text
+        assert f"Usage: railslip {name}" in text
+
+
+def test_gallery_pages_show_what_a_script_made(tmp_path):
+    gallery = documentation("gallery")
+    gallery.write_gallery(tmp_path, run=False)
+    names = {path.stem for folder in ("designs", "analysis") for path in (ROOT / folder).glob("*.py")}
+    assert {path.stem for path in tmp_path.glob("*.md")} == names | {"index"}
+    folder = tmp_path / "pi_dry"
+    (folder / "a.png").touch()
+    (folder / "printed.txt").write_text("forty-two")
+    gallery.write_gallery(tmp_path, run=False)
+    page = (tmp_path / "pi_dry.md").read_text("utf-8")
+    assert "(pi_dry/a.png)" in page
+    assert "forty-two" in page
+    assert "Shape a PI for dry rail, step by step." in page
+
+
+# --- the shell -----------------------------------------------------------------------------------------------------
+
+
+def complete(**variables: str) -> str:
+    command = [sys.executable, "-c", "from railslip_ctrl.cli import main; main()"]
+    environment = {**os.environ, **variables}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False).stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shell_completion_completes(shell):
+    page = TEXTS[DOCS / "howto" / "completion.md"]
+    assert f"_RAILSLIP_COMPLETE={shell}_source railslip" in page
+    words = {"COMP_WORDS": "railslip ma", "COMP_CWORD": "ma" if shell == "fish" else "1"}
+    assert "margins" in complete(_RAILSLIP_COMPLETE=f"{shell}_complete", **words)
+    if shell != "bash":  # bash's script asks the bash of this machine for its version
+        assert "railslip" in complete(_RAILSLIP_COMPLETE=f"{shell}_source")
+
+
+# --- what stands beside the package --------------------------------------------------------------------------------
+
+
+def recipe(name: str) -> str:
+    """A file that CONTRIBUTING shows."""
+    (text,) = re.findall(rf"^```\w+ file={re.escape(name)}\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
+    return text
+
+
+def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch):
+    """Slope c N at no slip, mu N at much, the slip pole from the derivative of tanh by hand."""
+    (tmp_path / "kalker.py").write_text(recipe("kalker.py"))
+    package = importlib.import_module("railslip_ctrl.adhesion")
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    try:
+        assert "kalker" in law_names()
+        law = package.law_class("kalker")(friction=0.3, creep=20.0)
+        assert law.wet().friction == 0.15
+        speed, slip, N = 20.0, 0.01, PARK2008.wheel_load
+        point = operating_point(law, PARK2008, speed, slip)
+        assert point.adhesion_force == pytest.approx(0.3 * N * np.tanh(20.0 * slip / 0.3), rel=1e-12)  # rounding
+        slope = 20.0 * N / np.cosh(20.0 * slip / 0.3) ** 2 / speed
+        wheel = PARK2008.wheel
+        pole = -(1 / PARK2008.mass + wheel.radius**2 / wheel.inertia) * slope - wheel.viscous_friction / wheel.inertia
+        assert float(linearize(point).A[0, 0]) == pytest.approx(pole, rel=1e-12)
+    finally:
+        sys.modules.pop("railslip_ctrl.adhesion.kalker", None)
+    monkeypatch.undo()
+    assert "kalker" not in law_names()
+
+
+def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch):
+    """The interpreted kernel and the compiled one agree in the tests of simulation; here the example is run."""
+    (tmp_path / "relay.py").write_text(recipe("relay.py"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (usage,) = re.findall(r"^```python\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
+    found: dict[str, object] = {}
+    try:
+        exec(compile(usage, "CONTRIBUTING.md", "exec"), found)
+    finally:
+        sys.modules.pop("relay", None)
+    run = found["run"]
+    assert str(run.outcome) == "stopped"
+    assert run.max_slip > 0.1  # a relay overshoots its reference by what the brake's lag lets it
+    assert run.max_torque <= 6000.0
+
+
+def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "downpour.toml").write_text(recipe("downpour.toml"))
+    monkeypatch.chdir(tmp_path)
+    (line,) = (line for line in CONTRIBUTING.splitlines() if line.startswith("railslip simulate"))
+    with pytest.raises(SystemExit) as caught:
+        main(line.split()[1:])
+    assert caught.value.code == 0
+    out = capsys.readouterr().out
+    assert "80 to 5 km/h" in out
+    assert "wet rail" in out
+
+
+def test_make_targets_of_contributing_exist():
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    for target in re.findall(r"^make (\w+)", CONTRIBUTING, flags=re.M):
+        assert re.search(rf"^{target}:", makefile, flags=re.M), target
+
+
+def test_citation():
+    """Keys of the Citation File Format 1.2.0 that must be there, and what must agree with the package."""
+    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert content["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= content.keys()
+    assert content["type"] == "software"
+    assert content["version"] == railslip_ctrl.__version__
+    (paper,) = content["references"]
+    assert f"doi:{paper['doi']}" in SOURCES["Park2008"]
+    for author in paper["authors"]:
+        assert author["family-names"] in SOURCES["Park2008"]
+    assert paper["title"] in " ".join(SOURCES["Park2008"].split())
+
+
+def test_changelog_names_the_version_and_every_command():
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    assert railslip_ctrl.__version__ in text
+    for name in _COMMANDS:
+        assert f"`{name}`" in text or f"`railslip {name}`" in text
+
+
+def test_laws_table_has_every_law_with_its_parameters():
+    text = generate.laws_text()
+    for name in law_names():
+        assert f"### `{name}`" in text
+    assert "| `gamma` | m/s | slip velocity at which the adhesion vanishes" in text
