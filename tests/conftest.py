@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+@pytest.fixture(scope="session")
+def full_report(tmp_path_factory):
+    """The folder of `railslip report` run once as a user would, and what it printed: standard output and error.
+
+    Tests that take it share a worker by the mark `xdist_group("html report")`, so that it is made once.
+    """
+    folder = tmp_path_factory.mktemp("report") / "out"
+    command = [sys.executable, "-m", "railslip_ctrl", "report", "--speed", "100", "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
+    return folder, done.stdout, done.stderr

@@ -241,7 +241,7 @@ def test_vehicle_from_toml_with_rolling_stock(railslip):
 
 def test_what_was_assumed_of_a_railtoolkit_vehicle_is_said_by_every_command(railslip, tmp_path):
     yaml = "tests/data/rolling-stock/Facs124.yaml"
-    for command in (("margins",), ("linearize",), ("report", "--out", tmp_path / "out")):
+    for command in (("margins",), ("linearize",), ("report", "--no-html", "--out", tmp_path / "out")):
         _, out, err = railslip(*command, "--vehicle", yaml, "--rail", "dry")
         assert "4 axles are assumed" in err
         assert "Facs 124" in out
@@ -275,7 +275,7 @@ def test_extreme_numbers_give_a_verdict_or_one_line(railslip, arguments):
 @pytest.mark.parametrize("out_dir", ["", "."])
 def test_report_does_not_write_into_the_working_folder_itself(railslip, tmp_path, monkeypatch, out_dir):
     monkeypatch.chdir(tmp_path)
-    status, out, err = railslip("report", "--rail", "dry", "--out", out_dir)
+    status, out, err = railslip("report", "--no-html", "--rail", "dry", "--out", out_dir)
     assert (status, out) == (2, "")
     assert "--out" in err
     assert list(tmp_path.iterdir()) == []
@@ -283,7 +283,7 @@ def test_report_does_not_write_into_the_working_folder_itself(railslip, tmp_path
 
 @pytest.mark.parametrize(("scale", "scales"), [("3.6", [1, 3.6, 3.6]), ("2", [1, 3.6, 2, 2])])
 def test_report_keeps_both_readings_whatever_the_inertia_scale(railslip, tmp_path, scale, scales):
-    _, out, _ = railslip("report", "--rail", "dry", "--inertia-scale", scale, "--json", "--out", tmp_path)
+    _, out, _ = railslip("report", "--no-html", "--rail", "dry", "--inertia-scale", scale, "--json", "--out", tmp_path)
     assert [g["cases"][0]["inertia_scale"] for g in json.loads(out)["groups"]] == scales
 
 
@@ -295,7 +295,7 @@ REPORT_FILES = {f"{n}.{s}" for n in ("bode", "nyquist", "nichols") for s in ("pn
 
 def test_report_writes_all_its_files(railslip, tmp_path):
     out_dir = tmp_path / "new" / "folder"
-    status, out, err = railslip("report", "--out", out_dir)
+    status, out, err = railslip("report", "--no-html", "--out", out_dir)
     assert status == 0
     assert {p.name for p in out_dir.iterdir()} == REPORT_FILES
     assert (out_dir / "report.txt").read_text(encoding="utf-8") == out
@@ -309,7 +309,8 @@ def test_report_writes_all_its_files(railslip, tmp_path):
 
 
 def test_report_json_is_one_object_and_nothing_else(railslip, tmp_path):
-    status, out, _ = railslip("report", "--json", "--out", tmp_path, "--kp", 190, "--ki", 5, "--rail", "dry")
+    gains = ("--kp", 190, "--ki", 5)
+    status, out, _ = railslip("report", "--no-html", "--json", "--out", tmp_path, *gains, "--rail", "dry")
     assert status == 0
     content = json.loads(out)
     titles = [g["title"].split(",")[0] for g in content["groups"]]

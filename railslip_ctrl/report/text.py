@@ -110,12 +110,13 @@ def _linear_plant(plant: LinearPlant) -> list[RenderableType]:
         ("D", _matrix(plant.D)),
         ("Poles, 1/s", roots_text(plant.poles)),
         ("Zeros, 1/s", roots_text(plant.zeros) + "   (torque to sigma)"),
-        ("sigma/torque", f"({_polynomial(num)}) / ({_polynomial(den)})   (m/s)/(N·m)"),
+        ("sigma/torque", f"({polynomial_text(num)}) / ({polynomial_text(den)})   (m/s)/(N·m)"),
     ]
     return [heading(f"Linearisation, {frozen}: {case_title(point)}"), facts(rows)]
 
 
-def _polynomial(coefficients: Iterable[float]) -> str:
+def polynomial_text(coefficients: Iterable[float]) -> str:
+    """A polynomial in s from its coefficients, highest power first."""
     values = list(coefficients)
     terms: list[str] = []
     for i, value in enumerate(values):

@@ -1,0 +1,30 @@
+"""Everything a design review looks at, of one vehicle, as one frozen record: what `report.html` shows."""
+
+from .assemble import SECTIONS, design_report
+from .records import (
+    Attempt,
+    DesignReport,
+    GainRegion,
+    LawCurve,
+    LinearPart,
+    LoopDesign,
+    LoopDesigns,
+    SlidingVerdict,
+    Stop,
+    StopRun,
+)
+
+__all__ = [
+    "SECTIONS",
+    "Attempt",
+    "DesignReport",
+    "GainRegion",
+    "LawCurve",
+    "LinearPart",
+    "LoopDesign",
+    "LoopDesigns",
+    "SlidingVerdict",
+    "Stop",
+    "StopRun",
+    "design_report",
+]

@@ -1,0 +1,245 @@
+"""Linear part of a design report: adhesion curves, the stabilising region, designs side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from railslip_ctrl.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.assessment import assess
+from railslip_ctrl.design import PIController, actuated_plant, intersection, margin_grid, outline, stabilizing_pi
+from railslip_ctrl.design.compensators import Compensator, filtered_smith_predictor, smith_predictor
+from railslip_ctrl.design.effort import Effort, control_effort
+from railslip_ctrl.design.rules import RuleTuning, simc_pi
+from railslip_ctrl.design.tuning import tune_pi
+from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.errors import InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.curves import gang_of_four
+from railslip_ctrl.loop.responses import disturbance_response, step_response
+from railslip_ctrl.numeric import adhesion_coefficient, peak
+from railslip_ctrl.parameters import PIGains, Rail, Vehicle, table4_gains
+from railslip_ctrl.simulation.designed import LEAD, LEAD_FILTER, recommended_pi_lead
+from railslip_ctrl.units import KMH
+
+from .records import Attempt, GainRegion, LawCurve, LoopDesign, LoopDesigns
+
+COMPARED_LAWS = ("beam", "curve", "bristle")
+"""Published laws drawn beside the one the report is about."""
+
+LARGEST_SLIP = 0.5
+"""End of the adhesion curves; what a brake does happens well before."""
+
+KI_MIN = 5.0
+"""Least ki of the tuned designs, N*m/m: without a least one the integral action vanishes."""
+
+LOAD_STEP = 100.0  # N*m at the wheel
+_RESPONSE_TIME = 30.0  # s, in which the slow integral action is seen to work
+_GANG = (0.01, 100.0)  # rad/s
+_PREDICTOR_FILTER = 0.1  # s
+_SLIPS = 401
+_GRID = (48, 40)  # kp, ki: contours are smooth
+
+
+# --- adhesion -------------------------------------------------------------------------------------------------------
+
+
+def law_curves(plants: Sequence[LinearPlant]) -> tuple[LawCurve, ...]:
+    """The law asked for at each of the speeds, then the published ones at the first speed; rail by rail."""
+    found: list[LawCurve] = []
+    for rail in dict.fromkeys(plant.point.rail for plant in plants):
+        points = [plant.point for plant in plants if plant.point.rail is rail]
+        for speed in dict.fromkeys(point.speed for point in points):
+            on_it = tuple(point for point in points if point.speed == speed)
+            found.append(_curve(on_it[0].law, rail, speed, on_it[0].vehicle.wheel_load, on_it))
+        first = points[0]
+        for law in _compared(first.law, rail, first.initial_speed_kmh, first.vehicle.wheel_load):
+            found.append(_curve(law, rail, first.speed, first.vehicle.wheel_load, ()))
+    return tuple(found)
+
+
+def _compared(law: AdhesionLaw, rail: Rail, v0: float | None, wheel_load: float) -> list[AdhesionLaw]:
+    if v0 is None:
+        return []
+    try:
+        return [published_law(name, rail, v0, wheel_load) for name in COMPARED_LAWS if name != law.name]
+    except InputError:  # outside the speeds the published parameters are for
+        return []
+
+
+def _curve(law: AdhesionLaw, rail: Rail, speed: float, wheel_load: float, points: tuple[object, ...]) -> LawCurve:
+    end = min(LARGEST_SLIP, law.domain_limit(speed)[0] * (1.0 - 1e-9))
+    slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
+    return LawCurve(
+        law=law.name,
+        title=law.title,
+        rail=rail,
+        speed_kmh=speed / KMH,
+        slip=slip,
+        coefficient=np.asarray(adhesion_coefficient(law, speed, slip, wheel_load)),
+        peak=peak(law, speed, wheel_load),
+        points=points,  # type: ignore[arg-type]
+        asked=bool(points),
+    )
+
+
+# --- the region -----------------------------------------------------------------------------------------------------
+
+
+def gain_region(check: DesignCheck, plants: Sequence[LinearPlant]) -> GainRegion:
+    """The PI gains that stabilise every operating point, with the margins inside."""
+    actuator = check.vehicle.actuator
+    chosen = _chosen_gains(check, plants)
+    try:
+        region = intersection(
+            [stabilizing_pi(actuated_plant(plant, actuator), dead_time=actuator.dead_time) for plant in plants]
+        )
+        kp_range = region.kp_range
+        if kp_range is None:
+            return GainRegion(None, (), None, chosen, region.reason)
+        strips = outline(region)
+        top = max((float(strip.ki_high.max()) for strip in strips), default=0.0)
+        if not (math.isfinite(top) and top > 0):
+            return GainRegion(kp_range, (), None, chosen, "ki is not bounded, so that there is no outline to draw")
+        grid = margin_grid(region, np.linspace(*kp_range, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
+    except RailslipError as error:
+        return GainRegion(None, (), None, chosen, str(error))
+    return GainRegion(kp_range, strips, grid, chosen, "")
+
+
+def _chosen_gains(check: DesignCheck, plants: Sequence[LinearPlant]) -> dict[str, tuple[float, float]]:
+    published = table4_gains(plants[0].point.adhesion)
+    chosen = {"published PI": (published.kp, published.ki)}
+    if check.holding is not None:
+        gains = check.holding.controller.gains
+        chosen["holding PI"] = (gains.kp, gains.ki)
+    return chosen
+
+
+# --- designs --------------------------------------------------------------------------------------------------------
+
+
+def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGains | None) -> LoopDesigns:
+    """Published, given, held and lag-compensated designs at every operating point."""
+    vehicle = check.vehicle
+    candidates, refused = _candidates(check, plants, given)
+    designs = tuple(_design(name, how, controller, plants, vehicle) for name, (how, controller) in candidates.items())
+    wheel, tau, lag = plants[0], vehicle.actuator.dead_time, vehicle.actuator.lag
+    bare = Rational(wheel.zeros, wheel.poles, wheel.gain)
+    brake = (
+        Rational(np.array([]), np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(np.array([]), np.array([]), 1)
+    )
+    reference, load, gangs = {}, {}, {}
+    plant = DeadTimeLoop(actuated_plant(wheel, vehicle.actuator), tau)
+    for one in designs:
+        if not one.assessments[0].stable:
+            continue
+        c = one.controller.transfer_function
+        gangs[one.name] = gang_of_four(c, plant, *_GANG)
+        try:
+            step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=KMH)
+            push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
+        except InputError as error:  # a loop far faster than the time shown
+            refused[f"responses of {one.name}"] = str(error)
+            continue
+        reference[one.name], load[one.name] = step, push
+    return LoopDesigns(
+        designs=designs,
+        refused=refused,
+        attempts=tuple(_attempts(plants, vehicle, candidates)),
+        shown_at=wheel.point,
+        load_step=LOAD_STEP,
+        reference=reference,
+        load=load,
+        gangs=gangs,
+    )
+
+
+def _candidates(
+    check: DesignCheck, plants: Sequence[LinearPlant], given: PIGains | None
+) -> tuple[dict[str, tuple[str, PIController]], dict[str, str]]:
+    """Designs by name, each with how it was found; and those that do not exist, with the reason."""
+    vehicle = check.vehicle
+    found: dict[str, tuple[str, PIController]] = {
+        "published PI": (
+            "[Park2008] Table 4, read as N·m per km/h",
+            PIController(table4_gains(plants[0].point.adhesion)),
+        )
+    }
+    refused: dict[str, str] = {}
+    if given is not None:
+        found["given PI"] = ("as given", PIController(given))
+    if check.holding is None:
+        refused["holding PI"] = check.holding_reason
+    else:
+        how = f"least worst Ms over these points at an integral time of {check.holding.integral_time:g} s"
+        found["holding PI"] = (how, check.holding.controller)
+    lead = (vehicle.actuator.lag, vehicle.actuator.lag / 10) if vehicle.actuator.lag > 0 else (LEAD, LEAD_FILTER)
+    made: dict[str, tuple[str, Callable[[], PIController]]] = {
+        "PI-lead, most robust": (
+            f"least worst Ms over these points, ki ≥ {KI_MIN:g} N·m/m, behind a lead on the brake's lag",
+            lambda: _least_ms(plants, vehicle, *lead),
+        ),
+        "PI-lead, recommended": (
+            "largest ki with Ms ≤ 2 from 20 to 100 km/h, dry and wet, empty and loaded, two adhesion laws",
+            lambda: recommended_pi_lead(vehicle).design,
+        ),
+    }
+    for name, (how, make) in made.items():
+        try:
+            found[name] = (how, make())
+        except (InfeasibleDesignError, InputError) as error:
+            refused[name] = str(error)
+    return found, refused
+
+
+def _least_ms(plants: Sequence[LinearPlant], vehicle: Vehicle, lead: float, lead_filter: float) -> PIController:
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    loops = [actuated_plant(plant, vehicle.actuator) for plant in plants]
+    tuned = tune_pi(loops, vehicle.actuator.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
+    return PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
+
+
+def _design(
+    name: str, how: str, controller: PIController, plants: Sequence[LinearPlant], vehicle: Vehicle
+) -> LoopDesign:
+    assessments = tuple(assess(plant, controller, vehicle.actuator, label=name) for plant in plants)
+    efforts = tuple(_effort(controller, one.plant, vehicle) if one.stable else None for one in assessments)
+    return LoopDesign(name, how, controller, assessments, efforts)
+
+
+def _effort(controller: PIController, plant: LinearPlant, vehicle: Vehicle) -> Effort:
+    actuator = vehicle.actuator
+    loop = actuated_plant(plant, actuator)
+    return control_effort(controller.transfer_function, loop, actuator.dead_time, lag=actuator.lag)
+
+
+def _attempts(
+    plants: Sequence[LinearPlant], vehicle: Vehicle, candidates: dict[str, tuple[str, PIController]]
+) -> list[Attempt]:
+    """A known rule and two predictors at each operating point, each made for it with its exact model."""
+    tau = vehicle.actuator.dead_time
+    primary = candidates.get("PI-lead, most robust", candidates["published PI"])[1].transfer_function
+    found = []
+    for plant in plants:
+        system = actuated_plant(plant, vehicle.actuator)
+        made: dict[str, Callable[[], Compensator | RuleTuning]] = {
+            "SIMC rule, PI": lambda system=system: simc_pi(system, tau),  # type: ignore[misc]
+            "Smith predictor": lambda system=system: smith_predictor(system, tau, primary),  # type: ignore[misc]
+            "filtered Smith predictor": lambda system=system: filtered_smith_predictor(  # type: ignore[misc]
+                system, tau, primary, filter_time=_PREDICTOR_FILTER
+            ),
+        }
+        for name, make in made.items():
+            try:
+                design = make()
+                loop = (
+                    DeadTimeLoop(design.transfer_function() * system, tau) if isinstance(design, RuleTuning) else design
+                )
+                found.append(Attempt(name, plant.point, loop.margins(), ""))
+            except RailslipError as error:
+                found.append(Attempt(name, plant.point, None, str(error)))
+    return found

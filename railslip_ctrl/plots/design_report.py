@@ -1,0 +1,170 @@
+"""Pictures of a design report: adhesion with its operating points, stops side by side, the paper's numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from railslip_ctrl.design_report import DesignReport, LawCurve, LinearPart, Stop
+from railslip_ctrl.reproduction import Table5
+from railslip_ctrl.simulation import Run
+from railslip_ctrl.units import KMH
+
+from .designs import gang_of_four_figure, region_figure, response_figure
+from .loops import bode_figure, nyquist_figure
+from .style import legend_below, line_style, new_figure
+
+_WIDTH = 7.2  # inches: a page's text
+_SIZES = {
+    "region": (9.4, 4.0),
+    "bode": (9.4, 6.2),
+    "nyquist": (9.4, 7.8),
+    "gang": (9.4, 6.6),
+    "responses": (9.4, 5.5),
+}
+"""Inches, of figures made for a screen: nearer to a page's width, so that their letters stay readable there."""
+
+_COLUMNS = ("speed (km/h)", "slip ratio λ (-)", "brake torque (kN·m)")
+_ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
+
+
+def linear_figures(part: LinearPart) -> dict[str, Figure]:
+    """Figures of the linear loops by name; what has nothing to show is left out."""
+    loops, region, where = part.loops, part.region, part.loops.shown_at
+    title = f"{where.adhesion}, {where.rail} rail, {where.speed_kmh:g} km/h, slip {where.slip:g}; dead time exact"
+    figures = {"adhesion": _adhesion(part.curves)}
+    if region.grid is not None:
+        figures["region"] = region_figure(
+            region.strips,
+            region.grid,
+            {name: gains for name, gains in region.chosen.items() if region.near(gains)},
+            title=f"PI gains that stabilise all {len(part.plants)} operating points; dead time exact",
+        )
+    figures |= {"bode": bode_figure(part.check.groups), "nyquist": nyquist_figure(part.check.groups)}
+    if loops.gangs:
+        figures["gang"] = gang_of_four_figure(loops.gangs, title=title)
+    if loops.reference:
+        figures["responses"] = response_figure(
+            loops.reference,
+            loops.load,
+            title=title,
+            reference_label="step of 1 km/h of the reference slip velocity",
+            load_label=f"step of {loops.load_step:g} N·m of torque at the wheel",
+        )
+    for name, size in _SIZES.items():
+        if name in figures:
+            figures[name].set_size_inches(*size)
+    return figures
+
+
+def run_figures(report: DesignReport) -> dict[str, Figure]:
+    """Figures of the braking runs and of the paper's numbers by name."""
+    figures = {f"stop-{i}": _stop(stop) for i, stop in enumerate(report.stops, start=1) if _ran(stop)}
+    if report.table5 is not None:
+        figures["table5"] = _deviations(report.table5)
+    return figures
+
+
+def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
+    rails = list(dict.fromkeys(curve.rail for curve in curves))
+    speeds = {curve.speed_kmh for curve in curves}
+    figure = new_figure(_WIDTH, 4.6, "Adhesion at rest over slip; dots: operating points, triangles: peaks")
+    axes = figure.subplots(1, len(rails), sharex=True, sharey=True, squeeze=False)[0]
+    for ax, rail in zip(axes, rails, strict=True):
+        for i, curve in enumerate(one for one in curves if one.rail is rail):
+            style = line_style(i) | {"linewidth": 1.8 if curve.asked else 1.0}
+            at = f", {curve.speed_kmh:g} km/h" if len(speeds) > 1 else ""
+            ax.plot(curve.slip, curve.coefficient, label=f"{curve.law}{at}", **style)
+            ax.plot(curve.peak.slip, curve.peak.coefficient, marker="^", markersize=5, color=style["color"])
+            for point in curve.points:
+                ax.plot(point.slip, point.adhesion_coefficient, marker="o", markersize=6, color=style["color"])
+        ax.set_title(f"{rail} rail", fontsize=9)
+        ax.set_xlabel("slip ratio λ (-)")
+        ax.set_xlim(left=0.0)
+        ax.set_ylim(bottom=0.0)
+        ax.grid(True, color="0.88")
+        legend_below(ax, 0.14, columns=2)
+    axes[0].set_ylabel("adhesion coefficient μ (-)")
+    return figure
+
+
+def _ran(stop: Stop) -> dict[str, Run]:
+    return {one.name: one.run for one in stop.runs if one.run is not None}
+
+
+def _stop(stop: Stop) -> Figure:
+    runs = _ran(stop)
+    figure = new_figure(_WIDTH + 1.6, 0.9 + 1.75 * len(runs), f"{stop.title}; seed {stop.seed}")
+    axes = figure.subplots(len(runs), len(_COLUMNS), sharex=True, sharey="col", squeeze=False)
+    for row, (name, run) in zip(axes, runs.items(), strict=True):
+        _speed(row[0], run)
+        _slip(row[1], run)
+        _torque(row[2], run)
+        row[0].set_ylabel(name, fontsize=9)
+    for ax, label in zip(axes[0], _COLUMNS, strict=True):
+        ax.set_title(label, fontsize=9)
+    for ax in axes.flat:
+        ax.grid(True, color="0.88")
+        ax.tick_params(labelsize=8)
+    for ax in axes[-1]:
+        ax.set_xlabel("time (s)", fontsize=9)
+        legend_below(ax, 0.3, columns=2)
+    highest = max(run.max_torque for run in runs.values())
+    axes[0][2].set_ylim(0.0, _ENOUGH_TORQUE * highest / 1000)
+    return figure
+
+
+def _signals(run: Run) -> Any:
+    assert run.signals is not None, "the runs of a report are recorded"
+    return run.signals
+
+
+def _speed(ax: Any, run: Run) -> None:
+    signals = _signals(run)
+    rim = (signals.speed - signals.slip_velocity) / KMH
+    ax.plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
+    ax.plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
+
+
+def _slip(ax: Any, run: Run) -> None:
+    signals = _signals(run)
+    ax.plot(signals.time, signals.slip, label="slip", linewidth=0.9, **line_style(0))
+    ax.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
+
+
+def _torque(ax: Any, run: Run) -> None:
+    signals = _signals(run)
+    ax.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
+    ax.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
+
+
+def _deviations(comparison: Table5) -> Figure:
+    groups: dict[str, list[tuple[str, float, float]]] = {}
+    for row in comparison.rows:
+        _, column, quantity = row.item.split(" / ")
+        error = 100 * row.standard_error / row.published
+        groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
+    figure = new_figure(_WIDTH, 3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
+    ax = figure.subplots()
+    for i, (quantity, found) in enumerate(groups.items()):
+        names, deviations, errors = zip(*found, strict=True)
+        places = np.arange(len(names)) + 0.16 * (i - 1.5)
+        ax.errorbar(
+            places,
+            deviations,
+            yerr=2 * np.array(errors),
+            marker="os^D"[i % 4],
+            color=line_style(i)["color"],
+            linestyle="none",
+            capsize=3,
+            label=quantity.replace("_", " "),
+        )
+    ax.set_xticks(range(len(names)), names)
+    ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_ylabel("deviation (%); grey: tolerance")
+    ax.grid(True, axis="y", color="0.85")
+    legend_below(ax, 0.12, columns=4)
+    return figure

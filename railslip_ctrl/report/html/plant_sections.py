@@ -1,0 +1,223 @@
+"""Sections about what is given: vehicle and units, adhesion, linearisation, limits, stabilising gains."""
+
+from __future__ import annotations
+
+import math
+
+from railslip_ctrl.assessment import limits_of
+from railslip_ctrl.design.limits import Limits, StructureLimit
+from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.notation import NOTATION
+from railslip_ctrl.report.text import polynomial_text, vehicle_facts
+
+from .blocks import Block, Details, Facts, Group, Items, Paragraph, Picture, Section, Table
+from .numbers import NONE, listed, matrix, minus, roots, short, where
+
+
+def vehicle_section(report: DesignReport) -> Section:
+    """The quarter car, the units, what was assumed."""
+    vehicle = report.check.vehicle
+    rows = tuple((name, value) for name, value in vehicle_facts(vehicle) if name != "Note")
+    blocks: list[Block] = [Facts(rows)]
+    if vehicle.notes:
+        blocks += [Paragraph("Assumed, because the vehicle's file does not say it:"), Items(tuple(vehicle.notes))]
+    else:
+        blocks.append(Paragraph("Nothing was assumed: every parameter above was given."))
+    blocks.append(
+        Paragraph(
+            "Numbers are SI unless a unit is written beside them; speeds are in km/h where they say so. The inertia "
+            "scale multiplies M, J and B and nothing else: 1 is SI, 3.6 the reading under which the results printed in "
+            "[Park2008] come out (speeds integrated in km/h with forces in N). Torque and slip are positive in "
+            "braking: "
+            "σ = v − rω, λ = σ/v, e = λ_d v − σ."
+        )
+    )
+    used = [(one.name, one.unit.replace("*", "·"), one.meaning) for one in NOTATION.values()]
+    symbols = Table("Symbols and their units.", ("Symbol", "Unit", "Meaning"), used)
+    blocks.append(Details("Symbols", f"{len(used)}", (symbols,)))
+    return Section("vehicle", "Vehicle and units", tuple(blocks))
+
+
+def adhesion_section(report: DesignReport) -> Section:
+    """Curves, peaks, operating points."""
+    curves = report.curves
+    rows = [
+        (
+            curve.law,
+            str(curve.rail),
+            f"{curve.speed_kmh:g}",
+            short(curve.peak.coefficient),
+            short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (falls from the start)",
+            ", ".join(f"{point.slip:g}" for point in curve.points) or NONE,
+            ", ".join(short(point.adhesion_coefficient) for point in curve.points) or NONE,
+        )
+        for curve in curves
+    ]
+    asked = next(curve for curve in curves if curve.asked)
+    others = list(dict.fromkeys(curve.law for curve in curves if not curve.asked))
+    told = f"The report is about the law {asked.law} ({asked.title})."
+    beside = f" Drawn beside it: {listed(others)}." if others else ""
+    points = "; ".join(
+        f"{where(point)}: slip {point.slip:g}, μ {short(point.adhesion_coefficient)}"
+        for point in (plant.point for plant in report.plants)
+    )
+    return Section(
+        "adhesion",
+        "Adhesion and operating points",
+        (
+            Paragraph(told + beside + " A wheel held where adhesion falls with slip is unstable by itself."),
+            Picture(
+                "adhesion",
+                "Adhesion coefficient at rest over the slip ratio. Dots: the operating points of this report; "
+                "triangles: the peaks.",
+                f"Curves of the adhesion coefficient over slip for {listed(dict.fromkeys(c.law for c in curves))}, one "
+                f"panel a rail. Operating points: {points}.",
+            ),
+            Table(
+                "Peak of each curve, and the operating points on it.",
+                ("Law", "Rail", "Speed, km/h", "Peak μ, -", "at slip, -", "Operating slip, -", "μ there, -"),
+                rows,
+            ),
+        ),
+    )
+
+
+def linear_section(report: DesignReport) -> Section:
+    """Operating points and matrices, rail by rail."""
+    rails = dict.fromkeys(plant.point.rail for plant in report.plants)
+    groups = tuple(
+        Group(
+            f"linear-{rail}",
+            f"{rail.capitalize()} rail",
+            tuple(block for p in report.plants if p.point.rail is rail for block in _plant_blocks(p)),
+        )
+        for rail in rails
+    )
+    units = " and ".join(
+        f"{name} in {NOTATION[name].unit}" for name in dict.fromkeys(s for p in report.plants for s in p.states)
+    )
+    intro = Paragraph(
+        "Linearised at constant slip with the speed frozen: input brake torque at the wheel, N·m (the actuator is not "
+        f"in it); states {units}; outputs sigma, lambda and error. Every matrix follows from the one symbolic "
+        "statement "
+        "of the plant."
+    )
+    return Section("linearisation", "Linearisation", (intro, *groups))
+
+
+def _plant_blocks(plant: LinearPlant) -> tuple[Block, ...]:
+    point = plant.point
+    num, den = plant.transfer_function()
+    rows = (
+        ("Slip velocity σ", f"{short(point.sigma, 5)} m/s at slip {point.slip:g} and {point.speed_kmh:g} km/h"),
+        ("Adhesion force Fa", f"{short(point.adhesion_force, 6)} N (μ = {short(point.adhesion_coefficient, 5)})"),
+        ("Brake torque Tb", f"{short(point.brake_torque, 6)} N·m, at which λ′ = 0"),
+        ("States; outputs", f"{', '.join(plant.states)}; {', '.join(plant.outputs)}"),
+        ("A", matrix(plant.A)),
+        ("B", matrix(plant.B)),
+        ("C", matrix(plant.C)),
+        ("D", matrix(plant.D)),
+        ("Poles", roots(plant.poles)),
+        ("Zeros, torque to σ", roots(plant.zeros)),
+        ("σ/torque", minus(f"({polynomial_text(num)}) / ({polynomial_text(den)})  (m/s)/(N·m)")),
+    )
+    return (Facts(rows),)
+
+
+# --- limits ---------------------------------------------------------------------------------------------------------
+
+
+def limits_section(report: DesignReport) -> Section:
+    """What no controller can beat at each operating point."""
+    actuator = report.check.vehicle.actuator
+    rows, found = [], [(plant.point, limits_of(plant, actuator)) for plant in report.plants]
+    for point, limits in found:
+        rows.append(
+            (
+                where(point),
+                short(limits.unstable_pole),
+                short(limits.doubling_time, 3),
+                short(limits.actuator_product, 3),
+                short(limits.ms_bound),
+                *_structure_cells(limits.pi),
+                *_structure_cells(limits.pi_lead),
+                _crossover(limits),
+            )
+        )
+    head = (
+        "Case", "Unstable pole p, 1/s", "Doubles in, s", "p (τ + T), -", "Ms, Mt ≥", "PI: phase ≤, deg", "PI: Ms ≥",
+        "PI-lead: phase ≤, deg", "PI-lead: Ms ≥", "Crossover, rad/s",
+    )  # fmt: skip
+    worst = max((limits.ms_bound, where(point)) for point, limits in found)
+    return Section(
+        "limits",
+        "Limits: what no controller can beat",
+        (
+            Paragraph(
+                f"The brake answers after a dead time τ = {actuator.dead_time:g} s and a lag T = {actuator.lag:g} s, "
+                "and "
+                f"meanwhile the wheel runs away. No linear controller gets Ms or Mt below {short(worst[0], 3)} "
+                f"({worst[1]}); a "
+                "PI or a PI behind a lead gets less far still. These are theorems, not results of tuning; only the "
+                "crossover "
+                "range is a rule of thumb (gain crossover frequency inequality, [Astrom2021] 14.3). A dash: the "
+                "theorem does "
+                "not apply."
+            ),
+            Table("Limits by operating point; a PI needs p (τ + T) < 1.", head, rows, wide=True),
+        ),
+    )
+
+
+def _structure_cells(limit: StructureLimit | None) -> tuple[str, str]:
+    if limit is None:
+        return NONE, NONE
+    return (short(limit.phase_deg, 3), short(limit.ms_bound, 3)) if limit.feasible else ("none holds", NONE)
+
+
+def _crossover(limits: Limits) -> str:
+    if limits.crossover_range is None:
+        return "none"
+    low, high = limits.crossover_range
+    return f"{short(low, 3)} to {short(high, 3)}" if math.isfinite(high) else f"above {short(low, 3)}"
+
+
+# --- stabilising gains ----------------------------------------------------------------------------------------------
+
+
+def region_section(report: DesignReport) -> Section:
+    """The stabilising region, or why there is none."""
+    region = report.region
+    marks = [
+        f"{name}: kp {short(kp)} N·m/(m/s), ki {short(ki)} N·m/m"
+        + ("" if region.near((kp, ki)) or region.grid is None else ", outside the picture")
+        for name, (kp, ki) in region.chosen.items()
+    ]
+    if region.grid is None:
+        text = f"No plain PI to draw a region of. Reason: {region.reason}."
+        return Section("region", "Stabilising gains", (Paragraph(text, strong=True), Items(tuple(marks))))
+    assert region.kp_range is not None, "there is a region"
+    low, high = region.kp_range
+    return Section(
+        "region",
+        "Stabilising gains",
+        (
+            Paragraph(
+                f"All plain PI that stabilise all {len(report.plants)} operating points: kp from {short(low)} to "
+                f"{short(high)} "
+                "N·m/(m/s), and ki up to the outline. The outline is exact (D-decomposition and root count, the dead "
+                "time not "
+                "approximated). Inside it the worst Ms, phase margin and delay margin over the operating points."
+            ),
+            Picture(
+                "region",
+                "The stabilising region of a PI with contours of the worst Ms (left), phase margin (middle) and delay "
+                "margin (right).",
+                f"Grey region in the plane of kp and ki, kp from {short(low)} to {short(high)} N·m/(m/s), with "
+                "contours. "
+                f"Marked: {'; '.join(marks)}.",
+            ),
+            Items(tuple(marks)),
+        ),
+    )

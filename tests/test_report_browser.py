@@ -1,0 +1,134 @@
+"""report.html in a real headless browser, at the widths of a phone, of A4 and of a desk, and printed."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+
+import pytest
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+WIDTHS = {"phone": 360, "A4": 794, "desk": 1200}
+A4_POINTS = (595.0, 842.0)
+
+pytestmark = [
+    pytest.mark.xdist_group("html report"),
+    pytest.mark.skipif(
+        BROWSER is None or DRIVER is None,
+        reason="no chromium with chromedriver found; install them (Debian: chromium chromium-driver)",
+    ),
+]
+
+# A browser without a network: it looks for nothing by itself.
+_FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+
+_WIDER = "return document.documentElement.scrollWidth > document.documentElement.clientWidth"
+_CUT = """return [...document.querySelectorAll(".scroll")].filter((one) => one.offsetParent !== null
+  && one.scrollWidth > one.clientWidth + 1).map((one) => one.innerText.slice(0, 60))"""
+_UNSEEN = """return [...document.images].filter((one) => {
+  const box = one.getBoundingClientRect();
+  return !one.complete || one.naturalWidth === 0 || box.width < 100 || box.height < 50;
+}).map((one) => one.alt)"""
+_DEAD = """return [...document.querySelectorAll("a")].filter((one) => {
+  const link = one.getAttribute("href");
+  return !link.startsWith("#") || document.getElementById(link.slice(1)) === null;
+}).map((one) => one.outerHTML)"""
+_LOADED = """return performance.getEntriesByType("resource").map((one) => one.name)
+  .filter((name) => !name.startsWith("data:"))"""
+_OPEN = 'return [...document.querySelectorAll("details")].filter((one) => one.open).length'
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in (*_FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module")
+def page(full_report):
+    return (full_report[0] / "report.html").as_uri()
+
+
+def shown(browser, address, width):
+    """The page at a width in CSS pixels; its console."""
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500},
+    )
+    browser.get(address)
+    return [entry for entry in browser.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
+
+
+@pytest.mark.parametrize("width", WIDTHS.values(), ids=WIDTHS.keys())
+def test_page_fits_and_shows_every_figure(browser, page, width):
+    console = shown(browser, page, width)
+    assert browser.execute_script("return innerWidth") == width
+    assert console == []
+    assert not browser.execute_script(_WIDER)
+    assert browser.execute_script("return document.images.length") >= 9
+    assert browser.execute_script(_UNSEEN) == []
+    if width >= WIDTHS["A4"]:  # on a phone wide tables scroll within themselves
+        assert browser.execute_script(_CUT) == []
+
+
+def test_links_lead_somewhere_and_nothing_is_loaded(browser, page):
+    shown(browser, page, WIDTHS["desk"])
+    assert browser.execute_script("return document.links.length") > 10
+    assert browser.execute_script(_DEAD) == []
+    assert browser.execute_script(_LOADED) == []
+    browser.execute_script("document.querySelector('nav a[href=\"#stops\"]').click()")
+    top = browser.execute_script("return document.getElementById('stops').getBoundingClientRect().top")
+    assert abs(top) < 2  # the section is where the eye is; a pixel of rounding
+
+
+def test_prints_on_a4_with_everything_opened(browser, page):
+    shown(browser, page, WIDTHS["A4"])
+    before = browser.execute_script(_OPEN)
+    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+    assert browser.execute_script(_OPEN) == browser.execute_script("return document.querySelectorAll('details').length")
+    browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    assert browser.execute_script(_OPEN) == before == 0
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True})
+    pdf = base64.b64decode(printed["data"])
+    assert pdf.startswith(b"%PDF-")
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
+    assert 10 <= len(boxes) <= 60
+    for width, height in boxes:
+        # points; a browser rounds A4 to its own pixels, three quarters of a point each
+        assert (float(width), float(height)) == pytest.approx(A4_POINTS, abs=1.0)
+
+
+def test_checks_see_what_is_wrong(browser, tmp_path):
+    file = tmp_path / "broken.html"
+    file.write_text(
+        "<!DOCTYPE html><meta name='viewport' content='width=device-width'>"
+        "<div class='scroll' style='overflow-x: auto; width: 300px'><p style='width: 900px'>table</p></div>"
+        "<p style='width: 5000px'>wide</p><a href='#gone'>link</a><img alt='gone' src='data:image/png;base64,AA'>"
+        "<script>console.error('it went wrong')</script>"
+    )
+    console = shown(browser, file.as_uri(), WIDTHS["A4"])
+    assert any("it went wrong" in entry["message"] for entry in console)
+    assert browser.execute_script(_WIDER)
+    assert browser.execute_script(_CUT) == ["table"]
+    assert browser.execute_script(_UNSEEN) == ["gone"]
+    assert len(browser.execute_script(_DEAD)) == 1
