@@ -45,20 +45,23 @@ def label(case: tuple[str, bool, bool]) -> str:
 
 
 def main() -> None:
-    """Print both readings; with a folder, draw the runs without adaptation."""
+    """Print both readings; with a folder, draw s without adaptation, and the estimates with it."""
     for as_published in (True, False):
         cases = run(as_published=as_published)
         reading = "as published (inertia scale 3.6)" if as_published else "SI"
         print(f"{reading}\n")
         print(lyapunov_runs_text([(label(case), judged) for case, judged in cases.items()]))
         if len(sys.argv) > 1:
-            from railslip_ctrl.plots import lyapunov_runs_figure, save_figure
+            from railslip_ctrl.plots import adaptation_figure, lyapunov_runs_figure, save_figure
 
             folder = Path(sys.argv[1])
             folder.mkdir(parents=True, exist_ok=True)
-            chosen = [(label(case), judged) for case, judged in cases.items() if case[0] == "k = 0"]
-            figure = lyapunov_runs_figure(chosen, f"Sliding variable and the condition (40) along a stop, {reading}")
-            save_figure(figure, folder / f"lyapunov_along_runs_{'as_published' if as_published else 'si'}.png")
+            suffix = "as_published" if as_published else "si"
+            by_law = {law: [(label(case), judged) for case, judged in cases.items() if case[0] == law] for law in LAWS}
+            figure = lyapunov_runs_figure(by_law["k = 0"], f"Sliding variable and (40) along a stop, {reading}")
+            save_figure(figure, folder / f"lyapunov_along_runs_{suffix}.png")
+            figure = adaptation_figure(by_law["printed k"], f"V (46) and the estimates along a stop, {reading}")
+            save_figure(figure, folder / f"adaptation_along_runs_{suffix}.png")
 
 
 if __name__ == "__main__":

@@ -116,7 +116,8 @@ def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
         bars = (reading.K, *reading.least_K, *reading.least_K_run)
         switching.barh([j - 0.2 + 0.4 * i for j in range(len(names))], bars, height=0.4, label=label, color=color)
         work = (reading.from_surface, reading.proportional_gain - reading.from_surface, reading.pi_gain)
-        gains.barh([j - 0.2 + 0.4 * i for j in range(len(work))], work, height=0.4, label=label, color=color)
+        drawn = gains.barh([j - 0.2 + 0.4 * i for j in range(len(work))], work, height=0.4, label=label, color=color)
+        gains.bar_label(drawn, [f"{value:.4g}" for value in work], padding=3, fontsize="small")
     switching.set(title="K and what (40) asks of it", xlabel="N·m", yticks=range(len(names)), yticklabels=names)
     gains.set(
         title="Gains on the slip velocity error",
@@ -124,6 +125,7 @@ def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
         yticks=range(3),
         yticklabels=("(J/r) rho", "D", "Kp of the PI"),
     )
+    gains.margins(x=0.15)  # room for the numbers: D is too short to be seen beside the PI's gain
     for axes in (switching, gains):
         axes.invert_yaxis()
         axes.legend()

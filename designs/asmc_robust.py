@@ -27,32 +27,40 @@ from railslip_ctrl.sliding_verification.layered import (
     layered_design,
     rail_bounds,
 )
+from railslip_ctrl.sliding_verification.published import POINTS, stop_loops
 from railslip_ctrl.switching import (
+    TABLE4_SLIDING,
     ActuatorEffect,
+    JointAdvice,
     LayeredDesign,
     actuator_effect,
     conclusion,
     cycle_table,
+    joint_advice,
     published_loop,
 )
 from railslip_ctrl.switching.layered import torque_impulse
 from railslip_ctrl.switching.simulate import Run, holding_torque, simulate
 from railslip_ctrl.switching.stepped import LayeredLaw
+from railslip_ctrl.units import KMH
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"
+ADHESIONS = ("bristle", "curve")  # the model of the design, and the curve the paper's results come from
 
 
 @dataclass(frozen=True)
 class RobustDesign:
     """One reading: the published law's fate, the design, its bounds by rail, and the largest errors simulated.
 
-    `published` holds the bristle model and the static curve the paper's results come from, both rails.
+    `published` holds the bristle model and the static curve the paper's results come from, both rails; `advice` the
+    gains of the published structure that were checked together over a stop.
     `simulated[rail][name]` is (largest |sigma error|, largest |Tb - hold|) from rest, m/s and N*m; `worst[rail]` the
     run under the linear loop's worst disturbance.
     """
 
     published: tuple[ActuatorEffect, ...]
+    advice: JointAdvice
     design: LayeredDesign
     bounds: dict[Rail, RailBounds]
     simulated: dict[Rail, dict[str, tuple[float, float]]]
@@ -67,9 +75,10 @@ def design_for(inertia_scale: float) -> RobustDesign:
     return RobustDesign(
         published=tuple(
             actuator_effect(published_loop(rail, inertia_scale=inertia_scale, adhesion=adhesion))
-            for adhesion in ("bristle", "curve")
+            for adhesion in ADHESIONS
             for rail in Rail
         ),
+        advice=joint_advice(stop_loops(TABLE4_SLIDING["bristle"].K, TABLE4_SLIDING["bristle"].D, vehicle)),
         design=design,
         bounds=bounds,
         simulated={rail: bounded_errors(design, one) for rail, one in bounds.items()},
@@ -124,7 +133,8 @@ def main() -> None:
     print(cycle_table(effects))
     print()
     print(survivors_table(effects))
-    print(f"\n{textwrap.fill(conclusion(result['SI'].published[: len(Rail)]), 110, break_on_hyphens=False)}\n")
+    told = conclusion(result["SI"].published[: len(Rail)], result["SI"].advice, POINTS)
+    print(f"\n{textwrap.fill(told, 110, break_on_hyphens=False)}\n")
     print("THE LAYERED LAW WITH A LEAD ON THE LAG")
     for name, found in result.items():
         d = found.design
@@ -152,7 +162,7 @@ def survivors_table(effects: list[ActuatorEffect]) -> str:
 
 
 def draw(result: dict[str, RobustDesign], folder: Path) -> None:
-    """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings."""
+    """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings, and the setting."""
     from matplotlib.figure import Figure
 
     from railslip_ctrl.plots import save_figure
@@ -171,8 +181,11 @@ def draw(result: dict[str, RobustDesign], folder: Path) -> None:
                     axes.axhline(side, color=style["color"], linewidth=0.8, linestyle=":")
                 if rail is Rail.DRY:
                     axes.set_ylim(-1.2 * bound, 1.9 * bound)  # room for the legend
-        height = found.bounds[Rail.DRY].at_rest.disturbance
-        grid[0, column].set(title=f"{name}: worst torque within ±{height:g} N·m", ylabel="slip velocity error, m/s")
+        first = found.bounds[Rail.DRY]
+        height, at = first.at_rest.disturbance, first.plant.point
+        setting = f"{at.speed / KMH:.3g} km/h frozen, {at.vehicle.mass:g} kg, from the reference slip at rest"
+        grid[0, column].set(ylabel="slip velocity error, m/s")
+        grid[0, column].set_title(f"{name}: worst torque within ±{height:g} N·m\n{setting}", fontsize="small")
         grid[1, column].set(xlabel="time, s", ylabel="torque about the hold, N·m")
         for axes in grid[:, column]:
             axes.legend(loc="upper left")

@@ -19,7 +19,7 @@ from pathlib import Path
 from railslip_ctrl.report.layout import fixed, heading, render, table
 from railslip_ctrl.report.runs import run_comparison_text
 from railslip_ctrl.run_comparison import RunComparison, compare_runs
-from railslip_ctrl.simulation import LinearControl, Scenario, built_in_scenario
+from railslip_ctrl.simulation import LinearControl, Scenario, ScheduledControl, built_in_scenario
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import (
     margins_over_points,
@@ -72,7 +72,7 @@ def worst_margins(scenario: Scenario, chosen: Mapping[str, Controller]) -> tuple
     """Of every linear controller, over rails, loads, speeds and laws."""
     rows = []
     for name, control in chosen.items():
-        if not isinstance(control, LinearControl):
+        if not isinstance(control, LinearControl | ScheduledControl):
             continue
         found = margins_over_points(control, scenario.vehicle)
         rows.append(
@@ -112,7 +112,12 @@ def margins_text(rows: tuple[WorstMargins, ...]) -> str:
         )
         for row in rows
     ]
-    return render([heading("Margins, dead time exact", "-"), table(columns, cells)])
+    note = (
+        "Over rails, laws, loads and speeds of the designs. The relay of the ASMC and the valve of the slide "
+        "protection have no such margins. Gains that are unstable at the reference slip may still stop the train where "
+        "the stop is over before the slip gets there."
+    )
+    return render([heading("Margins, dead time exact", "-"), table(columns, cells, whole=1), note])
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from analysis import lyapunov_along_runs
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.lyapunov_runs import LyapunovRun, judge_run
 from railslip_ctrl.parameters import PARK2008
-from railslip_ctrl.plots import lyapunov_runs_figure, save_figure
+from railslip_ctrl.plots import adaptation_figure, lyapunov_runs_figure, save_figure
 from railslip_ctrl.report.lyapunov_runs import lyapunov_runs_text
 from railslip_ctrl.simulation import SlidingControl, published_scenario
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
@@ -96,5 +96,6 @@ def test_report_and_figure(tmp_path: Path, si_runs: dict[tuple[str, bool, bool],
     text = lyapunov_runs_text(cases)
     assert "k = 0, ideal " in text
     assert "never" in text
-    save_figure(lyapunov_runs_figure(cases[:4], "title"), tmp_path / "runs.png")
-    assert (tmp_path / "runs.png").stat().st_size > 10_000
+    for draw, chosen in ((lyapunov_runs_figure, cases[:4]), (adaptation_figure, cases[4:])):
+        save_figure(draw(chosen, "title"), tmp_path / "runs.png")
+        assert (tmp_path / "runs.png").stat().st_size > 10_000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 import re
 import shutil
@@ -34,6 +35,7 @@ REFERENCES = ("proportional", "constant")
 CASES = [(reference, law) for law in (None, *ALL_LAWS) for reference in REFERENCES]
 
 INPUTS = 10_000
+SEQUENCES = 12  # four of each kind of parameters
 
 RANGES = {
     **{"J": (20.0, 900.0), "r": (0.3, 0.6), "Mn": (1500.0, 2e4), "Bn": (0.0, 1.0), "lambda_d": (0.02, 0.3)},
@@ -284,6 +286,8 @@ class Compiled:
         self.step = library.railslip_asmc_step
         self.step.argtypes = [pointer(self.State)] + [ctypes.c_double] * len(law.measured) + [pointer(self.Parameters)]
         self.control.restype = self.step.restype = output
+        self.valid = library.railslip_asmc_valid
+        self.valid.argtypes = [ctypes.c_double] * len(law.measured)
 
 
 def _structure(fields):
@@ -313,13 +317,13 @@ def test_c_control_is_the_python_s(reference, tmp_path) -> None:
 @needs_compiler
 @pytest.mark.parametrize(("reference", "adhesion"), CASES)
 def test_c_sequences_are_the_python_s(reference, adhesion, tmp_path) -> None:
-    """Sequences of 200 samples at random measurements, states included, 1e4 samples a case."""
+    """Sequences of 200 samples at random measurements, states included; `control` is tested with 1e4 inputs."""
     derivation = derive(reference=reference, law=adhesion)
     code = generate(derivation)
     module, compiled = python_law(derivation), Compiled(code, tmp_path)
     inside = adhesion if code.law.measured == ("v", "omega") else None
     generator = np.random.default_rng(123)
-    for run in range(INPUTS // 200):
+    for run in range(SEQUENCES):
         given = ({}, {"torque_min": 0.0, "torque_max": 8e3, "boundary": 0.3}, options(generator))[run % 3]
         p = parameters(code, generator, inside, **given)
         mine, theirs = module.Parameters(*p), compiled.Parameters(*p)
@@ -389,6 +393,44 @@ def test_control_of_anything_is_the_same_number(tmp_path) -> None:
 
 
 @needs_compiler
+def test_a_sample_that_is_left_out_is_told_beforehand(tmp_path) -> None:
+    derivation = derive()
+    code = generate(derivation)
+    module, compiled = python_law(derivation), Compiled(code, tmp_path)
+    p = parameters(code, np.random.default_rng(1), None)
+    state, memory = module.start(20.0), compiled.State()
+    compiled.start(memory, 20.0)
+    sound = [20.0, 40.0, 3000.0]
+    assert (module.valid(*sound), compiled.valid(*sound)) == (True, 1)
+    for i, wrong in itertools.product(range(3), NOT_FINITE):
+        measured = [wrong if j == i else value for j, value in enumerate(sound)]
+        assert not module.valid(*measured)
+        assert compiled.valid(*measured) == 0
+        torque, s, after = module.step(state, *measured, module.Parameters(*p))
+        out = compiled.step(memory, *measured, compiled.Parameters(*p))
+        assert (torque, s, after) == (out.torque, out.s, state) == (0.0, 0.0, state)
+    for text in (code.c.split("#include")[0], module.step.__doc__):
+        assert "left out" in text
+        assert "valid" in text
+
+
+@needs_compiler
+@pytest.mark.parametrize("zero", ["r", "filter_time", "J", "Mn", "period"])
+def test_a_parameter_of_zero_does_the_same_in_both_languages(zero, tmp_path) -> None:
+    derivation = derive()
+    code = generate(derivation)
+    module, compiled = python_law(derivation), Compiled(code, tmp_path)
+    p = parameters(code, np.random.default_rng(2), None, **{zero: 0.0})
+    state, memory = module.start(20.0), compiled.State()
+    compiled.start(memory, 20.0)
+    for omega in (40.0, 41.0, 39.0):
+        torque, s, state = module.step(state, 20.0, omega, 3000.0, module.Parameters(*p))
+        out = compiled.step(memory, 20.0, omega, 3000.0, compiled.Parameters(*p))
+        assert same((out.torque, out.s), (torque, s))
+        assert all(map(math.isfinite, (torque, s, *state)))
+
+
+@needs_compiler
 @pytest.mark.parametrize("name", law_names())
 def test_c_of_every_law_compiles_without_a_warning(name, tmp_path) -> None:
     Compiled(generate(derive(law=name)), tmp_path)
@@ -403,11 +445,11 @@ def test_c_has_no_allocation_no_loop_and_no_recursion(name) -> None:
     functions = {name.removeprefix("railslip_asmc_"): body for name, body in functions.items()}
     calls = {name: set(re.findall(r"\brailslip_asmc_(\w+)\(", body)) for name, body in functions.items()}
     helpers = {"bounded", "reciprocal", "exponential"} & set(functions)
-    assert set(functions) == {"switching", "start", "control", "step", *helpers}
-    assert calls["step"] == {"control", *helpers}
-    assert calls["control"] == {"switching", "bounded"}
+    assert set(functions) == {"switching", "start", "control", "valid", "step", *helpers}
+    assert {"control", "valid", "bounded"} <= calls["step"] <= {"control", "valid", *helpers}
+    assert {"switching", "bounded"} <= calls["control"] <= {"switching", *helpers}
     assert calls["start"] <= {"bounded"}
-    assert not any(calls[name] for name in ("switching", *helpers))
+    assert not any(calls[name] for name in ("switching", "valid", *helpers))
 
 
 # --- the committed law -----------------------------------------------------------------------------------------------

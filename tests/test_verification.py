@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from railslip_ctrl import cli, plant
+from railslip_ctrl import cli, plant, plots
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.report.verification import verification_text
@@ -37,7 +37,14 @@ from railslip_ctrl.sliding.reaching_bound import (
     rest_adhesion_torque,
     surface_needed,
 )
-from railslip_ctrl.sliding.reaching_conditions import measured_drift, parameter_step, reaching_simulated, ultimate_bound
+from railslip_ctrl.sliding.reaching_conditions import (
+    Drift,
+    drift,
+    measured_drift,
+    parameter_step,
+    reaching_simulated,
+    ultimate_bound,
+)
 from railslip_ctrl.sliding.reaching_search import approach, search
 from railslip_ctrl.sliding.robust import (
     boundary_layer,
@@ -54,7 +61,15 @@ from railslip_ctrl.sliding.robust import (
     projection,
     robust_set,
 )
-from railslip_ctrl.sliding.robust_conditions import largest_cross_term, layer_bound, leak_bound, projected
+from railslip_ctrl.sliding.robust_conditions import (
+    boundary_layer_bound,
+    boundary_layer_runs,
+    dead_zone_condition,
+    largest_cross_term,
+    layer_bound,
+    leak_bound,
+    projected,
+)
 from railslip_ctrl.sliding_verification import FullVerification
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -156,6 +171,7 @@ def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
     assert not weak["robust gain, search"].holds
     assert not weak["boundary layer, bound"].holds
     assert not weak["sigma-modification, bound"].holds
+    assert not weak["sigma-modification, runs"].holds  # below a bound that is not proved is no promise
     assert weak["projection"].holds
 
 
@@ -163,6 +179,23 @@ def test_as_published_the_verdicts_are_the_same(as_published):
     assert {one.name: one.holds for one in as_published.conditions} == VERDICTS
     assert as_published.inertia_scale == 3.6
     assert "25.62 km/h" in as_published["theta constant"].evidence
+
+
+def test_without_a_bound_the_runs_do_not_keep_it():
+    """K = 0: (J/r) d_max/D is 178 m/s, six times the train's speed, and every run stays below that."""
+    gains = layered_design(PARK2008, K=0.0)
+    found = boundary_layer_runs(PARK2008, gains, effective_torque(PARK2008), (1,))
+    assert not found.holds
+    assert "no bound within the layer" in found.evidence
+    assert "K + D Phi is less" in boundary_layer_bound(gains, effective_torque(PARK2008)).evidence
+
+
+def test_dead_zone_needs_the_box_its_bound_is_over():
+    gains, largest = layered_design(PARK2008), effective_torque(PARK2008)
+    found = dead_zone_condition(gains, largest)
+    assert found.holds
+    assert "the dead zone alone would not" in found.evidence
+    assert not dead_zone_condition(replace(gains, box=None), largest).holds
 
 
 # --- the bound on K -------------------------------------------------------------------------------------------------
@@ -329,6 +362,22 @@ def test_drift_is_the_predicted_one_and_needs_noise():
     assert abs(found.noiseless) < 1e-3 * abs(found.mean)
 
 
+def test_a_relay_that_chatters_adds_its_own_drift():
+    found = measured_drift(PARK2008, replace(PUBLISHED_LAW, K=2000.0), (0, 1, 2))
+    assert found.predicted == pytest.approx(found.mean, rel=0.05)
+    assert abs(found.predicted) > 1.4 * 2.13e-13  # what the noise alone would give
+
+
+def test_a_drift_that_the_prediction_misses_is_said_not_to_be_explained(monkeypatch):
+    from railslip_ctrl.sliding import reaching_conditions
+
+    found = Drift(-2e-13, -3e-13, 6e-16, 0.0, 1e-3)
+    monkeypatch.setattr(reaching_conditions, "measured_drift", lambda *_: found)
+    assert "which does not explain it" in drift(PARK2008, PUBLISHED_LAW, 1).evidence
+    monkeypatch.setattr(reaching_conditions, "measured_drift", lambda *_: replace(found, predicted=-3e-13))
+    assert "does not explain" not in drift(PARK2008, PUBLISHED_LAW, 1).evidence
+
+
 @pytest.mark.parametrize("scale", [1.0, 3.6])
 def test_step_of_V_at_25_s(scale):
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
@@ -464,7 +513,8 @@ def test_the_published_law_exits_with_1(capsys, monkeypatch, paper):
         (("--K", "5 kg"), ("--K",)),
         (("--D", "0"), ("--D", "> 0")),
         (("--law", "layered", "--D", "3"), ("--D: 3", "layered law has no D")),
-        (("--D", "0.01"), ("--D", "0.01", "0.1")),
+        (("--D", "0.01"), ("--D", "0.01", "0.1", "N*m/(m/s)")),
+        (("--law", "layered", "--K", "0"), ("--K: 0 is not allowed", "> 0 up to 10000 (N*m)")),
         (("--inertia-scale", "50"), ("--inertia-scale", "50", "10")),
         (("--inertia-scale", "nan"), ("--inertia-scale",)),
         (("--seed", "-1"), ("--seed", "-1", "whole number")),
@@ -478,6 +528,21 @@ def test_bad_options_are_one_line_and_exit_2(capsys, arguments, words):
     assert err.count("\n") == 1
     for word in words:
         assert word in err
+
+
+def test_help_says_what_is_allowed(capsys):
+    status, out, _ = run(capsys, "verify", "--help")
+    words = " ".join(out.split())
+    assert status == 0
+    for text in ("N*m, 0 to 10000; of the layered law > 0", "N*m/(m/s), 0.1 to 10000", "M, J and B, 0.5 to 10"):
+        assert text in words
+
+
+def test_layered_law_without_K_is_refused_before_any_work(capsys, monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", None)
+    status, out, err = run(capsys, "verify", "--law", "layered", "--K", "0")
+    assert (status, out) == (2, "")
+    assert err.startswith("railslip: --K: 0") or "--K: 0" in err
 
 
 # --- mutations ------------------------------------------------------------------------------------------------------
@@ -552,10 +617,14 @@ def test_asmc_published(tmp_path, capsys, monkeypatch):
     assert published.reaching_time == pytest.approx(3.6 * si.reaching_time)
     for reading in (si, published):
         assert reading.least_K_run[0] > reading.least_K[0]
+    drawn, save = [], plots.save_figure
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
     monkeypatch.setattr(sys, "argv", ["asmc_published.py", str(tmp_path)])
     module.main()
     assert "far too small to make it slide" in capsys.readouterr().out
     assert (tmp_path / "asmc_published.png").exists()
+    # D is no longer than a line beside the PI's gain: the number stands at the bar
+    assert "5.508" in [text.get_text() for text in drawn[0].axes[1].texts]
 
 
 def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
@@ -565,10 +634,29 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     for result in (si, published):
         assert result.largest_rise(result.ideal) < 1e-4
         assert result.largest_rise(result.disturbed) > 1e-2
+    drawn = []
+    save = plots.save_figure
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
     monkeypatch.setattr(sys, "argv", ["lyapunov_asmc.py", str(tmp_path)])
     monkeypatch.setattr(module, "run", lambda: (si, published))
     module.main()
     assert (tmp_path / "lyapunov_asmc.png").exists()
     out = capsys.readouterr().out
-    assert "Verdict: 10 of 27 conditions do not hold." in out
+    assert "Without the actuator 10 of 27 conditions do not hold in SI" in out
+    assert "As published (M, J and B times 3.6) the same fail." in out
+    assert max(map(len, out.splitlines())) <= 110
     assert out.count("V along an ideal stop") == 2
+    # the published mass step: in SI the stop is over, as published V jumps by what verify says
+    assert si.stepped is None
+    i = np.searchsorted(published.stepped.time, 25.0 - 1e-9)
+    hat, theta = published.stepped.theta_hat[i, 0, 0], published.stepped.theta[0]
+    # theta2 does not change; theta1 was 0
+    assert published.jump() == pytest.approx(((theta - hat) ** 2 - hat**2) / (2 * 2.1e-8), rel=1e-2)  # s moves on too
+    assert "0.08929" in paper["theta constant"].evidence
+    told = f"V jumps by {published.jump():+.4f} m^2/s^2 (with theta_hat = theta before it: +0.0893)"
+    assert told in " ".join(out.split())
+    assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
+    labels = [text.get_text() for axes in drawn[0].axes for text in axes.get_legend().get_texts()]
+    assert "3517 kg, 5276 kg from 25 s on, undisturbed" in labels
+    assert all("law's mass 3517 kg, theta_hat from 0" in axes.get_title() for axes in drawn[0].axes)
+    assert all("plateau" in axes.texts[0].get_text() for axes in drawn[0].axes)

@@ -61,6 +61,11 @@ def start(v):
     return State(0.0, bounded(v), 0.0, 0.0)
 
 
+def reciprocal(x):
+    """1/x; 1e+24 for 0."""
+    return 1.0 / x if x != 0.0 else 1.0e+24
+
+
 def control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
     """The continuous law: (torque, s, theta1_hat_rate, theta2_hat_rate); a pure function."""
     e = bounded(e)
@@ -72,18 +77,27 @@ def control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
     theta2_hat = bounded(theta2_hat)
     s = e + e_integral*p.rho
     switching_ = switching(s, p.boundary)
-    torque_part0 = 1/p.r
-    torque_part1 = p.r/p.J
-    torque = p.D*s + p.J*torque_part0*(Ta*(theta1_hat + torque_part1 + torque_part0/p.Mn) + e*p.rho + omega*(-p.Bn*torque_part1 + theta2_hat) + p.lambda_d*v_rate) + p.K*switching_
+    torque_part0 = reciprocal(p.r)
+    torque_part1 = p.r*reciprocal(p.J)
+    torque = p.D*s + p.J*torque_part0*(Ta*(theta1_hat + torque_part0*reciprocal(p.Mn) + torque_part1) + e*p.rho + omega*(-p.Bn*torque_part1 + theta2_hat) + p.lambda_d*v_rate) + p.K*switching_
     drive = -p.boundary*p.dead_zone*switching_ + s
     theta1_hat_rate = Ta*drive*p.k1 - p.leak*theta1_hat
     theta2_hat_rate = drive*omega*p.k2 - p.leak*theta2_hat
     return bounded(torque), bounded(s), bounded(theta1_hat_rate), bounded(theta2_hat_rate)
 
 
+def valid(v, omega, Ta):
+    """Whether a sample is used: every measurement is finite. `step` leaves another one out."""
+    return math.isfinite(v) and math.isfinite(omega) and math.isfinite(Ta)
+
+
 def step(state, v, omega, Ta, p):
-    """One sample: (torque, s, new state)."""
-    if not (math.isfinite(v) and math.isfinite(omega) and math.isfinite(Ta)):
+    """One sample: (torque, s, new state).
+
+    A sample that is not `valid` is left out: the state stays, s is 0 and the torque is 0 held to its limits.
+    Ask `valid` beforehand to hold the brake some other way.
+    """
+    if not valid(v, omega, Ta):
         return min(max(0.0, p.torque_min), p.torque_max), 0.0, state
     v = bounded(v)
     omega = bounded(omega)
@@ -92,10 +106,10 @@ def step(state, v, omega, Ta, p):
     e = omega*p.r + p.lambda_d*v - v
     e_integral = e*p.period + e_integral
     e_integral = bounded(e_integral)
-    v_filtered_part0 = p.period/p.filter_time
-    v_filtered = (v*v_filtered_part0 + v_filtered)/(v_filtered_part0 + 1)
+    v_filtered_part0 = p.period*reciprocal(p.filter_time)
+    v_filtered = (v*v_filtered_part0 + v_filtered)*reciprocal(v_filtered_part0 + 1)
     v_filtered = bounded(v_filtered)
-    v_rate = (v - v_filtered)/p.filter_time
+    v_rate = (v - v_filtered)*reciprocal(p.filter_time)
     torque, s, theta1_hat_rate, theta2_hat_rate = control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p)
     limited = min(max(torque, p.torque_min), p.torque_max)
     if p.anti_windup > 0.0 and limited != torque:
@@ -111,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "c8ec1de09fcdccb7e22e1cff4161a6afd78277ded4006085e3b15a0ba9536fd7"
+SOURCES_SHA256 = "8c5ef03b5983bd0757804411f4c06765756f8ce00ef0e111b9d60927c3ecf8fb"

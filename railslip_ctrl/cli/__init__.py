@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import RailslipError
@@ -41,6 +42,11 @@ class _LazyGroup(click.Group):
         command: click.Command = import_module(f".{cmd_name}", __name__).command
         return command
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Command names without their modules, so that a shell does not wait for them; then the options."""
+        commands = [CompletionItem(name, help=text) for name, text in _COMMANDS.items() if name.startswith(incomplete)]
+        return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(_COMMANDS.items()))
@@ -50,7 +56,10 @@ class _LazyGroup(click.Group):
 @click.version_option(__version__, prog_name=PROGRAM)
 def railslip() -> None:
     """Wheel-slip control design for trains. Plain numbers are SI unless the option names a unit; a value may carry
-    its own unit ("3.5 t", "65 N*m/(km/h)"). Exit status: 0 done, 1 the check does not hold, 2 bad input."""
+    its own unit ("3.5 t", "65 N*m/(km/h)"). Exit status: 0 done, 1 the check does not hold, 2 bad input.
+
+    Example: railslip margins --rail dry --kp "65 N*m/(km/h)" --ki "1.4 N*m/(km/h)/s"
+    """
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

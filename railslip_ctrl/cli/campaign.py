@@ -13,6 +13,7 @@ from railslip_ctrl.campaign.execution import Replay, execute, replay
 from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.campaign.specification import Campaign
 from railslip_ctrl.campaign.statistics import CampaignSummary, check_measure, summarise
+from railslip_ctrl.errors import InputError
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 
@@ -31,16 +32,22 @@ _REPORT = ("report.txt", "report.json")
     help="Folder for the runs (Parquet), report and pictures; of a campaign begun there the rest is run.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it: tcp://host:8786.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it: tcp://host:8786.  [default: none]"
+)
 @click.option(
     "--worst-by",
     default="braking_distance_m",
     show_default=True,
     metavar="MEASURE",
-    help="What the worst runs have most of.",
+    help="What the worst runs have most of: a column of the runs, its unit at the end of its name.",
 )
 @click.option(
-    "--replay", "number", type=int, metavar="I", help="Run number I again, with its time series (CSV, picture)."
+    "--replay",
+    "number",
+    type=int,
+    metavar="I",
+    help="Run number I again, with its time series (CSV, picture).  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -79,6 +86,8 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
     from railslip_ctrl.plots import save_figure
     from railslip_ctrl.plots.campaign import replay_figure
 
+    if not 0 <= number < campaign.runs:
+        raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
     again = replay(campaign, number, out)
     writers: dict[str, Callable[[Path], None]] = {
         f"run-{number}-{name}.csv": lambda path, name=name: _write_csv(again, name, path)  # type: ignore[misc]

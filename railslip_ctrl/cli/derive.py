@@ -37,7 +37,7 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Write it into a file instead; its folder is made if missing.",
+    help="Write it into a file instead; its folder is made if missing.  [default: it is printed]",
 )
 def command(reference: str, adhesion: str | None, form: str | None, as_json: bool, out: Path | None) -> None:
     """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code.

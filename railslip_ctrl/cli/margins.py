@@ -25,7 +25,11 @@ from .output import print_json
     help="Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.  [default: none]",
 )
 @click.option(
-    "--lead-filter", default=0.0, type=Quantity("s", ge=0), metavar="F", help="Its filter time constant F, s."
+    "--lead-filter",
+    default=0.0,
+    type=Quantity("s", ge=0),
+    metavar="F",
+    help="Its filter time constant F, s.  [default: none]",
 )
 @click.pass_context
 def command(

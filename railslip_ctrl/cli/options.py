@@ -154,7 +154,9 @@ def _mass_option(*, multiple: bool) -> Any:
         multiple=multiple,
         type=Quantity("kg", gt=0),
         metavar="KG",
-        help="Quarter-car mass M, kg; the wheel load stays." + (" Repeatable." if multiple else ""),
+        help="Quarter-car mass M, kg; the wheel load stays"
+        + ("; repeatable." if multiple else ".")
+        + "  [default: the vehicle's]",
     )
 
 
@@ -232,7 +234,7 @@ def gain_options(function: F) -> F:
             "--ki",
             type=Quantity("N*m/m"),
             metavar="X",
-            help='Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"). Both gains or neither.',
+            help='Integral gain, N*m/m, or with a unit ("27 N*m/(km/h)/s"); both or neither.  [default: Table 4\'s]',
         ),
         click.option(
             "--kp",

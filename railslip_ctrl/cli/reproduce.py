@@ -23,7 +23,13 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
 
 
 @click.command()
-@click.option("--seeds", default=str(DEFAULT_SEEDS), show_default=True, metavar="N", help="Noise seeds a column.")
+@click.option(
+    "--seeds",
+    default=str(DEFAULT_SEEDS),
+    show_default=True,
+    metavar="N",
+    help="Number of noise seeds, runs of each column.",
+)
 @click.option(
     "--sensitivity",
     "with_sensitivity",
@@ -44,7 +50,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     they come out under, Table 3 as far as it can be, and other facts of the runs. Exit status 1 if a number of Table 5
     is out of tolerance.
 
-    Example: railslip reproduce --sensitivity --out reproduced
+    Example: railslip reproduce --seeds 16 --out reproduced
     """
     count = _seeds(seeds)
     names = ["reproduction.txt", "reproduction.json", *(f"{name}.png" for name in PICTURES)]

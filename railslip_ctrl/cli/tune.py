@@ -23,11 +23,22 @@ from .output import print_json
     metavar="pi|pi-lead|pid",
     help="PI; PI with a lead on the actuator's lag; or PID in series form, its derivative time searched too.",
 )
-@click.option("--ms-max", type=Quantity("1", gt=1), metavar="X", help="Largest Ms allowed; ki is maximised.")
-@click.option("--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.")
-@click.option("--delay-min", type=Quantity("s", ge=0), metavar="S", help="Least delay margin allowed, s.")
+@click.option(
+    "--ms-max",
+    type=Quantity("1", gt=1),
+    metavar="X",
+    help="Largest Ms allowed, a ratio; ki is maximised.  [default: none]",
+)
+@click.option(
+    "--phase-min", type=Quantity("deg", ge=0), metavar="DEG", help="Least phase margin allowed, deg.  [default: none]"
+)
+@click.option(
+    "--delay-min", type=Quantity("s", ge=0), metavar="S", help="Least delay margin allowed, s.  [default: none]"
+)
 @click.option("--minimise-ms", is_flag=True, help="Minimise the worst Ms instead; needs --ki-min.")
-@click.option("--ki-min", type=Quantity("N*m/m", gt=0), metavar="X", help="Least integral gain, N*m/m.")
+@click.option(
+    "--ki-min", type=Quantity("N*m/m", gt=0), metavar="X", help="Least integral gain, N*m/m.  [default: none]"
+)
 @click.option(
     "--lead", type=Quantity("s", gt=0), metavar="S", help="Lead of pi-lead, s.  [default: the actuator's lag]"
 )

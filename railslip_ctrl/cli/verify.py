@@ -15,6 +15,7 @@ from railslip_ctrl.sliding_verification import Law, verify_with_actuator
 from .options import Quantity
 from .output import print_json
 
+_UNITS = {"--K": " (N*m)", "--D": " (N*m/(m/s))", "--inertia-scale": ""}
 LAWS: tuple[Law, ...] = get_args(Law)
 
 
@@ -32,15 +33,17 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "gain",
     type=Quantity("N*m", ge=0),
     metavar="X",
-    help="Gain on sgn s of that law, N*m.  [default: Table 4's 70; robust: 1.1 times what (40) asks for; layered: 1.05 "
-    "times what its bound asks for]",
+    help=f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.  [default: Table 4's 70; "
+    "robust: 1.1 times what (40) asks for; layered: 1.05 times what its bound and a holding torque known to 10 % ask "
+    "for]",
 )
 @click.option(
     "--D",
     "damping",
     type=Quantity("N*m/(m/s)", gt=0),
     metavar="X",
-    help="Gain on s of that law, N*m/(m/s); the layered law has none.  [default: Table 4's 1.53 N*m/(km/h)]",
+    help=f"Gain on s of that law, N*m/(m/s), {LEAST_D:g} to {LARGEST_GAIN:g}; the layered law has none.  [default: "
+    "Table 4's 1.53 N*m/(km/h)]",
 )
 @click.option(
     "--inertia-scale",
@@ -48,7 +51,8 @@ LAWS: tuple[Law, ...] = get_args(Law)
     show_default=True,
     type=Quantity("1", gt=0),
     metavar="X",
-    help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.",
+    help=f"Factor on M, J and B, {INERTIA_SCALES[0]:g} to {INERTIA_SCALES[1]:g}: 1 is SI, 3.6 the as-published "
+    "reading.",
 )
 @click.option(
     "--seed", default="2008", show_default=True, metavar="N", help="First seed of samples and simulated runs."
@@ -72,13 +76,18 @@ def command(
     chosen = _law(law)
     if chosen == "layered" and damping is not None:
         raise InputError(f"--D: {damping:g} is not allowed; the layered law has no D, leave it out")
+    if chosen == "layered" and gain == 0:
+        raise InputError(
+            f"--K: 0 is not allowed; the layered law takes a value > 0 up to {LARGEST_GAIN:g} (N*m), or leave it out"
+        )
     for option, value, (low, high) in (
         ("--K", gain, (0.0, LARGEST_GAIN)),
         ("--D", damping, (LEAST_D, LARGEST_GAIN)),
         ("--inertia-scale", inertia_scale, INERTIA_SCALES),
     ):
         if value is not None and not low <= value <= high:
-            raise InputError(f"{option}: {value:g} is not allowed; give a value from {low:g} to {high:g}")
+            unit = _UNITS[option]
+            raise InputError(f"{option}: {value:g} is not allowed; give a value from {low:g} to {high:g}{unit}")
     vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
     full = verify_with_actuator(law=chosen, vehicle=vehicle, K=gain, D=damping, seed=_seed(seed))
     result = full.verification

@@ -3,13 +3,14 @@
 from .designs import gang_of_four_figure, margin_map_figure, region_figure, response_figure, sweep_figure
 from .identification import adhesion_figure, coefficients_figure, drift_figure
 from .loops import bode_figure, nichols_figure, nyquist_figure
-from .lyapunov_runs import lyapunov_runs_figure
+from .lyapunov_runs import adaptation_figure, lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
 from .runs import run_comparison_figure
 from .style import save_figure
 from .virtual_rig import rig_test_figure
 
 __all__ = [
+    "adaptation_figure",
     "adhesion_figure",
     "bode_figure",
     "coefficients_figure",

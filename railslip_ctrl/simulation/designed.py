@@ -187,12 +187,22 @@ def design_points(vehicle: Vehicle, laws: tuple[str, ...] = ("curve", "bristle")
     return plants
 
 
-def margins_over_points(control: LinearControl, vehicle: Vehicle | None = None) -> BatchMargins:
-    """Margins of a linear controller at each of the vehicle's `design_points`, dead time exact, in their order."""
+def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehicle | None = None) -> BatchMargins:
+    """Margins of a linear controller at each of the vehicle's `design_points`, dead time exact, in their order.
+
+    A scheduled one counts with the gains it has at each point. The published vehicle as published, if none is given.
+    """
     from railslip_ctrl.design.families import family_margins
 
     car = published_vehicle() if vehicle is None else vehicle
-    return family_margins([wheel_slip_loop(plant, control.design, car.actuator) for plant in design_points(car)])
+    points = design_points(car)
+    designs = [
+        control.design
+        if isinstance(control, LinearControl)
+        else control.schedule.controller(p.point.speed, p.point.rail)
+        for p in points
+    ]
+    return family_margins([wheel_slip_loop(*each, car.actuator) for each in zip(points, designs, strict=True)])
 
 
 def _tuned(vehicle: Vehicle) -> PIGains:

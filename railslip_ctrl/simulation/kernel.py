@@ -368,7 +368,8 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
             break
     summary[END_TIME], summary[FINAL_ENERGY] = t, energy(y, p)
     if every > 0 and rows < log.shape[0]:
-        write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, 0.0, c, measured, a)
+        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+        write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
         rows += 1
     return status, rows
 
@@ -379,7 +380,7 @@ def interval(
     summary,
 ):  # fmt: skip
     """From one sample to the next: (status, time, locked); OUT_OF_TIME means that the run goes on."""
-    sample_end, switch = (sample + 1) * a.period, sample * a.period + rest
+    sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
         for i in range(fired.size):

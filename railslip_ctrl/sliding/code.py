@@ -15,8 +15,9 @@ their default 0 the law is the paper's:
   torque, which grows with s, farther beyond the limit.
 
 Defined for every measurement: one that is not finite is a sample left out (state unchanged, s = 0, a torque of 0 held
-to its limits). What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the inverse of 0 is
-`LARGEST`^2. So finite measurements of any size give finite numbers, the same in Python and C.
+to its limits), which `valid` tells the caller beforehand. What is measured, kept or put out is held to +-`LARGEST`, no
+number becomes 0, the inverse of 0 is `LARGEST`^2, of parameters too. So finite measurements of any size give finite
+numbers, the same in Python and C.
 """
 
 from __future__ import annotations
@@ -123,7 +124,7 @@ def generate(derivation: Derivation) -> LawCode:
 
 @cache
 def python_law(derivation: Derivation) -> ModuleType:
-    """The generated Python, ready to call: `Parameters`, `State`, `start`, `control`, `step`.
+    """The generated Python, ready to call: `Parameters`, `State`, `start`, `control`, `valid`, `step`.
 
     `control` is the continuous law: a pure function of what is measured, the estimates and the parameters, to
     (torque, s, theta1_hat_rate, theta2_hat_rate). `step(state, v, omega[, Ta], p)` gives (torque, s, new state).

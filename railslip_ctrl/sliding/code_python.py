@@ -75,8 +75,8 @@ def exponential(x):
 
 
 def python_source(law: SampledLaw) -> str:
-    """A module with `Parameters`, `State`, `start`, `control` and `step`."""
-    functions = [_control(law), _step(law)]
+    """A module with `Parameters`, `State`, `start`, `control`, `valid` and `step`."""
+    functions = [_control(law), _valid(law), _step(law)]
     parts = [
         _HEAD.format(note=law.note),
         _record("Parameters", law.parameters),
@@ -116,11 +116,24 @@ def _control(law: SampledLaw) -> str:
     return "\n" + "\n".join(lines) + "\n"
 
 
+def _valid(law: SampledLaw) -> str:
+    lines = [
+        f"def valid({', '.join(law.measured)}):",
+        '    """Whether a sample is used: every measurement is finite. `step` leaves another one out."""',
+        f"    return {' and '.join(f'math.isfinite({name})' for name in law.measured)}",
+    ]
+    return "\n" + "\n".join(lines) + "\n"
+
+
 def _step(law: SampledLaw) -> str:
     lines = [
         f"def step(state, {', '.join(law.measured)}, p):",
-        '    """One sample: (torque, s, new state)."""',
-        f"    if not ({' and '.join(f'math.isfinite({name})' for name in law.measured)}):",
+        '    """One sample: (torque, s, new state).',
+        "",
+        "    A sample that is not `valid` is left out: the state stays, s is 0 and the torque is 0 held to its limits.",
+        "    Ask `valid` beforehand to hold the brake some other way.",
+        '    """',
+        f"    if not valid({', '.join(law.measured)}):",
         "        return min(max(0.0, p.torque_min), p.torque_max), 0.0, state",
         *(f"    {name} = bounded({name})" for name in law.measured),
         f"    {', '.join(law.states)} = state",
@@ -163,29 +176,20 @@ def assignments(targets: list[tuple[str, sp.Expr]], parameters: tuple[str, ...])
 def common_parts(targets: list[tuple[str, sp.Expr]], names: dict[str, str]) -> list[tuple[str, sp.Expr]]:
     """Targets after `cse`, temporaries before them, parameters renamed by `names`; the same for every language.
 
-    What depends on more than parameters is divided by and exponentiated with the `HELPERS`.
+    Divided by and exponentiated with the `HELPERS`, so that a parameter of 0 does in every language the same.
     """
     temporaries, values = sp.cse([value for _, value in targets], symbols=sp.numbered_symbols(f"{targets[0][0]}_part"))
     renamed = {**names, "switching": "switching_"}
-    constant = set(names)
-    lines: list[tuple[str, sp.Expr]] = []
-    for symbol, value in temporaries:
-        if {one.name for one in value.free_symbols} <= constant:
-            constant.add(symbol.name)
-        lines.append((symbol.name, value))
+    lines = [(symbol.name, value) for symbol, value in temporaries]
     lines += zip((name for name, _ in targets), values, strict=True)
-    return [(name, _renamed(_guarded(value, constant), renamed)) for name, value in lines]
+    return [(name, _renamed(_guarded(value), renamed)) for name, value in lines]
 
 
-def _guarded(expression: sp.Expr, constant: set[str]) -> sp.Expr:
-    """x^-n as reciprocal(x^n) and exp as exponential, but where x is made of constants."""
+def _guarded(expression: sp.Expr) -> sp.Expr:
+    """x^-n as reciprocal(x^n) and exp as exponential, but of numbers."""
     reciprocal, exponential = (sp.Function(name) for name in HELPERS)
-
-    def varies(x: sp.Expr) -> bool:
-        return not {symbol.name for symbol in x.free_symbols} <= constant
-
     guarded = expression.replace(
-        lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and varies(x.base),
+        lambda x: x.is_Pow and x.exp.is_Number and x.exp.is_negative and not x.base.is_Number,
         lambda x: reciprocal(x.base**-x.exp),
     )
     return guarded.replace(lambda x: isinstance(x, sp.exp), lambda x: exponential(x.args[0]))

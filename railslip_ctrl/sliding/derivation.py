@@ -111,9 +111,19 @@ class Derivation:
 
 @cache
 def derive(*, reference: Reference = "proportional", law: str | None = None) -> Derivation:
-    """Derive the law for a reference and, where `law` names one, with an adhesion law in place of Ta.
+    """Derive the sliding-mode law; takes a few seconds, and the result is kept. [Park2008] (33)-(45).
 
-    Takes a few seconds; the result is kept. InputError for an unknown reference or law.
+    Parameters
+    ----------
+    reference : str
+        "proportional": slip velocity lambda_d v to be held; or "constant".
+    law : str, optional
+        Name of the adhesion law put in place of Ta; left out, Ta is an argument.
+
+    Raises
+    ------
+    InputError
+        An unknown reference or law.
     """
     surface = derive_surface(reference)
     reaching = derive_reaching(surface)

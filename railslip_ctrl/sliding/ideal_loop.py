@@ -70,7 +70,7 @@ class IdealRun:
     """Signals of the runs, arrays (steps, seeds); NaN after the end of a stop.
 
     time (s, steps only), speed, sigma, s (m/s, s as measured), V (m^2/s^2; NaN without adaptation gains), theta_hat
-    (steps, seeds, 2), disturbance: (J/r) d (N*m), torque (N*m); theta: true values, (2,).
+    (steps, seeds, 2), disturbance: (J/r) d (N*m), torque (N*m); theta: true values at the end, (2,).
     """
 
     time: Floats
@@ -95,16 +95,20 @@ def simulate(
     seeds: Sequence[int] = (0,),
     held_speed: float | None = None,
     start_estimate: tuple[float, float] = (0.0, 0.0),
+    change: tuple[float, Vehicle] | None = None,
 ) -> IdealRun:
     """Runs on the bristle model for `duration` seconds, or until 5 km/h.
 
     The law has the parameters of `nominal` (left out: of `vehicle`). A run starts free rolling at 100 km/h; with
     `held_speed`, m/s, v stays there (v' = 0 for wheel and law) and the run starts at the reference slip, at rest.
+    `change`: a time, s, from which on the vehicle is another; V then counts theta_hat against that one's theta.
     DomainError where a run diverges beyond the slip the bristle model holds for.
     """
     law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
     if not disturbances.resistance:
-        vehicle = vehicle.model_copy(update={"resistance": Resistance()})
+        none = {"resistance": Resistance()}
+        vehicle = vehicle.model_copy(update=none)
+        change = change and (change[0], change[1].model_copy(update=none))
     loop = _Loop(vehicle, nominal or vehicle, gains, law, rail, disturbances, held_speed, len(seeds))
     steps = round(duration / STEP)
     force, noise = _random(disturbances, seeds, steps)
@@ -113,6 +117,8 @@ def simulate(
     rows = []
     with np.errstate(over="raise", divide="raise", invalid="raise"):  # a run that leaves the range of doubles
         for i in range(steps):
+            if change is not None and i == round(change[0] / STEP):
+                loop.exchange(change[1])
             _check_slip(law, start_speed, state.sigma)
             rows.append(loop.step(i * STEP, state, force[i // round(_NOISE_HELD / STEP)], noise[i]))
             if not np.any(loop.running(state)):
@@ -174,8 +180,8 @@ class _Loop:
         assert slip is not None, "the bristle model has a published reference"
         self.gains, self.disturbances, self.slip, self.held, self.size = gains, disturbances, slip, held_speed, size
         self.plant: NumericPlant = numeric_plant(type(law))
-        self.p = plant_parameters(law, vehicle)
-        self.M, self.J, self.r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
+        self.law, self.nominal = law, nominal
+        self.exchange(vehicle)
         self.law_parameters = law_parameters(
             **gain_parameters(replace(gains, box=None)),  # the box is kept in `_adapt`, as the generated step does
             J=self.J,
@@ -184,8 +190,13 @@ class _Loop:
             Bn=nominal.effective_viscous_friction,
             lambda_d=slip,
         )
-        self.theta = true_theta(vehicle, nominal)
         self.rates = np.array([gains.k1, gains.k2])
+
+    def exchange(self, vehicle: Vehicle) -> None:
+        """The vehicle the law acts on; its resistance counts where the run has one."""
+        self.p = plant_parameters(self.law, vehicle)
+        self.M, self.J, self.r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
+        self.theta = true_theta(vehicle, self.nominal)
         self.resistance = vehicle.resistance
 
     def start(self, speed: float, estimate: tuple[float, float]) -> _State:

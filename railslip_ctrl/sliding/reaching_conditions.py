@@ -300,8 +300,11 @@ def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) ->
     across = np.array([gains.k2 * omega, -gains.k1 * torque])
     rates = (run.theta_hat[-1] - run.theta_hat[0]) @ across / run.time[-1]
     noiseless = float((quiet.theta_hat[-1, 0] - quiet.theta_hat[0, 0]) @ across / quiet.time[-1])
-    # s has -n, Ta slope * n, omega -n/r, so E[s (omega Ta - Ta omega)] = -n^2 (omega slope + Ta/r)
-    predicted = -gains.k1 * gains.k2 * DRIFT_NOISE**2 * (omega * slope + torque / r)
+    # s has -n, Ta slope * n, omega -n/r, so E[s (omega Ta - Ta omega)] = -n^2 (omega slope + Ta/r); the wheel's own
+    # chatter is in s and omega alike, and too quick for the adhesion to follow
+    chatter = max(0.0, float(np.var(run.s)) - DRIFT_NOISE**2)
+    noise = DRIFT_NOISE**2 * (omega * slope + torque / r)
+    predicted = -gains.k1 * gains.k2 * (noise + chatter * torque / r)
     mean = float(np.mean(rates))
     # theta_hat' phi stays 0, so theta1_hat' = (w' theta_hat') omega/(k2 omega^2 + k1 Ta^2)
     first = mean * omega / (gains.k2 * omega**2 + gains.k1 * torque**2)
@@ -323,6 +326,7 @@ def _adhesion_torque(vehicle: Vehicle, speed: float, sigma: float) -> tuple[floa
 
 
 _DRIFT_RUNS = 32
+_EXPLAINED = 0.05  # of the drift, that the prediction, of second order in the noise, may miss
 
 
 def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
@@ -330,6 +334,9 @@ def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     seeds = tuple(range(seed, seed + _DRIFT_RUNS))
     found = measured_drift(vehicle, replace(gains, layer=0.0), seeds)
     drifts = abs(found.mean) > 4.0 * found.standard_error
+    explained = abs(found.mean - found.predicted) < _EXPLAINED * abs(found.mean) + 4.0 * found.standard_error
+    prediction = f"predicted from noise and chatter {found.predicted:.3g}"
+    prediction += "" if explained else ", which does not explain it"
     return Condition(
         "theta_hat bounded under noise",
         "With noise on the measured slip the estimates of (49) do not drift.",
@@ -337,7 +344,7 @@ def drift(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
         "simulated",
         f"Noise of {DRIFT_NOISE:g} m/s is in s, omega and Ta alike: E[s phi] has a part that no mean of s can cancel "
         f"in both components. Along (k2 omega, -k1 Ta) theta_hat moves at {found.mean:.3g} +- "
-        f"{found.standard_error:.1g} per s (predicted {found.predicted:.3g}, without noise {found.noiseless:.1g}), "
+        f"{found.standard_error:.1g} per s ({prediction}, without noise {found.noiseless:.1g}), "
         f"without end. Set: ideal loop, 100 km/h held for {DRIFT_TIME:g} s, dry, {len(seeds)} runs, seeds {seeds[0]} "
         f"to {seeds[-1]}. With the printed k the parts it moves apart are worth {found.per_second:.1g} N m per s each: "
         "harmless within a stop, unbounded in principle; projection or a leak bounds it.",

@@ -51,9 +51,9 @@ def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int)
         _units(),
         _gain(vehicle, layered, largest),
         _gain_search(vehicle, layered, largest, seed),
-        _layer(layered, largest),
-        _layer_runs(vehicle, layered, largest, seeds),
-        _dead_zone(layered, largest),
+        boundary_layer_bound(layered, largest),
+        boundary_layer_runs(vehicle, layered, largest, seeds),
+        dead_zone_condition(layered, largest),
         _projection(),
         _projection_samples(vehicle, layered, seed),
         _dead_zone_runs(vehicle, layered, largest, seeds),
@@ -112,7 +112,8 @@ def layer_bound(gains: LawGains, largest: float) -> float:
     return largest / (gains.D + gains.K / gains.layer)
 
 
-def _layer(gains: LawGains, largest: float) -> Condition:
+def boundary_layer_bound(gains: LawGains, largest: float) -> Condition:
+    """Its closed-form bound, for (J/r)|d| <= largest (N m)."""
     variant = boundary_layer()
     met = largest <= gains.K + gains.D * gains.layer
     return Condition(
@@ -121,24 +122,31 @@ def _layer(gains: LawGains, largest: float) -> Condition:
         variant.proved and met,
         "symbolic",
         f"{variant.result}: {variant.argument}. K = {gains.K:.4g} N m, D = {gains.D:.4g} N m/(m/s), Phi = "
-        f"{gains.layer:g} m/s, (J/r)d_max = {largest:.4g} N m: |s| <= {layer_bound(gains, largest):.4g} m/s.",
+        f"{gains.layer:g} m/s, (J/r)d_max = {largest:.4g} N m: "
+        + (f"|s| <= {layer_bound(gains, largest):.4g} m/s." if met else "K + D Phi is less, so no bound in the layer."),
     )
 
 
-def _layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
+def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
+    """Disturbed ideal stops against that bound."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
-    bound = layer_bound(gains, largest)
-    reached, highest = _after_entry(run, gains.layer, bound)
     disturbed = float(np.nanmax(np.abs(effective_disturbance(run, gains))))
+    met = largest <= gains.K + gains.D * gains.layer
+    if met:
+        bound = layer_bound(gains, largest)
+        reached, highest = _after_entry(run, gains.layer, bound)
+        kept = math.isfinite(reached) and highest <= bound * (1 + _BOUND_TOLERANCE) and disturbed <= largest
+        seen = f"|s| below {highest:.4g} m/s from {reached:.3g} s on, bound {bound:.4g}"
+    else:
+        kept, seen = False, f"no bound within the layer to stay below; |s| up to {np.nanmax(np.abs(run.s)):.4g} m/s"
     return Condition(
         "boundary layer, runs",
-        "In disturbed ideal stops |s| stays below the ultimate bound once it is inside.",
-        math.isfinite(reached) and highest <= bound * (1 + _BOUND_TOLERANCE) and disturbed <= largest,
+        "In disturbed ideal stops |s| stays below the ultimate bound, itself within the layer, once it is inside.",
+        kept,
         "simulated",
-        f"{_runs_text(vehicle, seeds)}, published disturbances cut at {SIGMAS:g} sigma, theta known: |s| below "
-        f"{highest:.4g} m/s from {reached:.3g} s on, bound {bound:.4g}; (J/r)|d| up to {disturbed:.4g} of "
-        f"{largest:.4g} N m.",
+        f"{_runs_text(vehicle, seeds)}, published disturbances cut at {SIGMAS:g} sigma, theta known: {seen}; "
+        f"(J/r)|d| up to {disturbed:.4g} of {largest:.4g} N m.",
     )
 
 
@@ -169,17 +177,19 @@ def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, floa
     return float(run.time[np.max(first)]), float(np.nanmax(after))
 
 
-def _dead_zone(gains: LawGains, largest: float) -> Condition:
+def dead_zone_condition(gains: LawGains, largest: float) -> Condition:
+    """V' with the dead zone, the projection beside it, for (J/r)|d| <= largest (N m)."""
     variant = dead_zone()
     return Condition(
         "dead zone in the adaptation",
-        "theta_hat_i' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi), V in s_D: V' <= -(1 - c) D0 s_D^2 for all |d| <= "
-        "d_max, so s_D -> 0 with theta unknown (constant).",
-        variant.proved and largest <= gains.K + gains.D * gains.layer,
+        "theta_hat_i' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi), held in the box by the projection, V in s_D: V' <= "
+        "-(1 - c) D0 s_D^2 for all |d| <= d_max, so s_D -> 0 with theta unknown (constant).",
+        variant.proved and projection().proved and gains.box is not None and largest <= gains.K + gains.D * gains.layer,
         "symbolic",
         f"{variant.argument}. s_D^2 is integrable and s_D' bounded, so |s| -> [0, Phi] (Barbalat); theta_hat is "
         f"bounded by V and rests inside the layer, noise within it moves nothing. Needs (J/r)d_max = {largest:.4g} <= "
-        f"K + D Phi = {gains.K + gains.D * gains.layer:.4g} N m.",
+        f"K + D Phi = {gains.K + gains.D * gains.layer:.4g} N m. d_max counts theta_hat in the box: the projection, "
+        "which never adds to V', keeps it there; the dead zone alone would not.",
     )
 
 
@@ -314,15 +324,16 @@ def _leak_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[i
     decay = np.exp(-bound.rate * run.time)[:, None]
     envelope = run.V[0] * decay + bound.level * (1.0 - decay)
     share = float(np.nanmax(run.V / envelope))
+    met = largest <= gains.K
     disturbed = float(np.nanmax(np.abs(effective_disturbance(run, gains))))
     return Condition(
         "sigma-modification, runs",
         "In disturbed ideal stops V stays below V(0) exp(-c t) + (ell V_theta/c)(1 - exp(-c t)).",
-        share <= 1.0 + _BOUND_TOLERANCE and disturbed <= largest,
+        met and share <= 1.0 + _BOUND_TOLERANCE and disturbed <= largest,
         "simulated",
         f"{_runs_text(vehicle, seeds)}, published disturbances cut at {SIGMAS:g} sigma, M = {loaded.mass:g} kg taken "
         f"for {vehicle.mass:g}: V at most {share:.4g} of that envelope (1 at the start); at the end |s| <= "
-        f"{_final(run):.3g} m/s.",
+        f"{_final(run):.3g} m/s." + ("" if met else f" K < {largest:.4g} N m: the envelope is not proved."),
     )
 
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from railslip_ctrl.errors import DomainError
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, Rail, Vehicle
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.verdict import Condition
-from railslip_ctrl.switching import SlidingGains, largest_adaptation
+from railslip_ctrl.switching import SlidingGains, SurfaceLoop, joint_advice, largest_adaptation, law_runs
 from railslip_ctrl.switching.effects import ActuatorEffect, actuator_effect, conclusion, published_loop
+from railslip_ctrl.units import KMH
+
+SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+"""Where the stability of a stop is decided, here and for the layered law."""
+
+POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
 
 
 def published_behind_actuator(
@@ -16,20 +21,30 @@ def published_behind_actuator(
 ) -> tuple[tuple[Condition, ...], tuple[ActuatorEffect, ...], str]:
     """Conditions, analyses and conclusion with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
-    Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count and the exact
-    limit cycle of the linearised loop.
+    Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
+    cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
     """
-    effects: list[ActuatorEffect] = []
-    quiet: list[str] = []
-    for rail in Rail:
-        loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle)
-        gains = SlidingGains(K=K, D=D, rho=loop.gains.rho, k=loop.gains.k)
-        try:
-            effects.append(actuator_effect(replace(loop, gains=gains)))
-        except DomainError as error:
-            quiet.append(f"{rail}: {error}")
-    told = f"{conclusion(effects)} {_as_published(D, vehicle)}" if effects else ""
-    return tuple(_conditions(effects, quiet)), tuple(effects), told
+    effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
+    advice = joint_advice(stop_loops(K, D, vehicle))
+    told = f"{conclusion(effects, advice, POINTS)} {_as_published(D, vehicle)}"
+    return tuple(_conditions(effects)), effects, told
+
+
+def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
+    """The law's loops over a stop, by name: speeds, rails, empty and loaded."""
+    return {
+        f"{rail}, {speed_kmh:g} km/h, {'loaded' if loaded else 'empty'}": _loop(
+            rail, K, D, vehicle.loaded() if loaded else vehicle, speed_kmh=speed_kmh
+        )
+        for loaded in (False, True)
+        for speed_kmh in SPEEDS_KMH
+        for rail in Rail
+    }
+
+
+def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> SurfaceLoop:
+    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle, speed=speed_kmh * KMH)
+    return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho, k=loop.gains.k))
 
 
 def _as_published(D: float, vehicle: Vehicle) -> str:
@@ -45,12 +60,9 @@ def _as_published(D: float, vehicle: Vehicle) -> str:
     )
 
 
-def _conditions(effects: list[ActuatorEffect], quiet: list[str]) -> list[Condition]:
-    if not effects:
-        return []
+def _conditions(effects: tuple[ActuatorEffect, ...]) -> list[Condition]:
     set_of_points = "bristle model, 100 km/h, published reference slip; " + "; ".join(effect.name for effect in effects)
     actuator = effects[0].loop.actuator
-    left_out = f" Not analysed: {'; '.join(quiet)}." if quiet else ""
     return [
         Condition(
             "sliding exists behind the actuator",
@@ -62,28 +74,50 @@ def _conditions(effects: list[ActuatorEffect], quiet: list[str]) -> list[Conditi
             claimed=True,
         ),
         Condition(
-            "the limit cycle behind the actuator spares the wheel",
-            "The oscillation that takes the place of sliding keeps the slip between 0 and twice the reference.",
+            "the relay's own cycle spares the wheel",
+            "Without adaptation, at frozen speed and undisturbed, the oscillation that takes the place of sliding "
+            "keeps the slip between 0 and twice the reference.",
             all(effect.holds_the_wheel for effect in effects),
             "sampled",
             f"Limit cycles of the nonlinear wheel over: {set_of_points}. "
             + "; ".join(f"{effect.name}: {effect.cycle_text}" for effect in effects)
-            + f".{left_out}",
-            claimed=True,
+            + ". This is not yet the law: the next condition has its adaptation on.",
         ),
+        _spared(effects),
         Condition(
             "the adaptive loop is stable behind the actuator",
             "With the gain k of the law the linearised adaptive loop has no pole right of the axis.",
             all(effect.unstable_actual == 0 for effect in effects),
             "sampled",
-            f"Exact root counts over: {set_of_points}. " + "; ".join(_adaptation(e) for e in effects) + f".{left_out}",
+            f"Exact root counts over: {set_of_points}. " + "; ".join(_adaptation(e) for e in effects) + ".",
             claimed=True,
         ),
     ]
 
 
+def _spared(effects: tuple[ActuatorEffect, ...]) -> Condition:
+    """The whole law, simulated."""
+    runs = {effect.name: law_runs(effect.loop) for effect in effects}
+    return Condition(
+        "the law behind the actuator spares the wheel",
+        "(45) with its relay and the adaptation (49) keeps the slip between 0 and twice the reference.",
+        all(one.spared for pair in runs.values() for one in pair),
+        "simulated",
+        "; ".join(f"{name}: {', '.join(one.text for one in pair)}" for name, pair in runs.items())
+        + f". Nonlinear wheel, from 5 % above the reference at 100 km/h, undisturbed, parameters known, theta_hat from "
+        f"0: {effects[0].loop.gains.K:g} N*m relay, k = {effects[0].loop.gains.k:g}, steps of 5 ms; the speed frozen "
+        "for 60 s times the inertia scale, and falling to 5 km/h.",
+        claimed=True,
+    )
+
+
 def _adaptation(effect: ActuatorEffect) -> str:
+    survives = (
+        f"up to k = {effect.survivors.k:.3g} none"
+        if effect.survivors.stable
+        else f"{effect.unstable_linear:g} of them without any adaptation"
+    )
     return (
         f"{effect.name}: {effect.unstable_actual:g} unstable poles (ideal actuator: {effect.unstable_ideal:g}) at "
-        f"k = {effect.loop.gains.k:g}, up to k = {effect.survivors.k:.3g} none"
+        f"k = {effect.loop.gains.k:g}, {survives}"
     )

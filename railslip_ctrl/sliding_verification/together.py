@@ -7,11 +7,11 @@ from typing import Literal, get_args
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Vehicle
-from railslip_ctrl.sliding.conditions import Verification, check_arguments, verify
+from railslip_ctrl.sliding.conditions import LARGEST_GAIN, Verification, check_arguments, verify
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.switching.effects import ActuatorEffect
 
-from .layered import verify_layered
+from .layered_conditions import verify_layered
 from .published import published_behind_actuator
 from .variants import variants_behind_actuator
 
@@ -43,8 +43,8 @@ def verify_with_actuator(
         "paper" and "robust" as of `sliding.conditions.verify`; "layered": the design that accounts for the actuator
         (`switching.layered`), tuned for the vehicle.
     vehicle, K, D, seed
-        As of `sliding.conditions.verify`. K of the layered law is its authority, 1.05 times what its bound asks for
-        if left out; it has no D.
+        As of `sliding.conditions.verify`. K of the layered law is its authority, > 0, 1.05 times what its bound
+        and a holding torque known to 10 % ask for if left out; it has no D.
 
     Raises
     ------
@@ -57,6 +57,10 @@ def verify_with_actuator(
         if D is not None:
             raise InputError(f"D: {D:g} is not allowed; the layered law has no D, leave it out")
         check_arguments(vehicle, K, None, seed)
+        if K == 0.0:
+            raise InputError(
+                f"K: 0 is not allowed; the layered law takes a value > 0 up to {LARGEST_GAIN:g} (N*m), or leave it out"
+            )
         return FullVerification(*verify_layered(vehicle, K=K, seed=seed))
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
     damping = PUBLISHED_LAW.D if D is None else D

@@ -4,11 +4,13 @@ Knows nothing of reports, plots or braking runs.
 """
 
 from .adaptation import Survivors, ideal_adaptation, largest_adaptation, largest_relay, survivors
+from .advice import JointAdvice, joint_advice
 from .effects import ActuatorEffect, RelayCycle, actuator_effect, conclusion, cycle_table, published_loop
 from .law import TABLE4_SLIDING, FeedForward, SlidingGains
 from .layered import LayerBound, LayeredDesign, induced_gains, layer_bound, layer_loop
 from .limit_cycle import LimitCycle, critical_gains, linear_limit_cycle, predict_limit_cycle, smallest_layer
 from .nonlinear_cycle import LINEAR_CHANGE, linearisation_change, nonlinear_limit_cycle
+from .simulated_cycle import law_runs, simulated_limit_cycle
 from .surface_loop import SlidingExistence, SurfaceLoop
 
 __all__ = [
@@ -16,6 +18,7 @@ __all__ = [
     "TABLE4_SLIDING",
     "ActuatorEffect",
     "FeedForward",
+    "JointAdvice",
     "LayerBound",
     "LayeredDesign",
     "LimitCycle",
@@ -30,8 +33,10 @@ __all__ = [
     "cycle_table",
     "ideal_adaptation",
     "induced_gains",
+    "joint_advice",
     "largest_adaptation",
     "largest_relay",
+    "law_runs",
     "layer_bound",
     "layer_loop",
     "linear_limit_cycle",
@@ -39,6 +44,7 @@ __all__ = [
     "nonlinear_limit_cycle",
     "predict_limit_cycle",
     "published_loop",
+    "simulated_limit_cycle",
     "smallest_layer",
     "survivors",
 ]

@@ -17,7 +17,7 @@ import numpy as np
 from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.parameters import Actuator
 
-from .limit_cycle import critical_gains, linear_limit_cycle, smallest_layer
+from .limit_cycle import critical_gains, largest_relay_gain, linear_limit_cycle
 from .nonlinear_cycle import linearisation_change
 from .surface_loop import SurfaceLoop
 
@@ -99,7 +99,19 @@ def first_limit(stable: Callable[[float], bool], start: float) -> float:
 
 
 def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
-    """Largest k (printed units) with which the linear loop is stable; 0 where it is unstable without adaptation."""
+    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    relay_gain : float
+        What stands for the relay, N*m/(m/s), >= 0.
+
+    Returns
+    -------
+    float
+        0 where the loop is unstable without adaptation.
+    """
     start = _FIRST / loop.regressor_power
     if not loop.is_stable(relay_gain=relay_gain, adaptation=start):
         return 0.0
@@ -112,8 +124,11 @@ def most_favourable_adaptation(loop: SurfaceLoop) -> tuple[float, float]:
     Above this k the adaptive loop is unstable however large the excursion, so it has no resting place at all.
     """
     top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
-    tried = [(largest_adaptation(loop, relay_gain=n), n) for n in np.linspace(0.0, top, _RELAY_SAMPLES).tolist()]
-    return max(tried)
+    best, at = largest_adaptation(loop), 0.0
+    for n in np.linspace(0.0, top, _RELAY_SAMPLES).tolist()[1:]:
+        if best == 0.0 or loop.is_stable(relay_gain=n, adaptation=best * (1 + _TOLERANCE)):  # else no better
+            best, at = max((best, at), (largest_adaptation(loop, relay_gain=n), n))
+    return best, at
 
 
 def survivable_excursion(loop: SurfaceLoop) -> float:
@@ -137,9 +152,20 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 
 
 def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
-    """Largest K, N*m, whose limit cycle without load stays within a slip amplitude (ratio, > 0): linearised.
+    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude; a load makes it smaller.
 
-    A load makes the cycle smaller. InputError for an amplitude that is not positive.
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        Half of the slip's swing, a ratio, > 0.
+
+    Raises
+    ------
+    InputError
+        The amplitude is not positive.
+    DomainError
+        The relay does not oscillate.
     """
     if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
         raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
@@ -157,15 +183,17 @@ class Survivors:
     k, k_any_relay, relay_gain_for_k : float
         Largest k; over all relay gains; and that relay gain, N*m/(m/s).
     K, slip_amplitude : float
-        Largest K, N*m, for a limit cycle within this slip amplitude, linearised.
+        Largest K, N*m, for a limit cycle within this slip amplitude, linearised; 0 where no K gives a stable cycle,
+        inf where none oscillates.
     linear_change : float
-        `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint.
+        `linearisation_change` over that amplitude, a ratio; beyond `LINEAR_CHANGE` the K is no more than a hint.
     rho, D : float
         1/s, N*m/(m/s); inf without bound.
     relay_gain : float
         Largest gain that may replace the relay, N*m/(m/s).
+        0 where none makes the loop stable.
     layer : float
-        Smallest boundary layer without limit cycle at the gains' own K, m/s: K/relay_gain.
+        Smallest boundary layer without limit cycle at the gains' own K, m/s: K/relay_gain; inf where there is none.
     excursion : float
         Amplitude of s, m/s, from which the loop with the gains' own k and K comes back; see `survivable_excursion`.
     """
@@ -185,12 +213,21 @@ class Survivors:
 
 
 def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
-    """Bisect each gain on exact stability; K by the linearised limit cycle."""
+    """Bisect each gain on exact stability; K by the linearised limit cycle.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        What K may make of the slip, a ratio, > 0; see `largest_relay`.
+    """
     gains = loop.gains
     k_any, relay_for_k = most_favourable_adaptation(loop)
     stable = loop.is_stable()
-    layer = smallest_layer(loop)
-    relay = largest_relay(loop, slip_amplitude)
+    gain = largest_relay_gain(loop)
+    # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
+    relay = largest_relay(loop, slip_amplitude) if 0.0 < gain < math.inf else gain
+    finite = 0.0 < relay < math.inf
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop),
@@ -198,10 +235,10 @@ def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
         relay_gain_for_k=relay_for_k,
         K=relay,
         slip_amplitude=slip_amplitude,
-        linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)),
+        linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)) if finite else 0.0,
         rho=first_limit(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
         D=first_limit(lambda D: loop.with_gains(D=D).is_stable(), gains.D) if stable else 0.0,
-        relay_gain=gains.K / layer if layer > 0 else math.inf,
-        layer=layer,
+        relay_gain=gain,
+        layer=gains.K / gain if gain > 0 else math.inf,
         excursion=survivable_excursion(loop),
     )

@@ -21,9 +21,11 @@ from .adaptation import (
     survivors,
     without_actuator,
 )
+from .advice import JointAdvice, advice_text
 from .law import TABLE4_SLIDING, FeedForward, SlidingGains
 from .limit_cycle import LimitCycle, linear_limit_cycle, predict_limit_cycle
 from .nonlinear_cycle import LINEAR_CHANGE, linearisation_change, nonlinear_limit_cycle
+from .simulated_cycle import simulated_limit_cycle
 from .surface_loop import SlidingExistence, SurfaceLoop
 
 COMPARED_RELAYS = (70.0, 200.0, 400.0)
@@ -40,10 +42,27 @@ def published_loop(
     gains: SlidingGains | None = None,
     feed_forward: FeedForward = FeedForward.MODEL,
 ) -> SurfaceLoop:
-    """The published law's loop on a rail at a speed (m/s), at the law's reference slip.
+    """The published law's loop on a rail, at the law's reference slip.
 
-    `inertia_scale` multiplies M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
-    Gains are Table 4's of the bristle column (beam for the beam law) unless given.
+    Parameters
+    ----------
+    rail : Rail
+    inertia_scale : float
+        Factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
+    adhesion : str
+        bristle, curve or beam.
+    speed : float
+        m/s, > 0.
+    vehicle : Vehicle
+    gains : SlidingGains, optional
+        Left out, Table 4's of the bristle column (beam for the beam law).
+    feed_forward : FeedForward
+        Where the law takes its adhesion torque from.
+
+    Raises
+    ------
+    InputError
+        A law that has no published parameters or no reference slip.
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     law = published_law(adhesion, rail, wheel_load=vehicle.wheel_load)
@@ -66,9 +85,10 @@ class RelayCycle:
     predicted, linear : LimitCycle
         Of the linearised loop: by describing function, and with every harmonic.
     linear_change : float
-        Change of the wheel's response over the swing of `linear`; see `linearisation_change`.
+        Change of the wheel's response over the swing of `linear`, a ratio; see `linearisation_change`.
     actual : LimitCycle or None
-        Of the wheel with its adhesion curve; None where none stays between 0 and v: the wheel is lost.
+        Of the wheel with its adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated;
+        None where the wheel then locks or leaves the model: it is lost.
     """
 
     predicted: LimitCycle
@@ -97,16 +117,33 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    `cycles` holds one for each K compared; `unstable_ideal` and `unstable_actual` are the
-    right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0.
+    Attributes
+    ----------
+    loop : SurfaceLoop
+    existence : SlidingExistence
+        Whether an ideal sliding mode exists.
+    cycles : tuple of RelayCycle
+        One for each K compared that has one, ascending.
+    no_cycle : str
+        Why the gains' own K has none; empty where it has.
+    ideal : IdealAdaptation
+        What the adaptation would do with an ideal actuator.
+    unstable_ideal, unstable_actual : float
+        Number of right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0.
+    unstable_linear : float
+        Number of those with actuator and without adaptation.
+    survivors : Survivors
+        The largest gains that survive the actuator.
     """
 
     loop: SurfaceLoop
     existence: SlidingExistence
     cycles: tuple[RelayCycle, ...]
+    no_cycle: str
     ideal: IdealAdaptation
     unstable_ideal: float
     unstable_actual: float
+    unstable_linear: float
     survivors: Survivors
 
     @property
@@ -117,19 +154,29 @@ class ActuatorEffect:
 
     @property
     def holds_the_wheel(self) -> bool:
-        """Whether the cycle with the gains' own K keeps the slip between 0 and twice the reference."""
+        """Whether the cycle with the gains' own K, adaptation off, keeps the slip between 0 and twice the reference.
+
+        Without a cycle: whether the loop is stable about its rest.
+        """
+        if self.no_cycle:
+            return self.unstable_linear == 0
         actual = self.cycles[0].actual
-        return actual is not None and actual.sigma_range[1] < 2 * self.loop.plant.point.sigma
+        if actual is None:
+            return False
+        return actual.sigma_range[0] > 0.0 and actual.sigma_range[1] < 2 * self.loop.plant.point.sigma
 
     @property
     def cycle_text(self) -> str:
         """The cycle with the gains' own K in words, with the slip's range."""
+        if self.no_cycle:
+            return self.no_cycle
         cycle = self.cycles[0]
         actual, K, speed = cycle.actual, cycle.linear.K, self.loop.plant.point.speed
         if actual is None:
-            return f"with K = {K:g} N*m no cycle keeps the slip velocity between 0 and v, so the wheel is lost"
+            return f"with K = {K:g} N*m the wheel locks or leaves the adhesion model in the simulation: it is lost"
         low, high = (sigma / speed for sigma in actual.sigma_range)
-        held = "" if self.holds_the_wheel else ", beyond twice the reference"
+        held = "" if high < 2 * self.loop.plant.point.slip else ", beyond twice the reference"
+        held += "" if low > 0 else ", releasing the wheel once a period"
         beyond = "" if cycle.linear_holds else f"; the linearised loop would say {cycle.linear.slip_amplitude:.4f}"
         return (
             f"K = {K:g} N*m cycles with {actual.period:.2f} s and a slip amplitude of {actual.slip_amplitude:.4f} "
@@ -143,43 +190,81 @@ class ActuatorEffect:
 
 
 def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
-    """Analyse one loop; DomainError where its own K does not oscillate or does not carry the load."""
+    """Analyse one loop.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        What K may make of the slip, a ratio, > 0; see `largest_relay`.
+
+    """
     relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
+    unstable = adaptive_unstable_poles(loop.with_gains(k=0.0))
+    cycles = _relay_cycles(loop, relays)
+    own = bool(cycles) and cycles[0].linear.K == loop.gains.K
     return ActuatorEffect(
         loop=loop,
         existence=loop.sliding_existence(),
-        cycles=_relay_cycles(loop, relays),
+        cycles=cycles,
+        no_cycle="" if own else _why_no_cycle(loop, unstable),
         ideal=ideal_adaptation(loop),
         unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
         unstable_actual=adaptive_unstable_poles(loop),
+        unstable_linear=unstable,
         survivors=survivors(loop, slip_amplitude=slip_amplitude),
     )
 
 
 def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycle, ...]:
-    """For relays in ascending order: where one loses the wheel a higher one does."""
+    """For relays in ascending order, those that have a cycle; where one loses the wheel a higher one does."""
     cycles: list[RelayCycle] = []
     for K in relays:
-        linear = linear_limit_cycle(loop, K=K, load=loop.load)
-        lost = bool(cycles) and cycles[-1].actual is None
-        actual = None if lost else nonlinear_limit_cycle(loop, K=K)
-        predicted = predict_limit_cycle(loop, K=K, load=loop.load)
+        try:
+            linear = linear_limit_cycle(loop, K=K, load=loop.load)
+            predicted = predict_limit_cycle(loop, K=K, load=loop.load)
+            lost = bool(cycles) and cycles[-1].actual is None
+            actual = None if lost else nonlinear_limit_cycle(loop, K=K) or simulated_limit_cycle(loop, K=K)
+        except DomainError:  # no stable cycle, or a relay that rests on one side: the caller says which
+            continue
         cycles.append(RelayCycle(predicted, linear, linearisation_change(loop, linear), actual))
     return tuple(cycles)
 
 
+def _why_no_cycle(loop: SurfaceLoop, unstable: float) -> str:
+    """For the gains' own K, from the poles without relay and adaptation."""
+    K, gains = loop.gains.K, f"D = {loop.gains.D:.4g} N*m/(m/s) and rho = {loop.gains.rho:.4g} 1/s"
+    if unstable:
+        return (
+            f"no stable cycle: {gains} leave {unstable:.0f} unstable poles whatever the relay does, so that small "
+            "swings grow"
+        )
+    if loop.load >= K:
+        return (
+            f"K = {K:g} N*m does not carry the {loop.load:.1f} N*m of travelling resistance: the relay rests on one "
+            f"side, D s carries the rest, and nothing cycles ({gains} are stable by themselves)"
+        )
+    return f"K = {K:g} N*m has no cycle with two switches a period ({gains} are stable by themselves)"
+
+
 def cycle_table(effects: Sequence[ActuatorEffect]) -> str:
-    """Limit cycles as text, for each K: the wheel's, then the linearised loop's and the describing function's error."""
+    """Limit cycles of some `effects` as text.
+
+    For each K the wheel's, then the linearised loop's and the describing function's error.
+    """
     lines = [
         f"{'case':28} {'K':>5} {'period s':>9} {'s m/s':>7} {'slip':>7} {'torque N*m':>10} "
         f"{'lin. T':>7} {'lin. slip':>10} {'DF T':>6} {'DF s':>6}"
     ]
     for effect in effects:
+        if effect.no_cycle:
+            lines.append(f"{effect.name:28} {effect.loop.gains.K:5.0f} {'--':>9}")
         lines += [f"{effect.name:28} {cycle.linear.K:5.0f} {_row(cycle)}" for cycle in effect.cycles]
     return "\n".join(
         [
             *lines,
-            "lost: no cycle that keeps the slip velocity between 0 and v; DF: describing function against the wheel.",
+            "Adaptation off, speed frozen. lost: the wheel locks; --: no stable cycle; DF: describing function against "
+            "the wheel.",
             f"*: beyond the linearisation: over the swing the wheel's response changes by over {LINEAR_CHANGE:.0%}, or "
             "the slip leaves the model.",
         ]
@@ -197,17 +282,32 @@ def _row(cycle: RelayCycle) -> str:
     return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
 
 
-def conclusion(effects: Sequence[ActuatorEffect]) -> str:
-    """One paragraph for an engineer, from the numbers; DomainError without any effect to conclude from."""
+def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: str) -> str:
+    """One paragraph for an engineer, from the numbers of some `effects`, closed by the joint `advice`.
+
+    `points` says in words over which operating points the advice was decided.
+
+    Raises
+    ------
+    DomainError
+        No effect to conclude from.
+    """
     if not effects:
         raise DomainError("conclusion: no operating point was analysed; give at least one")
     first = effects[0]
     small = [cycle for effect in effects for cycle in effect.cycles if cycle.actual is not None and cycle.linear_holds]
     opening = (
-        f"With the actuator no ideal sliding mode exists: {first.existence.reason}. What takes its place is a limit "
-        f"cycle whose period depends little on K and whose amplitude grows with K{_accuracy(small)}."
+        f"With the actuator no ideal sliding mode exists: {first.existence.reason}."
+        if not first.existence.exists
+        else "With this actuator an ideal sliding mode exists."
     )
-    return " ".join([opening, *(_of_case(effect) for effect in effects), _advice(effects)])
+    if any(effect.cycles for effect in effects):
+        opening += (
+            " What takes its place is a limit cycle whose period depends little on K and whose amplitude grows with K"
+            f"{_accuracy(small)}. Alone, with the adaptation off and the speed frozen:"
+        )
+    cases = (_of_case(effect) for effect in effects)
+    return " ".join([opening, *cases, advice_text(advice, points)])
 
 
 def _accuracy(cycles: Sequence[RelayCycle]) -> str:
@@ -240,21 +340,11 @@ def _of_case(effect: ActuatorEffect) -> str:
         )
     else:
         adaptation = f"k = {k:.3g} is stable, {left.k / k:.2f} times as much is not"
+    if not left.stable:
+        return f"{effect.name}: {effect.cycle_text}; no layer and no k makes it stable."
     return (
-        f"{effect.name}: {effect.cycle_text}; a slip amplitude of {left.slip_amplitude:g} allows K <= "
-        f"{left.K:.1f} N*m{hint}{short}, a boundary layer must be at least {left.layer:.3f} m/s wide at K = "
-        f"{effect.loop.gains.K:g} N*m; "
-        f"rho <= {left.rho:.3g} 1/s and D <= {left.D:.4g} N*m/(m/s) keep the linear part stable; {adaptation}."
-    )
-
-
-def _advice(effects: Sequence[ActuatorEffect]) -> str:
-    gain = min(e.survivors.relay_gain for e in effects)
-    k = min(e.survivors.k for e in effects)
-    text = f"So: replace the relay by a boundary layer with K/layer below {gain:.1f} N*m/(m/s)"
-    slope = f"with half of it as a margin ({0.5 * gain:.1f})" if math.isfinite(gain) else "without upper bound"
-    return (
-        f"{text}, {slope}; keep k below {k:.2g} or, since theta steps when rail or load change, switch the adaptation "
-        "off; and take robustness from a lead on the actuator's lag, not from a larger K: within a layer so designed "
-        "the bound follows from the linear loop."
+        f"{effect.name}: {effect.cycle_text}. One at a time, the others as they are, the limits here are: K <= "
+        f"{left.K:.1f} N*m{hint}{short} for a slip amplitude of {left.slip_amplitude:g}; a boundary layer of "
+        f"{left.layer:.3f} m/s at K = {effect.loop.gains.K:g} N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g} "
+        f"N*m/(m/s); {adaptation}."
     )

@@ -118,7 +118,7 @@ class InducedGains:
 
 
 def layer_loop(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> DeadTimeLoop:
-    """The loop within the layer, dead time exact."""
+    """The loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`, dead time exact."""
     system = design.controller * _lag(actuator) * _wheel(plant)
     return DeadTimeLoop(system, actuator.dead_time)
 
@@ -136,7 +136,7 @@ def _lag(actuator: Actuator) -> Rational:
 
 
 def induced_gains(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> InducedGains:
-    """L1 norms of the loop within the layer.
+    """L1 norms of the loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`.
 
     Raises
     ------
@@ -249,7 +249,18 @@ class LayerBound:
 def layer_bound(
     design: LayeredDesign, plant: LinearPlant, actuator: Actuator, disturbance: float, *, offset: float = 0.0
 ) -> LayerBound:
-    """Bounds for |torque at the wheel| <= disturbance (N*m) and an error of at most `offset` (m/s) at t = 0.
+    """What a layered design guarantees at one operating point.
+
+    Parameters
+    ----------
+    design : LayeredDesign
+    plant : LinearPlant
+        With the speed frozen.
+    actuator : Actuator
+    disturbance : float
+        Bound on |torque at the wheel|, N*m, >= 0.
+    offset : float
+        Bound on |error of the slip velocity| at t = 0, m/s, >= 0.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class LimitCycle:
     Attributes
     ----------
     method : str
-        "describing function" or "linearised" (every harmonic), both of the linearised loop; or "nonlinear".
+        "describing function" or "linearised" (every harmonic), both of the linearised loop; "nonlinear"; "simulated".
     K, load, layer : float
         N*m, N*m, and m/s (0 is the relay).
     frequency : float
@@ -62,7 +62,7 @@ class LimitCycle:
     surface_mean : float
         m/s.
     slip_amplitude : float
-        sigma_amplitude/v.
+        sigma_amplitude/v, slip ratio.
     sigma_range : tuple of float
         Least and largest slip velocity, m/s.
     stable : bool
@@ -102,7 +102,7 @@ class CriticalGain:
 
 
 def critical_gains(loop: SurfaceLoop) -> list[CriticalGain]:
-    """Every N > 0 with 1 + N W(j omega) = 0, ascending; empty where the relay cannot oscillate.
+    """Every N > 0 with 1 + N W(j omega) = 0 of a `loop`, ascending; empty where the relay cannot oscillate.
 
     Crossings are bracketed on a grid from 1e-3 to 1e3 rad/s and refined to rounding; which side is stable is decided
     by the exact root count. Gains beyond a thousand times the smallest are left out.
@@ -127,19 +127,37 @@ def critical_gains(loop: SurfaceLoop) -> list[CriticalGain]:
     ]
 
 
+def largest_relay_gain(loop: SurfaceLoop) -> float:
+    """Largest gain that may stand for the relay, N*m/(m/s); inf where none destabilises, 0 where none stabilises."""
+    stable = [c.gain for c in critical_gains(loop) if c.stable_below]
+    if stable:
+        return max(stable)
+    return math.inf if loop.is_stable() else 0.0
+
+
 def smallest_layer(loop: SurfaceLoop, K: float | None = None) -> float:
     """Boundary layer, m/s, from which on K sat(s/layer) no longer oscillates: K over the largest stable relay gain.
 
-    0 where no finite gain destabilises. DomainError where the linear loop is unstable within any layer.
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    K : float, optional
+        Height of the relay, N*m; left out, the gains' own.
+
+    Returns
+    -------
+    float
+        0 where no finite gain destabilises.
+
+    Raises
+    ------
+    DomainError
+        The linear loop is unstable within any layer.
     """
-    height = loop.gains.K if K is None else K
-    critical = critical_gains(loop)
-    stable = [c.gain for c in critical if c.stable_below]
-    if stable:
-        return height / max(stable)
-    if loop.is_stable():
-        return 0.0
-    raise DomainError("boundary layer: the linear loop is unstable at every relay gain; change rho or D")
+    gain = largest_relay_gain(loop)
+    if gain == 0.0:
+        raise DomainError("boundary layer: the linear loop is unstable at every relay gain; change rho or D")
+    return (loop.gains.K if K is None else K) / gain
 
 
 def relay_describing_function(amplitude: float, K: float, mean: float = 0.0) -> float:
@@ -156,7 +174,15 @@ def layer_describing_function(amplitude: float, K: float, layer: float) -> float
 
 
 def predict_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
-    """The stable limit cycle by the describing function; K (N*m) as in the gains unless given, load in N*m.
+    """The stable limit cycle by the describing function.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    K : float, optional
+        Height of the relay, N*m; left out, the gains' own.
+    load : float
+        Constant torque that the relay has to carry, N*m.
 
     Raises
     ------
@@ -242,11 +268,16 @@ def _harmonic_cycle(
 
 
 def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
-    """The linearised loop's periodic solution with two switches a period, every harmonic counted; arguments as of the
-    prediction.
+    """The linearised loop's periodic solution with two switches a period, every harmonic counted.
 
     Exact for the linearised plant to the truncation of its Fourier series, about 1e-5. The solution found is the one
     the describing function starts from; s is checked to have one sign between switches.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    K, load : float
+        N*m, as of `predict_limit_cycle`.
 
     Raises
     ------

@@ -21,6 +21,7 @@ from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from .actuation import actuator_response
 from .law import FeedForward
 from .limit_cycle import LimitCycle, linear_limit_cycle
+from .simulate import slip_velocity_limit
 from .surface_loop import SurfaceLoop
 
 if TYPE_CHECKING:
@@ -100,10 +101,9 @@ class _Equations:
         return np.asarray(np.real(np.exp(2j * np.pi * np.outer(phase, self.k)) @ terms))
 
     def within(self, x: Floats) -> bool:
-        """Whether slip velocity stays between 0 and v, and in the adhesion law's domain."""
+        """Whether slip velocity stays above 0, where the rates have a kink, and below `slip_velocity_limit`."""
         sigma = self.point.sigma + self.split(x)[0]
-        limit = min(1.0, self.point.law.domain_limit(self.point.speed)[0]) * self.point.speed
-        return bool(sigma.min() > 0.0 and sigma.max() < limit)
+        return bool(sigma.min() > 0.0 and sigma.max() < slip_velocity_limit(self.point.law, self.point.speed))
 
     def relay_series(self, share: float) -> Complexes:
         """Of height 1, positive over [0, share)."""
@@ -136,7 +136,7 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
     """How much the wheel's response to torque at the cycle's frequency changes over the swing, relative to its middle.
 
     The larger of |P0/P - 1| at the two ends of the slip's swing, adhesion at rest there; inf where an end is outside
-    0 to v or the adhesion law's domain. Up to `LINEAR_CHANGE` the linearised cycle is the wheel's.
+    0 to v or the adhesion law's domain. Up to `LINEAR_CHANGE` the linearised `cycle` of the `loop` is the wheel's.
     """
     point = loop.plant.point
     s = np.asarray(1j * cycle.frequency)
@@ -154,8 +154,14 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
 def nonlinear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float | None = None) -> LimitCycle | None:
     """The limit cycle of the wheel with its adhesion curve; None where it leaves 0 to v or the adhesion law's domain.
 
-    K in N*m, as in the gains unless given; load in N*m, the vehicle's own unless given. The series' truncation
-    leaves out 2e-4 of the swing.
+    It may yet exist on both sides of 0, where the brake releases the wheel once a period: `simulated_limit_cycle`.
+    The series' truncation leaves out 2e-4 of the swing.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    K, load : float, optional
+        N*m, as of `predict_limit_cycle`; the load left out is the vehicle's own.
 
     Raises
     ------

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import Actuator
+from railslip_ctrl.units import KMH
 
 from .actuation import torque_rate_function
 
@@ -61,6 +63,11 @@ def holding_torque(point: OperatingPoint) -> float:
     return point.brake_torque - sigma_rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius
 
 
+def slip_velocity_limit(law: AdhesionLaw, speed: float) -> float:
+    """Slip velocity, m/s, at which the wheel locks or the adhesion law's domain ends; both signs."""
+    return min(1.0, law.domain_limit(speed)[0]) * speed
+
+
 def simulate(
     point: OperatingPoint,
     controller: Controller,
@@ -71,6 +78,7 @@ def simulate(
     disturbance: Callable[[float], float] | None = None,
     offset: float = 0.0,
     frozen: bool = True,
+    end_speed: float = 0.0,
 ) -> Run:
     """Run from an operating point, held until t = 0 by its own torque.
 
@@ -86,13 +94,16 @@ def simulate(
         Initial slip velocity above the point's, m/s.
     frozen : bool
         Whether the speed is held; else it falls as it brakes.
+    end_speed : float
+        m/s; the run ends where the speed has fallen to it.
 
     Raises
     ------
     InputError
         A duration or step that is not positive and finite.
     DomainError
-        The wheel left the adhesion law's domain (locked, or not a number), with the time.
+        The wheel locked, or left the adhesion law's domain on either side (or is not a number), with the time. Slip
+        below 0, a wheel released, is within it.
     """
     if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
         raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
@@ -108,8 +119,14 @@ def simulate(
     for n in range(count):
         t = n * h
         v, sigma, _, torque = state
-        if not 0.0 <= sigma < v:
-            raise DomainError(f"simulation: slip velocity {sigma:.4g} m/s at {t:.3f} s is outside 0 to v = {v:.4g} m/s")
+        if v <= end_speed:
+            return Run(*log[:n].T)
+        limit = slip_velocity_limit(point.law, v)
+        if not -limit < sigma < limit:
+            raise DomainError(
+                f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
+                f"outside +-{limit:.4g} m/s"
+            )
         command, surface = controller.command(v, sigma, rates(state, 0.0, load(t))[0], h)
         commands.append(command)
         acting = torque if actuator.lag > 0 else commands[n]
@@ -179,17 +196,33 @@ class Oscillation:
     drift: float
 
 
-def measure_oscillation(run: Run) -> Oscillation:
-    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
+def whole_periods(run: Run) -> tuple[float, Run]:
+    """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
 
     DomainError where s does not cross zero upwards at least three times.
     """
+    instants, up = _upward_crossings(run)
+    period = float((instants[-1] - instants[0]) / (up.size - 1))
+    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
+
+
+def _upward_crossings(run: Run) -> tuple[Floats, NDArray[np.intp]]:
+    """Instants, s, and the samples before them."""
     s = run.surface
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
         raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
     share = -s[up] / (s[up + 1] - s[up])
-    instants = run.time[up] + share * (run.time[up + 1] - run.time[up])
+    return run.time[up] + share * (run.time[up + 1] - run.time[up]), up
+
+
+def measure_oscillation(run: Run) -> Oscillation:
+    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
+
+    DomainError where s does not cross zero upwards at least three times.
+    """
+    instants, up = _upward_crossings(run)
+    s = run.surface
     whole = slice(int(up[0]), int(up[-1]))
     middle = int(up[up.size // 2])
     first, last = _half_range(s[up[0] : middle]), _half_range(s[middle : up[-1]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
@@ -81,12 +82,14 @@ class LayeredLaw:
     ----------
     slip : float
         Reference slip ratio.
-    hold : float
-        Torque of the operating point, N*m, around which the layer works.
+    hold : float or callable
+        Torque around which the layer works, N*m: of the operating point, or a function of the speed, m/s.
     design : LayeredDesign
+
+    The integral rests where the layer is left and e drives farther out of it; the torque is not below 0.
     """
 
-    def __init__(self, slip: float, hold: float, *, design: LayeredDesign) -> None:
+    def __init__(self, slip: float, hold: float | Callable[[float], float], *, design: LayeredDesign) -> None:
         self.slip, self.hold, self.design = slip, hold, design
         self.integral, self.filtered = 0.0, 0.0  # at rest before t = 0
 
@@ -97,8 +100,10 @@ class LayeredLaw:
         s = e + d.rho * self.integral
         led = self.filtered + d.lead / d.lead_filter * (s - self.filtered)
         self.filtered += (1 - math.exp(-step / d.lead_filter)) * (s - self.filtered)
-        self.integral += step * e
-        return self.hold + d.K * _switch(led, d.layer), led
+        if abs(led) < d.layer or led * e < 0.0:
+            self.integral += step * e
+        hold = self.hold(v) if callable(self.hold) else self.hold
+        return max(0.0, hold + d.K * _switch(led, d.layer)), led
 
 
 def _switch(s: float, layer: float) -> float:

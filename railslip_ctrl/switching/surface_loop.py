@@ -138,8 +138,8 @@ class SurfaceLoop:
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
         """C(s) from -sigma to the commanded torque, N*m/(m/s).
 
-        `relay_gain` (N*m/(m/s)) stands for the relay (its describing function, or K/layer); `adaptation` is k, whose
-        linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
+        `relay_gain` (N*m/(m/s)) stands for the relay (describing function, or K/layer); `adaptation` is k as printed,
+        whose linear part about s = 0 with a constant regressor is (J/r) k (Ta^2 + 12.96 omega^2) int s dt.
         """
         inertia, rho, d = self.inertia_over_radius, self.gains.rho, self.gains.D + relay_gain
         q_num, q_den = self._compensation
@@ -155,13 +155,19 @@ class SurfaceLoop:
         return Rational.from_polynomials(numerator, denominator)
 
     def linear_loop(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> DeadTimeLoop:
-        """The loop opened at the commanded torque, dead time exact; arguments as of `controller`."""
+        """The loop opened at the commanded torque, dead time exact.
+
+        `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
+        """
         wheel = Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
         system = self.controller(relay_gain=relay_gain, adaptation=adaptation) * actuator_lag(self.actuator) * wheel
         return DeadTimeLoop(system, actuator_dead_time(self.actuator))
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
-        """Whether the linear loop is stable, by the exact root count."""
+        """Whether the linear loop is stable, by the exact root count.
+
+        `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
+        """
         return self.linear_loop(relay_gain=relay_gain, adaptation=adaptation).is_stable()
 
     # -- what the relay sees ------------------------------------------------------------------------------
@@ -172,18 +178,18 @@ class SurfaceLoop:
         return np.asarray((s + self.gains.rho) / s * self.slip_response(omega))
 
     def slip_response(self, omega: ArrayLike) -> Complexes:
-        """From the relay's output to sigma, (m/s)/(N*m): W/G."""
+        """From the relay's output to sigma, (m/s)/(N*m): W/G; omega > 0, rad/s, any shape."""
         s = 1j * np.asarray(omega, dtype=float)
         actuator = actuator_response(self.actuator, s)
         return np.asarray(actuator / (self.inverse_wheel(s) + actuator * self.controller()(s)))
 
     def torque_response(self, omega: ArrayLike) -> Complexes:
-        """From the relay's output to the acting torque, N*m/(N*m)."""
+        """From the relay's output to the acting torque, N*m/(N*m); omega > 0, rad/s, any shape."""
         s = 1j * np.asarray(omega, dtype=float)
         return np.asarray(self.slip_response(omega) * self.inverse_wheel(s))
 
     def inverse_wheel(self, s: Complexes) -> Complexes:
-        """1/P(s): from sigma to the torque that moves it, N*m/(m/s), at complex s (1/s)."""
+        """1/P(s): from sigma to the torque that moves it, N*m/(m/s), at complex s, 1/s, any shape."""
         zeros, poles = self._wheel
         return np.asarray(self.inertia_over_radius * np.polyval(poles, s) / np.polyval(zeros, s))
 

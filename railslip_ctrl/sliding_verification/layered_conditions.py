@@ -1,0 +1,265 @@
+"""The conditions of the layered law behind the actuator, and what an engineer may conclude from them."""
+
+from __future__ import annotations
+
+import math
+
+from railslip_ctrl.errors import DomainError, InfeasibleDesignError
+from railslip_ctrl.parameters import Rail, Vehicle
+from railslip_ctrl.sliding.verdict import Condition, Verification
+from railslip_ctrl.switching import LayeredDesign, layer_loop
+from railslip_ctrl.switching.effects import ActuatorEffect
+
+from .layered import (
+    DISTURBANCE,
+    DURATION,
+    HOLD_ERROR,
+    OFFSET,
+    STEP,
+    RailBounds,
+    bounded_errors,
+    layered_design,
+    least_authority,
+    published_torque,
+    rail_bounds,
+    rail_plants,
+    run_errors,
+)
+from .layered_stops import (
+    Stop,
+    held_while_the_speed_falls,
+    hold_known,
+    published_uncertainties,
+    rail_mistaken,
+    tolerated,
+)
+from .published import POINTS, SPEEDS_KMH
+
+RUNS = 4
+"""Simulated runs with the published disturbances, each rail."""
+
+UNCERTAIN = "published uncertainties"
+"""The condition that asks for the rail to be known; the others are the design's own."""
+
+_AUTHORITY = (
+    "K >= ||h_Tb||_1 (|d| + remainder): the layer is not left, from rest and from the offset. It stands for (40)."
+)
+_KEPT = "The nonlinear wheel with lag and dead time stays within the bounds under torques of that size."
+_GONE = 0.01  # share of the offset that counts as gone in a bound's reaching time
+
+
+def verify_layered(
+    vehicle: Vehicle, *, K: float | None, seed: int
+) -> tuple[Verification, tuple[ActuatorEffect, ...], str]:
+    """The conditions, no analyses of the published law, and the conclusion."""
+    design = layered_design(vehicle, K=K)
+    conditions = [layered_stability(design, vehicle)]
+    try:
+        bounds = rail_bounds(design, vehicle)
+    except InfeasibleDesignError as error:
+        bounds = {}
+        conditions += _without_bound(str(error), vehicle)
+    else:
+        conditions += _bounded(design, bounds, vehicle)
+    tolerances = {rail: tolerated(design, plant.point) for rail, plant in rail_plants(vehicle).items()}
+    mistaken = rail_mistaken(design, vehicle)
+    conditions += [
+        held_under_published_disturbances(design, vehicle, seed),
+        held_while_the_speed_falls(design, vehicle),
+        hold_known(design, tolerances, vehicle),
+        published_uncertainties(tolerances, mistaken, vehicle),
+    ]
+    found = Verification("layered", vehicle.inertia_scale, design.K, None, seed, tuple(conditions))
+    return found, (), _conclusion(found, design, bounds, least_authority(design, vehicle), mistaken)
+
+
+def layered_stability(design: LayeredDesign, vehicle: Vehicle) -> Condition:
+    """The loop within the layer over the stop, by the exact root count."""
+    margins, unstable = {}, []
+    for loaded in (False, True):
+        for speed_kmh in SPEEDS_KMH:
+            for rail, plant in rail_plants(vehicle.loaded() if loaded else vehicle, speed_kmh=speed_kmh).items():
+                loop = layer_loop(design, plant, vehicle.actuator)
+                name = f"{rail}, {speed_kmh:g} km/h, {'loaded' if loaded else 'empty'}"
+                if loop.is_stable():
+                    margins[name] = loop.margins().ms
+                else:
+                    unstable.append(name)
+    worst = max(margins, key=lambda name: margins[name], default=None)
+    least = "" if worst is None else f"; largest Ms {margins[worst]:.3f} ({worst})"
+    return Condition(
+        "layer stable behind the actuator",
+        "With dead time and lag the loop within the layer is stable on both rails, at every speed, empty and loaded.",
+        not unstable,
+        "sampled",
+        f"kp = K/layer = {design.kp:.4g} N m/(m/s), ki = rho kp = {design.ki:.4g} N m/m, lead {design.lead:g} s over "
+        f"{design.lead_filter:g} s. Exact root counts, bristle model, reference slip, {len(margins) + len(unstable)} "
+        f"points ({POINTS}): "
+        f"{'all stable' if not unstable else 'unstable at ' + '; '.join(unstable)}{least}.",
+    )
+
+
+def _without_bound(reason: str, vehicle: Vehicle) -> list[Condition]:
+    """The bound's conditions where there is none."""
+    none = "There is no bound to decide it by: see `bound with the actuator`."
+    return [
+        _bound_condition(False, reason, vehicle),
+        Condition("authority", _AUTHORITY, False, "sampled", none),
+        Condition("bounds kept, simulated", _KEPT, False, "simulated", none),
+    ]
+
+
+def _bound_condition(holds: bool, evidence: str, vehicle: Vehicle) -> Condition:
+    return Condition(
+        "bound with the actuator",
+        f"|torque at the wheel| <= {DISTURBANCE * vehicle.inertia_scale:g} N m, from rest, keeps the slip between 0 "
+        "and twice the reference.",
+        holds,
+        "sampled",
+        evidence,
+    )
+
+
+def _bounded(design: LayeredDesign, bounds: dict[Rail, RailBounds], vehicle: Vehicle) -> list[Condition]:
+    """Bound, authority, offset, and the simulations that must keep them."""
+    listed = "; ".join(
+        f"{rail}: |sigma error| <= {one.at_rest.error:.3f} m/s (a slip of "
+        f"{one.at_rest.slip_error(one.plant.point.speed):.4f}), |s| <= {one.at_rest.surface:.3f} m/s, the wheel's "
+        f"nonlinearity in it as {one.at_rest.remainder:.2g} N m"
+        for rail, one in bounds.items()
+    )
+    held = all(one.at_rest.error < one.plant.point.sigma for one in bounds.values())
+    asked = "; ".join(
+        f"{rail}: {one.at_rest.command:.0f} N m from rest, {one.from_offset.command:.0f} N m from an error of "
+        f"{OFFSET:g} m/s, then below {one.from_offset.error + _GONE * OFFSET:.3f} m/s after "
+        f"{one.from_offset.reaching_time:.1f} s"
+        for rail, one in bounds.items()
+    )
+    return [
+        _bound_condition(
+            held,
+            "L1 norms of the loop's impulse responses, dead time exact; the remainder of the linearisation sampled "
+            f"over the bound's own box, to a fixed point. {listed}. 100 km/h, speed frozen, bristle model.",
+            vehicle,
+        ),
+        Condition(
+            "authority",
+            _AUTHORITY,
+            all(one.at_rest.layer_kept and one.from_offset.layer_kept for one in bounds.values()),
+            "sampled",
+            f"The same norms and points. K = {design.K:.4g} N m, layer {design.layer:.3f} m/s; asked {asked}.",
+        ),
+        bounds_kept(design, bounds),
+    ]
+
+
+def bounds_kept(design: LayeredDesign, bounds: dict[Rail, RailBounds]) -> Condition:
+    """The nonlinear wheel against the bounds."""
+    lines, kept = [], True
+    for rail, one in bounds.items():
+        try:
+            errors = bounded_errors(design, one)
+            start = [run_errors(design, one.plant, lambda _: 0.0, offset=sign * OFFSET) for sign in (1.0, -1.0)]
+        except DomainError as error:
+            lines.append(f"{rail}: {error}")
+            kept = False
+            continue
+        name = max(errors, key=lambda key: errors[key][0])
+        largest, command = errors[name][0], max(command for _, command in errors.values())
+        kept &= largest <= one.at_rest.error and command <= one.at_rest.command
+        kept &= all(e <= one.from_offset.largest_error and c <= one.from_offset.command for e, c in start)
+        lines.append(
+            f"{rail}: |sigma error| up to {largest:.3f} of {one.at_rest.error:.3f} m/s ({name}), |Tb - hold| up to "
+            f"{command:.0f} of {one.at_rest.command:.0f} N m; from the offset {max(c for _, c in start):.0f} of "
+            f"{one.from_offset.command:.0f} N m"
+        )
+    return Condition(
+        "bounds kept, simulated",
+        _KEPT,
+        kept,
+        "simulated",
+        f"{'; '.join(lines)}. Step, sines, held noise and the linear loop's worst case from rest, and offsets of "
+        f"+-{OFFSET:g} m/s, {DURATION:g} s each, steps of {1e3 * STEP:g} ms, 100 km/h frozen.",
+    )
+
+
+def held_under_published_disturbances(design: LayeredDesign, vehicle: Vehicle, seed: int) -> Condition:
+    """The published disturbances, which no L1 bound covers."""
+    lines, commands, held = [], [], True
+    for rail, plant in rail_plants(vehicle).items():
+        try:
+            found = [run_errors(design, plant, published_torque(design, plant, seed + i)) for i in range(RUNS)]
+        except DomainError as error:
+            lines.append(f"{rail}: {error}")
+            held = False
+            continue
+        largest, command = (max(values) for values in zip(*found, strict=True))
+        held &= largest < plant.point.sigma
+        commands.append(command)
+        lines.append(
+            f"{rail}: |sigma error| up to {largest:.3f} m/s of a reference {plant.point.sigma:.3f} m/s, |Tb - hold| up "
+            f"to {command:.0f} of {design.K:.0f} N m"
+        )
+    left = ", and the layer is left for moments" if any(command >= design.K for command in commands) else ""
+    return Condition(
+        "published disturbances, simulated",
+        "Under the published random force (431 N, cut at 3 sigma) and Td the slip stays between 0 and twice the "
+        "reference.",
+        held,
+        "simulated",
+        f"{'; '.join(lines)}. {RUNS} runs of {DURATION:g} s a rail, seeds {seed} to {seed + RUNS - 1}, 100 km/h "
+        f"frozen. The force is larger than the torque of the bound{left}, but it is too quick for the wheel: seen "
+        "here, not proved.",
+    )
+
+
+def _conclusion(
+    found: Verification,
+    design: LayeredDesign,
+    bounds: dict[Rail, RailBounds],
+    asked: float,
+    mistaken: dict[Rail, Stop],
+) -> str:
+    """What the law promises and under which conditions, or why not to use it as it is."""
+    failing = [one.name for one in found.failing if one.name != UNCERTAIN]
+    if failing:
+        remedy = _remedy(design, bounds, asked)
+        return f"Do not use the layered law like this; not met: {'; '.join(failing)}. Remedy: {remedy}."
+    worst = max(one.at_rest.error for one in bounds.values())
+    height = next(iter(bounds.values())).at_rest.disturbance
+    slowest = max((one.from_offset for one in bounds.values()), key=lambda bound: bound.reaching_time)
+    later = max(one.from_offset.error for one in bounds.values()) + _GONE * OFFSET
+    rail = "" if found[UNCERTAIN].holds else _rail_advice(mistaken)
+    return (
+        f"Use kp = K/layer = {design.kp:.4g} N m/(m/s), rho = {design.rho:.4g} 1/s, a lead of {design.lead:g} s over "
+        f"{design.lead_filter:g} s, K = {design.K:.0f} N m about the holding torque at the speed of the moment. Behind "
+        "the actuator this law then holds the slip from 100 to 5 km/h on dry and wet rail, empty and loaded, with the "
+        f"holding torque known to {100 * HOLD_ERROR:g} %. At 100 km/h it keeps |sigma error| below {worst:.3f} m/s for "
+        f"every torque error up to {height:g} N m, and from an error of {OFFSET:g} m/s below {later:.3f} m/s after "
+        f"{slowest.reaching_time:.1f} s: proved for frozen speed; the published random force, the falling speed and "
+        f"larger errors of the holding torque are covered by simulation.{rail}"
+    )
+
+
+def _rail_advice(mistaken: dict[Rail, Stop]) -> str:
+    """What it means that the law has to know the rail."""
+    told = []
+    for on, found in mistaken.items():
+        fate = "is held" if found.held else "is lost" if found.lost else "is not held at the reference, but not lost"
+        told.append(f"a wheel on {on} rail taken for {Rail.DRY if on is Rail.WET else Rail.WET} {fate}")
+    safe = ", and where it is not identified those of the wet rail" if mistaken[Rail.DRY].lost is None else ""
+    return (
+        f" The rail has to be known: {'; '.join(told)}. Take reference and torque from an identified rail (`railslip "
+        f"identify`, the observers){safe}."
+    )
+
+
+def _remedy(design: LayeredDesign, bounds: dict[Rail, RailBounds], asked: float) -> str:
+    if not bounds:
+        return (
+            "a wheel whose inertia is larger beside the adhesion (a larger inertia scale), or an actuator with less "
+            "lag and dead time: no K makes up for it"
+        )
+    if math.isfinite(asked) and asked > design.K:
+        return f"give K >= {asked:.0f} N m, or leave K out"
+    return "choose another vehicle or actuator; K is large enough"

@@ -1,0 +1,176 @@
+"""The help of the command: examples that run, units and defaults of every option; completion; no colour in a pipe."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+from rig_logs import rig_rows, write_log
+
+from railslip_ctrl import __version__
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.cli import _COMMANDS, main, railslip
+from railslip_ctrl.cli.options import Quantity
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.units import KMH
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+CONTEXT = click.Context(railslip)
+COMMANDS = {name: railslip.get_command(CONTEXT, name) for name in _COMMANDS}
+OPTIONS = [
+    pytest.param(option, id=f"{name} {option.opts[0]}")
+    for name, command in COMMANDS.items()
+    for option in command.params
+    if isinstance(option, click.Option)
+]
+
+
+def example(text: str) -> str:
+    """The one example of a help text, on one line."""
+    (found,) = re.findall(r"Example: (railslip .+?)(?:\n\n|\Z)", text, flags=re.S)
+    return " ".join(found.split())
+
+
+EXAMPLES = {name: example(command.help) for name, command in COMMANDS.items()} | {"--help": example(railslip.help)}
+
+SHOWN = [line.partition("#")[0].strip() for line in README.splitlines() if line.startswith("railslip ")]
+"""The README's commands, each of which its own test runs."""
+
+IN_A_PIPE = "campaign"  # has a progress bar; its example is run in a process of its own
+
+CAMPAIGN = """
+scenario = "park2008"
+runs = 2
+[[controller]]
+controller = "pi"
+[[quantity]]
+path = "vehicle.mass"
+distribution = "uniform"
+low = 3400.0
+high = 3600.0
+"""
+
+
+def prepare(name: str, folder: Path) -> list[str]:
+    """Put the files that a command's example names into a folder; give what shortens it."""
+    if name == "report":
+        for file in (ROOT / "designs" / "vehicles").glob("*desiro_classic.*"):
+            folder.joinpath("my_train.toml" if file.suffix == ".toml" else file.name).write_bytes(file.read_bytes())
+        return ["--no-html"]  # the page has tests of its own
+    if name == "campaign":
+        folder.joinpath("tolerances.toml").write_text(CAMPAIGN)
+        return ["--workers", "1"]
+    if name == "identify":
+        write_log(folder / "run.csv", rig_rows(published_law("beam", Rail.WET), initial_speed=100.0 * KMH)[0])
+        return ["--model", "beam"]
+    return []
+
+
+@pytest.mark.parametrize("name", [name for name, line in EXAMPLES.items() if line not in SHOWN and name != IN_A_PIPE])
+def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
+    words = shlex.split(EXAMPLES[name])[1:] + prepare(name, tmp_path)
+    before = set(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    printed = capsys.readouterr()
+    written = set(tmp_path.iterdir()) - before
+    assert caught.value.code == 0, printed.err
+    assert "\x1b" not in printed.out + printed.err
+    assert {path.name for path in written} == {after for word, after in pairwise(words) if word in ("--out", "--csv")}
+    assert printed.out or written
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_names_it(name):
+    done = CliRunner().invoke(railslip, [name, "--help"], terminal_width=120)
+    assert done.exit_code == 0
+    assert done.output.startswith(f"Usage: railslip {name} ")
+    assert " ".join(done.output.split()).count(EXAMPLES[name]) == 1
+    assert EXAMPLES[name].startswith(f"railslip {name} ")
+
+
+def test_the_help_of_the_program_lists_the_commands():
+    done = CliRunner().invoke(railslip, ["--help"])
+    assert done.exit_code == 0
+    listed = re.findall(r"^  (\w+)  +\S", done.output.partition("Commands:")[2], flags=re.M)
+    assert listed == list(_COMMANDS)
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_an_option_says_its_unit_or_choice_and_its_default(option):
+    text = option.help or ""
+    assert re.match(r"[A-Za-z0-9].*\S", text)
+    if option.is_flag:
+        return
+    default = option.required or (option.show_default and option.default is not None) or "[default: " in text
+    assert default, "no default"
+    assert option.metavar
+    if isinstance(option.type, Quantity):
+        unit = r"\b([Ff]actor|[Rr]atio|[Ss]lip)\b" if option.type.unit == "1" else re.escape(option.type.unit)
+        assert re.search(unit, text), f"no unit in {text!r}"
+    else:
+        counted = re.search(r"\b([Nn]umber|[Ss]eed|Processes)\b", text)
+        assert counted or re.search(r"\||=|FILE|DIR|LAW|MEASURE|ADDRESS", option.metavar), "no choice"
+
+
+def test_version():
+    assert CliRunner().invoke(railslip, ["--version"]).output == f"railslip, version {__version__}\n"
+
+
+# --- the shell -----------------------------------------------------------------------------------------------------
+
+
+def completions(words: list[str], incomplete: str) -> list[str]:
+    found = ShellComplete(railslip, {}, "railslip", "_RAILSLIP_COMPLETE").get_completions(words, incomplete)
+    return [item.value for item in found]
+
+
+def test_completion_of_commands_and_options():
+    assert completions([], "") == list(_COMMANDS)
+    assert completions([], "re") == ["report", "reproduce"]
+    assert completions([], "--v") == ["--version"]
+    for name, command in COMMANDS.items():
+        names = {word for option in command.params for word in (*option.opts, *option.secondary_opts) if word[0] == "-"}
+        assert set(completions([name], "--")) == names | {"--help"}
+
+
+def test_completing_a_command_s_name_imports_no_command():
+    code = "import sys; from railslip_ctrl.cli import main\ntry: main()\nfinally: print(*sys.modules, file=sys.stderr)"
+    words = {"_RAILSLIP_COMPLETE": "zsh_complete", "COMP_WORDS": "railslip ", "COMP_CWORD": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | words, capture_output=True, text=True)
+    assert "\nmargins\n" in done.stdout
+    assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
+
+
+def test_the_readme_s_line_for_completion_is_the_program_s():
+    (variable, shell) = re.findall(r'eval "\$\((\w+)=(\w+)_source railslip\)"', README)[0]
+    assert shell in ("bash", "zsh")
+    code = "import sys; sys.argv[0] = 'railslip'; from railslip_ctrl.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {variable: "zsh_source"}, capture_output=True, text=True
+    )
+    assert "compdef _railslip_completion railslip" in done.stdout
+
+
+def test_nothing_is_coloured_in_a_pipe(tmp_path):
+    """Not even by a command with a progress bar, in a terminal that knows colours."""
+    words = shlex.split(EXAMPLES[IN_A_PIPE])[1:] + prepare(IN_A_PIPE, tmp_path)
+    wish = {"FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"}  # what could ask for it or against it
+    environment = {name: value for name, value in os.environ.items() if name not in wish} | {"TERM": "xterm-256color"}
+    command = [sys.executable, "-m", "railslip_ctrl", *words]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=True)
+    assert b"2/2" in done.stderr  # the bar
+    assert b"\x1b" not in done.stdout + done.stderr
+    assert (tmp_path / "tolerances" / "report.json").exists()
