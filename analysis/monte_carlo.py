@@ -65,10 +65,9 @@ def draw(result: CampaignSummary, folder: Path) -> None:
     from railslip_ctrl.plots import save_figure
     from railslip_ctrl.plots.campaign import distributions_figure, scatter_figure
 
-    save_figure(distributions_figure(result), folder / "monte_carlo_distributions.png")
-    scatter = scatter_figure(result)
-    assert scatter is not None, "four quantities are varied"
-    save_figure(scatter, folder / "monte_carlo_scatter.png")
+    for name, figure in (("distributions", distributions_figure(result)), ("scatter", scatter_figure(result))):
+        assert figure is not None, "quantities are varied, and runs stop"
+        save_figure(figure, folder / f"monte_carlo_{name}.png")
 
 
 if __name__ == "__main__":

@@ -106,6 +106,19 @@ def test_grids_are_combined():
         short_campaign(10, quantities)
 
 
+def test_heads_are_the_ends_of_paths_that_tell_them_apart():
+    lead = (Uniform(0.9, 1.1), True)
+    paths = ("pi.design.gains.kp", "soft.design.gains.kp", "pi.design.gains.ki")
+    quantities = (MASS, DEAD_TIME, *(Quantity((path,), *lead) for path in paths))
+    assert short_campaign(4, quantities).quantity_heads == {
+        "vehicle.mass": "mass (kg)",
+        "vehicle.actuator.dead_time": "dead_time (s)",
+        "pi.design.gains.kp factor": "pi.design.gains.kp factor",
+        "soft.design.gains.kp factor": "soft.design.gains.kp factor",
+        "pi.design.gains.ki factor": "ki factor",
+    }
+
+
 def test_every_controller_gets_the_same_vehicle_and_noise():
     gain = Quantity(("soft.design.gains.kp",), Uniform(1000.0, 2000.0))
     lag = Quantity(("vehicle.actuator.lag",), Uniform(0.5, 0.7), relative=True)
@@ -257,7 +270,7 @@ def test_a_file_gives_the_campaign(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"vehicle.mass"', '"vehicle.mas"', "quantity 0: quantity: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
+        ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
         ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
         ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
         ("high = 4000", "hihg = 4000", "did you mean 'high'"),
@@ -265,11 +278,11 @@ def test_a_file_gives_the_campaign(tmp_path):
         ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
         ("high = 4000", "high = 4000\nrelative = 1", "relative: 1 is not allowed; give true or false"),
         ("kp = 1500", "", "kp and ki: give both"),
-        ('controller = "pi"\nname', 'controller = "pid"\nname', "controller 1: controller: 'pid' is not one"),
+        ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
         ("seed = 3", 'seed = 3\nsampling = "sobl"', "did you mean 'sobol'"),
         ("runs = 24", "runs = 0", "runs: 0 is not allowed; give a value >= 1"),
         ("seed = 3", "sede = 3", "sede: unknown key; did you mean 'seed'"),
-        ('"short.toml"', '"park"', "scenario"),
+        ('"short.toml"', '"park"', "campaign.toml: scenario: 'park' is not one"),
         ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
         ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -20,17 +21,23 @@ import pyarrow.parquet as pq
 import pytest
 from campaigns import DEAD_TIME, MASS, PI, SHORT, short_campaign, write_campaign
 
+import railslip_ctrl.campaign.execution as execution
 import railslip_ctrl.campaign.statistics as statistics
 from railslip_ctrl.campaign import Campaign, Grid, Quantity, Uniform, execute, replay, summarise
 from railslip_ctrl.campaign.execution import run_part, run_rows
 from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.campaign.rows import MEASURES, REFUSED
-from railslip_ctrl.campaign.storage import MANIFEST, Part, Store
+from railslip_ctrl.campaign.storage import LOCK, MANIFEST, Part, Store
 from railslip_ctrl.cli import main
+from railslip_ctrl.design import PIController
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.plots.campaign import distributions_figure, replay_figure, scatter_figure
-from railslip_ctrl.report.campaign import campaign_json, campaign_text
-from railslip_ctrl.simulation import Outcome
+from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.simulation import LinearControl, Outcome
+
+OF_STOP = ("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error")
+"""What `simulate --json` has null too of a run that did not stop."""
 
 COMMAND = [sys.executable, "-m", "railslip_ctrl", "campaign"]
 
@@ -69,7 +76,8 @@ def test_rows_depend_on_neither_workers_nor_parts(finished, tmp_path):
     assert [told[0], sum(told)] == [0, 24]
     assert len(list(finished.parts())) == 5
     rows = [row for i in reversed(range(24)) for row in reversed(run_rows(short_campaign(), i))]
-    assert pd.DataFrame(rows[::-1]).equals(rows_of(finished))
+    expected = rows_of(finished)
+    assert pd.DataFrame(rows[::-1]).astype(expected.dtypes).equals(expected)  # a column of None alone has no type
 
 
 def test_a_dask_cluster_gives_the_same_rows(tmp_path):
@@ -168,13 +176,56 @@ def test_a_damaged_part_is_named(finished, tmp_path):
         ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "leave it out with --scheduler"),
         ({"part_runs": 0}, "part_runs: 0"),
         ({"scheduler": "nonsense://here"}, "cannot be reached"),
+        ({"scheduler": "foo"}, "--scheduler: 'foo' cannot be reached .*port"),
     ],
 )
 def test_impossible_executions_are_refused(tmp_path, options, words):
     with pytest.raises(InputError, match=words):
         execute(short_campaign(), tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="a worker has version"):
         run_part(short_campaign(), Part(0, 1), "0.0.0")
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
+    """In a process of its own: what a client says while it goes is said at the end."""
+    path, out = write_campaign(tmp_path, 4), tmp_path / "out"
+    refused = run_command(path, "--out", out, "--scheduler", "foo", timeout=60)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.startswith("railslip: error: --scheduler: 'foo' cannot be reached")
+    assert refused.stderr.count("\n") == 1
+    monkeypatch.setattr(execution, "_REACH", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the call and says nothing
+        began = time.monotonic()
+        with pytest.raises(InputError, match=r"cannot be reached \(.+\); give its address"):
+            execute(short_campaign(), out, scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        assert time.monotonic() - began < 5.0  # far below the minutes of a client that waits, far above 0.2 s
+    assert not out.exists()
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    """The second is refused while the first is alive; a lock that a killed one leaves is none."""
+    path, out = write_campaign(tmp_path, 4), tmp_path / "out"
+    hold = (
+        "import sys, time; from pathlib import Path\n"
+        "from railslip_ctrl.campaign import Store\n"
+        "from railslip_ctrl.campaign.files import load_campaign\n"
+        "with Store.open(load_campaign(Path(sys.argv[1])), Path(sys.argv[2])).claimed():\n"
+        "    print('held', flush=True)\n"
+        "    time.sleep(120)\n"
+    )
+    other = subprocess.Popen([sys.executable, "-c", hold, str(path), str(out)], stdout=subprocess.PIPE)
+    try:
+        assert other.stdout.readline() == b"held\n"
+        before = sorted(out.rglob("*"))
+        with pytest.raises(InputError, match="being written to by another process"):
+            execute(load_campaign(path), out, workers=1)
+        assert sorted(out.rglob("*")) == before
+    finally:
+        other.kill()
+        other.communicate()
+    assert (out / LOCK).exists()
+    assert execute(load_campaign(path), out, workers=1).complete
 
 
 # --- memory ---------------------------------------------------------------------------------------------------------
@@ -257,8 +308,8 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     loaded = Quantity(("vehicle.mass_loaded",), Uniform(3700.0, 5000.0))
     campaign = Campaign(hurried, (PI,), 60, (MASS, loaded), 5)
     store = execute(campaign, tmp_path / "out", workers=1)
-    found = summarise(store).controllers["pi"]
-    frame = rows_of(store)
+    summary = summarise(store)
+    found, frame = summary.controllers["pi"], rows_of(store)
     expected = frame.outcome.value_counts().to_dict()
     assert found.outcomes == expected
     assert set(expected) == {Outcome.STOPPED, Outcome.OUT_OF_TIME, REFUSED}
@@ -269,20 +320,69 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     assert found.not_stopped.value == pytest.approx(1 - len(stopped) / 60)
     late = frame.run[frame.outcome == Outcome.OUT_OF_TIME].tolist()
     assert list(found.failed[Outcome.OUT_OF_TIME]) == late[: statistics.LISTED]
-    text = campaign_text(summarise(store))
-    assert f"pi, {Outcome.OUT_OF_TIME}: runs {late[0]}, " in text
+    text = campaign_text(summary)
+    assert text.count(f"pi, {Outcome.OUT_OF_TIME}: runs {late[0]}, ") == 2  # of the outcomes, and of the worst
     assert "They are in no average below." in text
+    ended = frame[frame.outcome == Outcome.OUT_OF_TIME]
+    assert ended[list(OF_STOP)].isna().all(axis=None)
+    assert ended.ended_at_s.to_list() == pytest.approx([3.2] * len(ended))  # the longest time
+    assert ended.ended_at_m.between(3.2 * 27 / 3.6, 3.2 * 30 / 3.6).all()  # between the speeds' distances
+    assert (stopped.ended_at_s == stopped.braking_time_s).all()
+    assert (stopped.ended_at_m == stopped.braking_distance_m).all()
 
 
 def test_a_campaign_in_which_nothing_stops_has_no_means(tmp_path):
     campaign = Campaign(SHORT.with_changes(longest_time=0.5), (PI,), 4)
-    summary = summarise(execute(campaign, tmp_path / "out", workers=1))
+    store = execute(campaign, tmp_path / "out", workers=1)
+    summary = summarise(store)
     content = campaign_json(summary)
     assert content["controllers"]["pi"]["measures"]["braking_time_s"]["mean"]["value"] is None
     assert content["controllers"]["pi"]["share_not_stopped"]["value"] == 1.0
-    assert "nothing but the noise" in campaign_text(summary)
-    assert distributions_figure(summary).axes
-    assert scatter_figure(summary) is None
+    text = campaign_text(summary)
+    assert "nothing but the noise" in text
+    assert "None: there are no statistics and no pictures." in text
+    assert "unbounded" not in text
+    assert text.count("pi, did not stop: runs 0, 1, 2, 3\n") == 2
+    assert distributions_figure(summary) is None
+    for column in OF_STOP:
+        assert pa.concat_tables(store.tables([column]))[column].null_count == 4  # null, as every reader knows it
+
+
+def test_a_controller_that_never_stops_beside_one_that_does(tmp_path):
+    """Without torque there is no stop in the time given: its numbers are "-", and it is in the pictures by name."""
+    idle = LinearControl(PIController(PIGains(kp=1e-9, ki=1e-9)), PI.reference, name="idle")
+    store = execute(Campaign(SHORT, (PI, idle), 4, (MASS,)), tmp_path / "out", workers=1)
+    summary = summarise(store)
+    lines = [line.split() for line in campaign_text(summary).splitlines() if "braking time" in line]
+    idles = [line[3:] for line in lines if line[3] == "idle"]
+    assert idles == [["idle", "0", *"----"], ["idle", *"---"], ["idle", "-", "pi", "0", *"--"]]
+    assert "unbounded" not in campaign_text(summary)
+    figure = distributions_figure(summary)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["pi (4)", "idle (none)"]
+    assert len(scatter_figure(summary).axes) == 1
+    again = replay(store.campaign, 1, store.folder)
+    assert again.stored
+    content = replay_json(again)["controllers"]["idle"]
+    assert [content[column] for column in OF_STOP] == [None] * len(OF_STOP)
+    assert content["ended_at_s"] == again.runs["idle"].braking_time == pytest.approx(20.0)
+    assert "did not stop after 20 s" in replay_text(again)
+
+
+def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
+    summary = summarise(finished, worst_by="brake_energy_j")
+    worst = campaign_text(summary).partition("Worst runs by brake energy")[2]
+    for head in ("brake energy (MJ)", "mass (kg)", "dead_time (s)"):
+        assert head in worst
+    scatter, distributions = scatter_figure(summary), distributions_figure(summary)
+    assert [ax.get_xlabel() for ax in scatter.axes] == ["mass (kg)", "dead_time (s)"]
+    assert scatter.axes[0].get_ylabel() == "brake energy (MJ)"
+    top = summary.controllers["pi"].worst[0]
+    assert scatter.axes[0].texts[0].xy == (top["vehicle.mass"], 1e-6 * top["brake_energy_j"])
+    (energy,) = (ax for ax in distributions.axes if ax.get_xlabel() == "brake energy (MJ)")
+    edges = 1e-6 * summary.controllers["pi"].measures["brake_energy_j"].histogram.edges
+    assert energy.lines[0].get_xdata() == pytest.approx(edges)
+    corners = {tuple(ax.texts[i].xyann) for ax in scatter.axes for i in range(2)}
+    assert len(corners) == 2  # the two controllers' labels stand in different corners
 
 
 def test_a_sweep_is_told_point_by_point(tmp_path):
@@ -314,9 +414,10 @@ def test_the_command(tmp_path, capsys):
     assert log[0].startswith("time,distance,speed,")
     assert float(log[-1].split(",")[1]) == content["controllers"]["soft"]["braking_distance_m"]
     for wrong, words in (
-        (("--replay", "8"), "runs 0 to 7"),
+        (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),
+        (("--replay", "-1"), "--replay: -1"),
         (("--workers", "0"), "--workers: 0"),
-        (("--worst-by", "speed"), "no measure"),
+        (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
     ):
         status, text, errors = command(capsys, path, "--out", out, *wrong)
         assert (status, text) == (2, "")

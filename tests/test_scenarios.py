@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,10 +144,12 @@ def test_every_field_can_be_given(scenario_of):
         dump_lag = 0.3
         [[events]]
         distance = "100 m"
+        rail = "wet"
         adhesion_factor = 0.5
         [[events]]
         time = 10.0
         rail = "dry"
+        adhesion_factor = 0.5
         mass = "3.5 t"
         """
     )
@@ -156,7 +159,7 @@ def test_every_field_can_be_given(scenario_of):
     assert mine.adhesion.alpha == pytest.approx(2.0 * scaled.alpha)
     assert mine.disturbances.caliper_frequency == 12.0
     assert mine.limits == BrakeLimits(torque_min=10.0, torque_max=8000.0, rate=20_000.0, dump_lag=0.3)
-    assert mine.events == (Event(distance=100.0, adhesion_factor=0.5), Event(time=10.0, rail=Rail.DRY, mass=3500.0))
+    assert mine.events == (Event(distance=100.0, rail=Rail.WET, adhesion_factor=0.5), Event(time=10.0, rail=Rail.DRY, adhesion_factor=0.5, mass=3500.0))
     assert mine.measurement.speed_noise == pytest.approx(0.1 / 3.6)
     assert set(mine.given()) == set(Scenario.model_fields)  # nothing was left out
 
@@ -299,3 +302,37 @@ def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():
     scenario = built_in_scenario("park2008").with_changes(events=())
     run = simulate(scenario, ScheduledControl(schedule, recommended_pi_lead().reference, torque_high=9000.0), seed=1)
     assert run.stopped
+
+
+def test_events_hold_in_the_order_of_time_not_of_the_file():
+    """A factor of one half from 20 s on wet rail from 10 s: by hand, the wet rail is in force when the factor comes."""
+    events = [Event(time=20.0, adhesion_factor=0.5), Event(time=10.0, rail=Rail.WET)]
+    control = published_controller("pi")
+    runs = [
+        simulate(built_in_scenario("park2008").with_changes(events=order), control, seed=None)
+        for order in (events, events[::-1])
+    ]
+    assert runs[0].braking_distance == runs[1].braking_distance
+    wet = built_in_scenario("park2008").with_changes(events=[events[1]])
+    assert runs[0].braking_distance > simulate(wet, control, seed=None).braking_distance
+
+
+def test_what_holds_must_not_hang_on_which_event_comes_first():
+    with pytest.raises(InputError, match="give rail and adhesion_factor in each"):
+        built_in_scenario("park2008").with_changes(
+            events=[Event(time=20.0, adhesion_factor=0.5), Event(distance=100.0, rail=Rail.WET)]
+        )
+
+
+@pytest.mark.parametrize("limits", [{"rate": 100.0}, {"dump_lag": 0.2}])
+def test_limits_of_a_lag_that_is_not_there_are_refused(limits):
+    vehicle = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"lag": 0.0})})
+    with pytest.raises(InputError, match="give lag > 0"):
+        built_in_scenario("park2008-si").with_changes(vehicle=vehicle, limits=limits)
+
+
+def test_a_run_ends_at_its_longest_time_between_samples_too():
+    """60.1 s are over before the sample at 61 s: the run is given up there, whatever the period."""
+    slow = replace(published_controller("pi"), period=1.0)
+    run = simulate(built_in_scenario("park2008").with_changes(longest_time=57.3), slow, seed=None)
+    assert (run.stopped, run.braking_time) == (False, pytest.approx(57.3, abs=1e-9))

@@ -16,6 +16,7 @@ from railslip_ctrl.cli import main
 from railslip_ctrl.identification.columns import find_columns
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.simulation import Signals, built_in_scenario, simulate
+from railslip_ctrl.simulation.files import load_scenario
 from railslip_ctrl.simulation.published import published_controller
 
 # interface.md
@@ -183,6 +184,134 @@ def test_the_text_says_what_was_run_and_how_the_energy_went(railslip):
     assert max(map(len, out.splitlines())) <= 110
 
 
+def flat(text):
+    """A report with its line breaks as blanks."""
+    return " ".join(text.split())
+
+
+def test_the_text_states_limits_and_sensors(railslip, tmp_path):
+    (tmp_path / "limits.toml").write_text(
+        'extends = "park2008"\nadhesion_factor = 0.9\nlongest_time = 99\nviscous_least = 0.02\n'
+        '[limits]\nrate = "3000 N*m/s"\ndump_lag = 0.2\ntorque_max = 3000\n'
+        "[measurement]\nspeed_noise = 0.01\nspeed_quantum = 0.1\nwheel_quantum = 0.5\nfilter_time = 0.03\n"
+    )
+    _, out, _ = railslip("--scenario", tmp_path / "limits.toml", "--controller", "pi-lead")
+    for words in (
+        "torque at least 0 N·m and at most 3000 N·m, rate at most 3000 N·m/s, lag 0.2 s where torque falls",
+        "grid 0.1 m/s and 0.5 rad/s",
+        "noise 0.01 m/s and 0 rad/s",
+        "filter 0.03 s",
+        "0.9 times the rail's adhesion",
+        "given up after 99 s",
+        "changes by -0.01 N·m·s per second, at least 0.02 N·m·s",
+        "decay 4 1/s, 31.416 rad/s",
+        "alpha 21938, beta 0.0036725",
+        "Controller's limits torque at least 0 N·m and at most 9000 N·m, initial torque",
+    ):
+        assert words in flat(out)
+    _, plain, _ = railslip()
+    assert "Brake limits commanded torque at least 0 N·m, no limit of rate, lag 0.6 s where torque falls" in flat(plain)
+    assert "Controller's limits torque unlimited, initial torque 0 N·m, anti-windup none" in flat(plain)
+    found = json.loads(railslip("--scenario", tmp_path / "limits.toml", "--json")[1])
+    assert found["limits"] == {"torque_min": 0.0, "torque_max": 3000.0, "rate": 3000.0, "dump_lag": 0.2}
+    assert (found["measurement"]["speed_quantum"], found["measurement"]["wheel_quantum"]) == (0.1, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ("asmc", "torque unlimited, anti-windup none, filter of v' 0.1 s, nominal mass 3517 kg, nominal friction 0.25"),
+        ("slide-protection", "torque at least 0 N·m and at most 9000 N·m, filter of deceleration 0.02 s"),
+        ('kind = "torque-profile"\ntimes = [0, 2]\ntorques = [0, 4000]\n', "2 points, 0 to 4000 N·m"),
+        (
+            'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nk1 = 1e-9\nk2 = 1e-3\nlayer = 0.2\n',
+            "boundary layer 0.2 m/s, k1 1e-09, k2 0.001, leak 0 1/s",
+        ),
+    ],
+)
+def test_the_text_states_the_controller_s_own_numbers(railslip, tmp_path, controller, words):
+    if "=" in controller:
+        (tmp_path / "own.toml").write_text(controller)
+        controller = tmp_path / "own.toml"
+    _, out, _ = railslip("--controller", controller)
+    assert words in flat(out)
+
+
+def events_scenario(tmp_path):
+    """Three events out of order in the file, the one in distance second; a fourth is never reached."""
+    path = tmp_path / "events.toml"
+    path.write_text(
+        'extends = "park2008-si"\nrail = "wet"\n'
+        "[[events]]\ndistance = 100000\nmass = 5000\n[[events]]\ntime = 9.0\nmass = 4000\n"
+        "[[events]]\ndistance = 100\nmass = 3800\n[[events]]\ntime = 1.0\nmass = 3700\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize("log_period", ["0.01", "2.5"])
+def test_events_are_told_in_order_of_happening(railslip, tmp_path, log_period):
+    scenario = events_scenario(tmp_path)
+    run = simulate(load_scenario(scenario), published_controller("pi"), seed=0)
+    signals = run.signals
+    at = np.interp(100.0, signals.distance, signals.time)  # rows every 1 ms, the train's speed all but constant
+    assert signals.mass[np.searchsorted(signals.time, at + 0.001)] == 3800.0  # as the plant had it
+    arguments = ("--scenario", scenario, "--log-period", log_period)
+    found = json.loads(railslip(*arguments, "--json")[1])["events"]
+    assert [event["mass"] for event in found] == [3700.0, 3800.0, 4000.0, 5000.0]
+    assert [event["reached"] for event in found] == [True, True, True, False]
+    # the cubic between rows 2.5 s apart: a few ms of smooth change, and the noise in the speed at its ends
+    assert found[1]["happened_at_s"] == pytest.approx(at, abs=1e-6 if log_period == "0.01" else 0.02)
+    assert found[3]["happened_at_s"] is None
+    lines = [line for line in railslip(*arguments)[1].splitlines() if line.startswith("Event")]
+    assert [line.split()[2] for line in lines] == ["1", "100", "9", "100000"]
+    assert f"(at {found[1]['happened_at_s']:.4g} s)" in lines[1]
+    assert ["NOT REACHED" in line for line in lines] == [False, False, False, True]
+
+
+def test_an_event_after_the_stop_is_not_reached(railslip):
+    line = next(line for line in railslip("--scenario", "park2008-si")[1].splitlines() if line.startswith("Event"))
+    assert line.endswith("from 25 s: wet rail, M 5276 kg (NOT REACHED)")
+
+
+def test_the_picture_marks_events_in_time_and_distance(tmp_path):
+    from railslip_ctrl.plots.simulation import simulation_figure
+
+    run = simulate(load_scenario(events_scenario(tmp_path)), published_controller("pi"), seed=0, record_every=10)
+    marks = [run.signals.time[np.argmax(run.signals.mass >= mass)] for mass in (3700.0, 3800.0, 4000.0)]
+    for axes in simulation_figure(run).axes:
+        found = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2]
+        assert found == pytest.approx(marks, abs=0.0101)  # the first row with the new mass, rows every 10 ms
+
+
+def test_a_log_period_between_samples_is_said(railslip, tmp_path):
+    arguments = ("--csv", tmp_path / "run.csv", "--log-period")
+    _, _, err = railslip(*arguments, "0.0137")
+    assert "--log-period: rows are 0.014 s apart, not 0.0137 s" in err
+    assert np.diff(pd.read_csv(tmp_path / "run.csv")["time [s]"])[:-1] == pytest.approx(0.014)  # the last is the stop
+    assert "--log-period" not in railslip(*arguments, "0.03")[2]
+    assert "--log-period" not in railslip("--log-period", "0.0137")[2]  # nothing is written
+
+
+def test_a_speed_outside_the_published_range_names_where_it_came_from(railslip, tmp_path):
+    (tmp_path / "law.toml").write_text('law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n')
+    (tmp_path / "fast.toml").write_text('extends = "park2008"\ninitial_speed = 50.0\nadhesion = "law.toml"\n')
+    status, _, err = railslip("--scenario", tmp_path / "fast.toml", "--adhesion", "curve")
+    assert status == 2
+    assert "--scenario: its initial speed 180 km/h is outside 30 to 140 km/h" in err
+    assert "give the law's v0 with --initial-speed" in err
+
+
+def test_the_references_stand_last_in_figs_14_and_15():
+    from railslip_ctrl.plots.reproduction import model_figures
+    from railslip_ctrl.reproduction import model_curves
+
+    for axes in model_figures(model_curves())["figs_14_15"].axes:
+        labels = [text.get_text() for text in axes.get_legend().get_texts()]
+        references = [label.startswith("reference") for label in labels]
+        assert any(references)
+        assert references == sorted(references)
+
+
 def test_a_folder_takes_report_series_and_pictures(railslip, tmp_path):
     status, _, err = railslip("--controller", "scheduled", "--out", tmp_path / "run")
     assert (status, f"wrote 5 files to {tmp_path / 'run'}" in err) == (0, True)
@@ -219,10 +348,13 @@ def test_the_picture_shows_the_signals():
         (("--seed", "-1"), "--seed: '-1' is not allowed; give a whole number"),
         (("--seed", "1.5"), "--seed: '1.5' is not allowed"),
         (("--rail", "icy"), "--rail: 'icy' is not a rail condition; choose dry or wet"),
-        (("--speed", "200"), "--initial-speed: 200 km/h is outside 30 to 140 km/h"),
+        (("--speed", "200"), "--speed: 200 km/h is outside 30 to 140 km/h"),
+        (("--initial-speed", "5"), "--initial-speed: 5 km/h is outside 30 to 140 km/h"),
+        (("--speed", "5"), "--speed: 5 km/h is not allowed; give a value > 5 km/h"),
+        (("--step", "3"), "error: --step: 3 s is not allowed; give a value <= 1 s"),
         (
             ("--speed", "2", "--initial-speed", "30"),
-            "final_speed: 1.38889 is not allowed; give a value < initial_speed",
+            "--speed: 2 km/h is not allowed; give a value > 5 km/h, at which the run ends",
         ),
         (("--step", "1e-9"), "--step: 1e-09 s is not allowed; give a value >= 1e-05 s"),
         (("--period", "0"), "--period: 0 s is not allowed"),

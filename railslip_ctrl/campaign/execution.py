@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import asyncio
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import InputError
@@ -19,6 +19,9 @@ from railslip_ctrl.simulation.run import Run, Simulator
 from .rows import refused_row, row
 from .specification import Campaign
 from .storage import Part, Store
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Rows = list[dict[str, Any]]
 Progress = Callable[[int], None]
@@ -60,21 +63,23 @@ def execute(
     Raises
     ------
     InputError
-        The folder holds something else or cannot be written to; a worker died; the cluster cannot be reached or has
-        another version.
+        The folder holds something else, is being written to or cannot be; a worker died; the cluster cannot be reached
+        or has another version.
     """
     count = _workers(workers, scheduler)
-    store = Store.open(campaign, folder, part_runs=part_runs)
-    store.clear_leftovers()
     tell = progress or (lambda runs: None)
-    tell(sum(part.stop - part.start for part in store.finished()))
+    store = Store.open(campaign, folder, part_runs=part_runs)
     if store.complete:
+        tell(campaign.runs)
         return store
-    with _map(campaign, count, scheduler) as run_parts:
-        warm_up(campaign)  # while the workers start
-        for part, rows in run_parts(store.missing()):
-            store.write(part, rows)
-            tell(part.stop - part.start)
+    # a cluster that is not there is found out before anything is written
+    with _connected(scheduler) as client, store.claimed() as store:
+        tell(sum(part.stop - part.start for part in store.finished()))
+        with _map(campaign, count, client) as run_parts:
+            warm_up(campaign)  # while the workers start
+            for part, rows in run_parts(store.missing()):
+                store.write(part, rows)
+                tell(part.stop - part.start)
     return store
 
 
@@ -162,7 +167,7 @@ def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_eve
 def _check_same(found: dict[str, Any], kept: dict[str, Any]) -> None:
     for column, value in kept.items():
         again = found[column]
-        if again != value and not (isinstance(value, float) and math.isnan(value) and math.isnan(again)):
+        if again != value:
             raise InputError(
                 f"run {found['run']}, {found['controller']}: {column} is {again!r} and {value!r} is stored; replay it "
                 "where the campaign ran, with the same versions"
@@ -185,10 +190,10 @@ def _workers(workers: int | None, scheduler: str | None) -> int:
 
 
 @contextmanager
-def _map(campaign: Campaign, workers: int, scheduler: str | None) -> Iterator[Parts]:
+def _map(campaign: Campaign, workers: int, client: Client | None) -> Iterator[Parts]:
     """What runs parts and hands back their rows as they are done."""
-    if scheduler is not None:
-        with _cluster(campaign, scheduler) as parts:
+    if client is not None:
+        with _cluster(campaign, client) as parts:
             yield parts
     elif workers == 1:
         yield lambda missing: ((part, run_part(campaign, part, __version__)) for part in missing)
@@ -266,18 +271,43 @@ def _start_worker() -> None:
 
 
 @contextmanager
-def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Parts]:
+def _connected(scheduler: str | None) -> Iterator[Client | None]:
+    """A client of the cluster; None without one."""
+    if scheduler is None:
+        yield None
+        return
     try:
-        from distributed import Client, KilledWorker, as_completed
-        from distributed.client import FutureCancelledError
+        from distributed import Client
     except ImportError:
         raise InputError(
             '--scheduler: dask.distributed is not installed; pip install "railslip_ctrl[cluster]"'
         ) from None
     try:
+        asyncio.run(_reach(scheduler))
         client = Client(scheduler, timeout=_REACH, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise InputError(f"--scheduler: {scheduler!r} cannot be reached ({error}); give its address") from None
+        reason = " ".join(str(error).split()) or f"no answer within {_REACH:g} s"
+        raise InputError(f"--scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
+    with client:
+        yield client
+
+
+async def _reach(scheduler: str) -> None:
+    """Ask whether a scheduler is there: a client that finds none would be a long time going, and not quietly."""
+    from distributed import Security
+    from distributed.core import rpc
+
+    ask = rpc(scheduler, timeout=_REACH, connection_args=Security().get_connection_args("client"))
+    try:
+        await asyncio.wait_for(ask.identity(), _REACH)
+    finally:
+        await ask.close_rpc()
+
+
+@contextmanager
+def _cluster(campaign: Campaign, client: Client) -> Iterator[Parts]:
+    from distributed import KilledWorker, as_completed
+    from distributed.client import FutureCancelledError
 
     def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
         shared = client.scatter(campaign, broadcast=True, hash=False)
@@ -300,8 +330,7 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Parts]:
                 break
 
     try:
-        with client:
-            yield run
+        yield run
     except (KilledWorker, FutureCancelledError) as error:
         raise InputError(
             f"--scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
@@ -309,4 +338,4 @@ def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Parts]:
         ) from None
 
 
-_REACH = 10.0  # s; a scheduler that does not answer by then is not there
+_REACH = 5.0  # s; a scheduler that does not answer by then is not there

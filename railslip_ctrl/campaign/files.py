@@ -120,11 +120,12 @@ def load_campaign(path: Path) -> Campaign:
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
-    """What `make` makes, with the place in the file before its complaint."""
+    """What `make` makes, with the place in the file before its complaint; what both name is named once."""
     try:
         return make()
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        table = where.rpartition(": ")[2].partition(" ")[0]  # "quantity" of "file: quantity 0"
+        raise InputError(f"{where}: {str(error).removeprefix(f'{table}: ')}") from None
 
 
 def _scenario(name: str, beside: Path) -> Scenario:

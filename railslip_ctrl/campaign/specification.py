@@ -20,6 +20,7 @@ from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
 
 from .paths import Place, numbers, replaced
+from .rows import headed
 from .sampling import Distribution, Grid, Sampling, draw, grid_points
 
 MOST_RUNS = 10**9
@@ -126,6 +127,20 @@ class Campaign:
             quantity.name: "1" if quantity.relative else self.place(quantity.paths[0]).unit
             for quantity in self.quantities
         }
+
+    @property
+    def quantity_heads(self) -> dict[str, str]:
+        """Of each quantity's column, by name: as much of the end of its path as tells it apart, and its unit."""
+        parts = {name: name.split(".") for name in self.quantity_units}
+
+        def ending(name: str, length: int) -> str:
+            return ".".join(parts[name][-length:])
+
+        heads = {}
+        for name, unit in self.quantity_units.items():
+            apart = (n for n in range(1, len(parts[name])) if [ending(o, n) for o in parts].count(ending(name, n)) == 1)
+            heads[name] = headed(ending(name, next(apart, len(parts[name]))), unit)
+        return heads
 
     @cached_property
     def fingerprint(self) -> str:

@@ -93,6 +93,11 @@ class ControllerSummary:
     measures: dict[str, MeasureSummary]
     worst: tuple[dict[str, Any], ...]
 
+    @property
+    def stopped(self) -> int:
+        """Runs that stopped."""
+        return self.outcomes.get(Outcome.STOPPED.value, 0)
+
 
 @dataclass(frozen=True)
 class Paired:
@@ -135,6 +140,11 @@ class CampaignSummary:
         """Whether every run is there."""
         return self.runs == self.campaign.runs
 
+    @property
+    def any_stopped(self) -> bool:
+        """Whether there is a run of any controller that stopped."""
+        return any(found.stopped for found in self.controllers.values())
+
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
     """The statistics of a campaign's `store`, finished or not; memory does not grow with its runs.
@@ -159,7 +169,7 @@ def check_measure(name: str) -> None:
     names = [measure.name for measure in MEASURES]
     if name not in names:
         raise InputError(
-            f"worst-by: {name!r} is no measure; {close_match(name, names)}choose one of {', '.join(names)}"
+            f"--worst-by: {name!r} is no measure; {close_match(name, names)}choose one of {', '.join(names)}"
         )
 
 

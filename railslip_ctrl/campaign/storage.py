@@ -10,6 +10,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
-FORMAT = 1
+LOCK = ".lock"
+FORMAT = 2
 
 _INCOMPLETE = ".incomplete-"
 # a part is what a kill costs and what one message of a worker carries: short, but never thousands of files
@@ -58,7 +60,7 @@ class Store:
 
     @classmethod
     def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
-        """The store of a campaign in a folder, made if there is none; one that is there keeps its `part_runs`.
+        """The store of a campaign in a folder; one that is there keeps its `part_runs`. Nothing is written.
 
         InputError where the folder holds something else: another campaign, another version's, or no campaign at all.
         """
@@ -69,20 +71,51 @@ class Store:
         size = usual_part(campaign.runs) if part_runs is None else part_runs
         if size < 1:
             raise InputError(f"part_runs: {size} is not allowed; give an integer >= 1")
+        return cls(campaign, folder, size)
+
+    @contextmanager
+    def claimed(self) -> Iterator[Store]:
+        """The store to write into, begun if it is not there; nobody else can claim it meanwhile.
+
+        The lock is the operating system's, and ends with the process. InputError where another process has it or the
+        folder cannot be written to.
+        """
+        from filelock import FileLock, Timeout
+
+        try:
+            (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.folder / LOCK).acquire(timeout=0)
+        except Timeout:
+            raise InputError(
+                f"--out: {str(self.folder)!r} is being written to by another process; wait for it, or choose another "
+                "folder"
+            ) from None
+        except OSError as error:
+            raise _unwritable(self.folder, error) from None
+        with lock:
+            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # begun by now?
+            store._begin()
+            yield store
+
+    def _begin(self) -> None:
+        """Write the manifest, if there is none, and remove what a killed campaign had not finished writing."""
         content = {
             "format": FORMAT,
             "package": "railslip_ctrl",
             "version": __version__,
-            "hash": campaign.fingerprint,
-            "part_runs": size,
-            "campaign": campaign.described(),
+            "hash": self.campaign.fingerprint,
+            "part_runs": self.part_runs,
+            "campaign": self.campaign.described(),
         }
+        text = json.dumps(content, indent=2) + "\n"
         try:
-            (folder / PARTS).mkdir(parents=True, exist_ok=True)
-            _write(folder / MANIFEST, lambda path: path.write_text(json.dumps(content, indent=2) + "\n", "utf-8"))
+            for place in (self.folder, self.folder / PARTS):
+                for path in place.glob(f"{_INCOMPLETE}*"):
+                    path.unlink(missing_ok=True)
+            if not (self.folder / MANIFEST).exists():
+                _write(self.folder / MANIFEST, lambda path: path.write_text(text, "utf-8"))
         except OSError as error:
-            raise _unwritable(folder, error) from None
-        return cls(campaign, folder, size)
+            raise _unwritable(self.folder, error) from None
 
     @classmethod
     def _resumed(cls, campaign: Campaign, folder: Path) -> Store:
@@ -95,8 +128,8 @@ class Store:
             raise InputError(f"{where} has a {MANIFEST} that is no campaign's; choose another folder") from None
         if known != ("railslip_ctrl", FORMAT) or version != __version__:
             raise InputError(
-                f"{where} was begun with version {version}, this is {__version__}; finish it with that one, or choose "
-                "another folder"
+                f"{where} was begun with version {version} (format {known[1]}), this is {__version__} (format "
+                f"{FORMAT}); finish it with that one, or choose another folder"
             )
         if fingerprint != campaign.fingerprint:
             raise InputError(
@@ -179,17 +212,12 @@ class Store:
             fields.append(pa.field(measure.name, pa.float64(), metadata={"unit": measure.unit, "title": measure.title}))
         return pa.schema(fields)
 
-    def clear_leftovers(self) -> None:
-        """Remove what a killed campaign had not finished writing."""
-        for place in (self.folder, self.folder / PARTS):
-            for path in place.glob(f"{_INCOMPLETE}*"):
-                path.unlink(missing_ok=True)
-
 
 def _foreign(folder: Path) -> bool:
     """Whether a folder without a manifest has anything in it that a killed beginning cannot have left."""
     return any(
-        not path.name.startswith(_INCOMPLETE) and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
+        not path.name.startswith((_INCOMPLETE, LOCK))
+        and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
         for path in folder.iterdir()
     )
 

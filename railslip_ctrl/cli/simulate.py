@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,16 +30,20 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @click.command()
 @collected
 @gain_options
-@click.option("--seed", default="0", show_default=True, metavar="N", help="Of the random force and the sensors' noise.")
+@click.option(
+    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and the sensors' noise."
+)
 @click.option("--no-noise", is_flag=True, help="Neither random force nor sensors' noise.")
-@click.option("--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.")
+@click.option(
+    "--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.  [default: none]"
+)
 @click.option(
     "--out",
     "--plot",
     "out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Write report, JSON, time series and pictures (PNG and SVG) into a folder.",
+    help="Write report, JSON, time series and pictures (PNG and SVG) into a folder.  [default: none]",
 )
 @click.option(
     "--log-period",
@@ -74,8 +79,14 @@ def command(
     scenario = scenario_options.chosen()
     controller, column = controller_options.chosen(scenario)
     simulator = Simulator(scenario, controller)
-    recorded = csv is not None or out is not None
-    run = simulator.run(noise, record_every=max(round(log_period / simulator.period), 1) if recorded else None)
+    every = max(round(log_period / simulator.period), 1)
+    rows = every * simulator.period
+    if (csv is not None or out is not None) and not math.isclose(rows, log_period):
+        progress(
+            f"note: --log-period: rows are {rows:g} s apart, not {log_period:g} s; a whole number of sampling periods "
+            f"of {simulator.period:g} s is taken"
+        )
+    run = simulator.run(noise, record_every=every)  # always, as the report says when events in distance happened
     content = simulation_json(run, column)
     if csv is not None:
         write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")

@@ -18,7 +18,7 @@ from railslip_ctrl.simulation.catalogue import NAMES, controller_named
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import is_tuned_when_asked
 from railslip_ctrl.simulation.published import COLUMNS, Column, published_reference
-from railslip_ctrl.simulation.scenario import BUILT_IN, LEAST_STEP
+from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
 from railslip_ctrl.units import KMH
 
 from .options import Quantity, chosen_gains
@@ -55,6 +55,7 @@ class ScenarioOptions:
         vehicle = self._vehicle(scenario.vehicle)
         for note in vehicle.notes:
             progress(f"note: {vehicle.name}: {note}")
+        self._check(scenario)
         changes: dict[str, Any] = {"initial_speed": scenario.initial_speed if self.speed is None else self.speed * KMH}
         if self.step is not None:
             changes["step"] = self.step
@@ -64,12 +65,33 @@ class ScenarioOptions:
             changes["rail"] = Rail(self.rail.lower())
         v0 = changes["initial_speed"] if self.initial_speed is None else self.initial_speed * KMH
         if self.adhesion is not None:
-            changes["adhesion"] = _law(self.adhesion, vehicle, v0)
+            changes["adhesion"] = self._law(self.adhesion, vehicle, v0)
         elif scenario.has_named_law:
-            changes["adhesion"] = _law(scenario.adhesion.name, vehicle, v0)
+            changes["adhesion"] = self._law(scenario.adhesion.name, vehicle, v0)
         elif self.initial_speed is not None:
             raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
         return scenario.for_vehicle(vehicle).with_changes(**changes)
+
+    def _check(self, scenario: Scenario) -> None:
+        """Refuse what the scenario would refuse, by the names of the options."""
+        if self.step is not None and self.step > LARGEST_STEP:
+            raise InputError(f"--step: {self.step:g} s is not allowed; give a value <= {LARGEST_STEP:g} s")
+        if self.speed is not None and not self.speed * KMH > scenario.final_speed:
+            final = f"{scenario.final_speed / KMH:g} km/h"
+            raise InputError(
+                f"--speed: {self.speed:g} km/h is not allowed; give a value > {final}, at which the run ends"
+            )
+
+    def _law(self, name: str, vehicle: Vehicle, v0: float) -> Any:
+        """The adhesion law; a complaint of v0 names the option that it came from."""
+        try:
+            return _law(name, vehicle, v0)
+        except InputError as error:
+            if self.initial_speed is not None or not str(error).startswith("initial speed: "):
+                raise
+            option = "--scenario: its initial speed" if self.speed is None else "--speed:"
+            message = str(error).removeprefix("initial speed: ")
+            raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
 
     def _vehicle(self, own: Vehicle) -> Vehicle:
         """The scenario's vehicle or the file's, with what was given of it."""
@@ -202,10 +224,13 @@ def _scenario_options() -> list[Any]:
             "--vehicle",
             type=click.Path(path_type=Path),
             metavar="FILE",
-            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.",
+            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.  "
+            "[default: the scenario's]",
         ),
         click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load from the start."),
-        number("--mass", "kg", "Quarter-car mass M at the start, kg; the wheel load stays.", gt=0),
+        number(
+            "--mass", "kg", "Quarter-car mass M at the start, kg; the wheel load stays.  [default: the vehicle's]", gt=0
+        ),
         click.option(
             "--inertia-scale",
             type=Quantity("1", gt=0),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from railslip_ctrl.campaign.execution import Replay
 from railslip_ctrl.campaign.rows import measured
@@ -16,24 +17,30 @@ from .style import line_style, new_figure
 SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
 """Measures drawn, if none are named."""
 
+# where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
+_CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
 
-def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure:
-    """Histogram and distribution function of some measures, over the runs that stopped."""
+
+def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
+    """Histogram and distribution function of some measures, over the runs that stopped; None where none did."""
+    if not summary.any_stopped:
+        return None
     figure = new_figure(10.0, 6.2, _title(summary))
     axes = figure.subplots(2, len(measures), sharex="col", squeeze=False)
     for (top, bottom), name in zip(axes.T, measures, strict=True):
         for i, found in enumerate(summary.controllers.values()):
-            measure = found.measures[name]
+            measure, scale = found.measures[name], measured(name).scale
             if not measure.moments.count:
+                top.plot([], [], label=f"{found.name} (none)", **line_style(i))
                 continue
             edges, counts = measure.histogram
             shape = measure.histogram.merged()
-            density = shape.counts / counts.sum() / np.diff(shape.edges)
-            top.stairs(density, shape.edges, label=f"{found.name} ({measure.moments.count})", **line_style(i))
+            density = shape.counts / counts.sum() / np.diff(scale * shape.edges)
+            top.stairs(density, scale * shape.edges, label=f"{found.name} ({measure.moments.count})", **line_style(i))
             upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
-            bottom.plot(edges, upto, **line_style(i))
+            bottom.plot(scale * edges, upto, **line_style(i))
         top.set_yticks([])
-        bottom.set_xlabel(_label(name))
+        bottom.set_xlabel(_dotted(measured(name).head))
         bottom.grid(True, color="0.88")
     axes[0, 0].set_ylabel("density of runs")
     axes[1, 0].set_ylabel("share of runs up to here")
@@ -45,32 +52,43 @@ def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHO
 def scatter_figure(summary: CampaignSummary) -> Figure | None:
     """The measure by which the worst are chosen, over each varied quantity, with the worst runs numbered.
 
-    None where nothing is varied.
+    None where nothing is varied or no run stopped.
     """
-    quantities = [quantity.name for quantity in summary.campaign.quantities]
-    if not quantities:
+    heads, measure = summary.campaign.quantity_heads, measured(summary.worst_by)
+    if not heads or not summary.any_stopped:
         return None
-    units, columns = summary.campaign.quantity_units, min(3, len(quantities))
-    rows = -(-len(quantities) // columns)
+    columns = min(3, len(heads))
+    rows = -(-len(heads) // columns)
     figure = new_figure(3.6 * columns + 0.6, 3.2 * rows + 0.8, _title(summary))
     axes = figure.subplots(rows, columns, sharey=True, squeeze=False)
-    for ax, quantity in zip(axes.flat, quantities, strict=False):
+    for ax, (quantity, head) in zip(axes.flat, heads.items(), strict=False):
         for i, (name, found) in enumerate(summary.controllers.items()):
             sample, color = summary.sample[name], line_style(i)["color"]
             stopped = sample["stopped"].astype(bool)
-            values, results = sample[quantity], sample[summary.worst_by]
+            values, results = sample[quantity], measure.scale * sample[measure.name]
             ax.plot(values[stopped], results[stopped], ".", color=color, markersize=3, alpha=0.5, label=name)
             for row in found.worst:
-                ax.plot(row[quantity], row[summary.worst_by], "o", color=color, fillstyle="none", markersize=6)
+                ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
             for row in found.worst[:1]:
-                place = row[quantity], row[summary.worst_by]
-                ax.annotate(f"{row['run']}", place, (4, 4), textcoords="offset points", fontsize=7)
-        ax.set_xlabel(quantity + _unit(units[quantity]))
+                place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
+                ax.annotate(
+                    f"{row['run']}",
+                    place,
+                    (4 * right, 4 * up),
+                    textcoords="offset points",
+                    ha="left" if right > 0 else "right",
+                    va="bottom" if up > 0 else "top",
+                    fontsize=7,
+                    color=color,
+                    path_effects=[withStroke(linewidth=1.2, foreground="white")],  # legible over marks
+                )
+        ax.margins(x=0.12)  # a label beside the outermost mark stays inside
+        ax.set_xlabel(_dotted(head))
         ax.grid(True, color="0.88")
-    for ax in axes.flat[len(quantities) :]:
+    for ax in axes.flat[len(heads) :]:
         ax.set_visible(False)
     for ax in axes[:, 0]:
-        ax.set_ylabel(_label(summary.worst_by))
+        ax.set_ylabel(_dotted(measure.head))
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(
         handles, labels, fontsize=8, loc="outside lower center", frameon=False, ncols=len(labels), markerscale=3
@@ -93,7 +111,7 @@ def replay_figure(replayed: Replay) -> Figure:
         column[2].plot(signals.time, signals.command / 1e3, label="command", **line_style(2))
         column[2].plot(signals.time, signals.torque / 1e3, label="acting", **line_style(0))
         column[0].set_title(
-            f"{name}: {run.outcome.value}, {run.braking_distance:.0f} m, {run.braking_time:.1f} s", fontsize=9
+            f"{name}: {run.outcome.value} after {run.braking_distance:.0f} m, {run.braking_time:.1f} s", fontsize=9
         )
         column[2].set_xlabel("time (s)")
         for ax in column:
@@ -108,10 +126,5 @@ def _title(summary: CampaignSummary) -> str:
     return f"{summary.runs} runs of {summary.campaign.scenario.name}; those that stopped"
 
 
-def _label(name: str) -> str:
-    measure = measured(name)
-    return measure.title + _unit(measure.unit)
-
-
-def _unit(unit: str) -> str:
-    return "" if unit in ("", "1") else f" ({unit.replace('*', '·')})"
+def _dotted(head: str) -> str:
+    return head.replace("*", "·")

@@ -58,9 +58,11 @@ def _speeds_by_model(curves: Sequence[AdhesionCurve]) -> Figure:
     title = "[Park2008] Figs. 14 and 15: adhesion models on dry rail, by initial speed"
     figure = new_figure(3.0 * len(laws), 4.8, title)
     for ax, law in zip(figure.subplots(1, len(laws), sharey=True), laws, strict=True):
-        for i, curve in enumerate(one for one in curves if one.law == law):
+        chosen = [curve for curve in curves if curve.law == law]
+        for i, curve in enumerate(chosen):
             style = line_style(i)
             ax.plot(curve.slip, curve.coefficient, label=f"{curve.initial_speed_kmh:g} km/h", **style)
+        for curve in chosen:  # last, so that the legend keeps the speeds together
             if curve.reference is not None:
                 label = f"reference {curve.reference:g} for {curve.initial_speed_kmh:g} km/h"
                 ax.axvline(curve.reference, color="0.4", linewidth=0.8, linestyle=":", label=label)

@@ -7,6 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from railslip_ctrl.simulation import Run
+from railslip_ctrl.simulation.happenings import happenings
 from railslip_ctrl.units import KMH
 
 from .style import line_style, new_figure
@@ -15,16 +16,19 @@ _ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is
 
 
 def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
-    """Speeds, slip with its reference, torque commanded and acting, and adhesion over time; needs `run.signals`."""
+    """Speeds, slip with its reference, torque commanded and acting, and adhesion over time; needs `run.signals`.
+
+    A vertical line stands at each event that happened.
+    """
     assert run.signals is not None, "the run was recorded"
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
     figure = new_figure(8.5, 10.0, title or f"{name}, {run.braking_distance:.4g} m")
     axes = figure.subplots(4, 1, sharex=True)
+    events = [one for one in happenings(run) if one.reached]
     for ax, draw in zip(axes, (_speeds, _slip, _torque, _adhesion), strict=True):
         draw(ax, run)
-        for event in run.scenario.events:
-            if event.time is not None and event.time < run.braking_time:
-                ax.axvline(event.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
+        for one in events:
+            ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
         ax.grid(True, color="0.88")
         if len(ax.lines) > 1 and ax.get_legend_handles_labels()[0]:
             ax.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

@@ -15,7 +15,7 @@ from railslip_ctrl.campaign.rows import COLUMNS, MEASURES, Measure, measured
 from railslip_ctrl.campaign.sampling import Sampling
 from railslip_ctrl.campaign.specification import Quantity, described
 from railslip_ctrl.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
-from railslip_ctrl.simulation.run import Outcome
+from railslip_ctrl.simulation.run import Outcome, Run
 
 from .jsonable import number
 from .layout import facts, fixed, heading, render, table
@@ -24,14 +24,19 @@ from .layout import facts, fixed, heading, render, table
 def campaign_text(summary: CampaignSummary) -> str:
     """What was varied, what became of the runs, statistics, comparison, the worst runs."""
     parts: list[RenderableType] = [heading(f"Campaign: {summary.runs} runs of {summary.campaign.scenario.name}")]
-    parts += [facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary), *_failures(summary)]
-    parts += [heading("Runs that stopped", "-"), _mean_table(summary), _quantile_table(summary)]
-    parts.append(Text(_interval_note(summary)))
+    parts += [facts(_campaign_facts(summary)), heading("Outcomes", "-"), _outcome_table(summary)]
+    if failed := _failures(summary):
+        parts += [*failed, Text("They are in no average below.")]
+    parts.append(heading("Runs that stopped", "-"))
+    if summary.any_stopped:
+        parts += [_mean_table(summary), _quantile_table(summary), Text(_interval_note(summary))]
+    else:
+        parts.append(Text("None: there are no statistics and no pictures."))
     if summary.points:
         parts += [heading("Grid: mean braking distance, m, and runs that did not stop", "-"), _grid_table(summary)]
     if summary.paired:
         parts += [heading("Controllers on the same runs (second minus first)", "-"), _paired_table(summary)]
-    parts += [heading(f"Worst runs by {summary.worst_by}", "-"), _worst_table(summary)]
+    parts += [heading(f"Worst runs by {measured(summary.worst_by).title}", "-"), *_worst(summary)]
     parts.append(Text("To see one again, with its time series: the same command with --replay NUMBER"))
     return render(parts)
 
@@ -41,10 +46,9 @@ def replay_text(replayed: Replay) -> str:
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]
     known = "equal to the stored row to the last bit" if replayed.stored else "the folder does not have this run yet"
     rows.append(("Compared", known))
-    rows += [(name, run.outcome.value) for name, run in replayed.runs.items()]
+    rows += [(name, _end(run)) for name, run in replayed.runs.items()]
     cells = [
-        (_title(measure), *(fixed(_scale(measure.name) * measure.read(run)) for run in replayed.runs.values()))
-        for measure in MEASURES
+        (measure.head, *(_shown(measure, measure.of(run)) for run in replayed.runs.values())) for measure in MEASURES
     ]
     return render([heading(f"Run {replayed.number} again"), facts(rows), table(("measure", *replayed.runs), cells)])
 
@@ -56,10 +60,14 @@ def replay_json(replayed: Replay) -> dict[str, Any]:
         "values": replayed.values,
         "stored": replayed.stored,
         "controllers": {
-            name: {"outcome": run.outcome.value, **{measure.name: number(measure.read(run)) for measure in COLUMNS}}
+            name: {"outcome": run.outcome.value, **{measure.name: _number(measure.of(run)) for measure in COLUMNS}}
             for name, run in replayed.runs.items()
         },
     }
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None else number(value)
 
 
 def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
@@ -182,17 +190,18 @@ def _failures(summary: CampaignSummary) -> list[RenderableType]:
         for outcome, runs in c.failed.items():
             more = " ..." if c.outcomes[outcome] > LISTED else ""
             lines.append(f"{c.name}, {outcome}: runs {', '.join(map(str, runs))}{more}")
-    return [Text("\n".join([*lines, "They are in no average below."]))] if lines else []
+    return [Text("\n".join(lines))] if lines else []
 
 
 def _mean_table(summary: CampaignSummary) -> RenderableType:
     rows = []
     for measure in MEASURES:
         for c in summary.controllers.values():
-            found, scale = c.measures[measure.name], _scale(measure.name)
-            numbers = [fixed(scale * v, 3) for v in (found.moments.std, found.moments.low, found.moments.high)]
-            runs = str(found.moments.count) + (f" ({found.excluded} not finite)" if found.excluded else "")
-            rows.append((_title(measure), c.name, runs, _with_interval(found.mean, scale), *numbers))
+            found, moments = c.measures[measure.name], c.measures[measure.name].moments
+            spread = (moments.std, moments.low, moments.high) if moments.count else (None, None, None)
+            runs = str(moments.count) + (f" ({found.excluded} not finite)" if found.excluded else "")
+            numbers = (_shown(measure, value, 3) for value in spread)
+            rows.append((measure.head, c.name, runs, _with_interval(found.mean, measure.scale), *numbers))
     return table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
 
 
@@ -200,22 +209,19 @@ def _quantile_table(summary: CampaignSummary) -> RenderableType:
     rows = []
     for measure in MEASURES:
         for c in summary.controllers.values():
-            found, scale = c.measures[measure.name].quantiles, _scale(measure.name)
-            cells = [_with_interval(found[level], scale) if level in found else "-" for level in LEVELS]
-            rows.append((_title(measure), c.name, *cells))
+            found = c.measures[measure.name].quantiles
+            cells = [_with_interval(found[level], measure.scale) if level in found else "-" for level in LEVELS]
+            rows.append((measure.head, c.name, *cells))
     head = ("measure", "controller", *("median" if level == 0.5 else f"{100 * level:g} %" for level in LEVELS))
     return table(head, rows, left=2)
 
 
-_SHOWN = {"brake_energy_j": (1e-6, "MJ")}  # joules are too small to be read
+def _shown(measure: Measure, value: float | None, digits: int = 5) -> str:
+    return "-" if value is None else fixed(measure.scale * value, digits)
 
 
-def _scale(name: str) -> float:
-    return _SHOWN[name][0] if name in _SHOWN else 1.0
-
-
-def _title(measure: Measure) -> str:
-    return measure.title + _unit(_SHOWN[measure.name][1] if measure.name in _SHOWN else measure.unit)
+def _end(run: Run) -> str:
+    return f"{run.outcome.value} after {fixed(run.braking_time)} s and {fixed(run.braking_distance)} m"
 
 
 def _interval_note(summary: CampaignSummary) -> str:
@@ -246,10 +252,10 @@ def _grid_table(summary: CampaignSummary) -> RenderableType:
 def _paired_table(summary: CampaignSummary) -> RenderableType:
     rows = [
         (
-            _title(measured(pair.measure)),
+            measured(pair.measure).head,
             f"{pair.second} - {pair.first}",
             str(pair.pairs),
-            _with_interval(pair.difference, _scale(pair.measure)),
+            _with_interval(pair.difference, measured(pair.measure).scale),
             _percent(pair.second_smaller),
         )
         for pair in summary.paired
@@ -257,14 +263,16 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
     return table(("measure", "controllers", "runs", "mean difference", "second smaller, %"), rows, left=2)
 
 
-def _worst_table(summary: CampaignSummary) -> RenderableType:
-    quantities = [quantity.name for quantity in summary.campaign.quantities]
+def _worst(summary: CampaignSummary) -> list[RenderableType]:
+    """Those that did not stop by number, then the worst of those that stopped."""
+    heads, measure = summary.campaign.quantity_heads, measured(summary.worst_by)
     rows = [
-        (c.name, str(row["run"]), fixed(row[summary.worst_by]), *(fixed(row[name]) for name in quantities))
+        (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))
         for c in summary.controllers.values()
         for row in c.worst
     ]
-    return table(("controller", "run", summary.worst_by, *quantities), rows)
+    failed = _failures(summary)
+    return [*failed, *([table(("controller", "run", measure.head, *heads.values()), rows)] if rows else [])]
 
 
 def _with_interval(found: Estimate, scale: float = 1.0) -> str:
@@ -283,5 +291,7 @@ def _with_interval(found: Estimate, scale: float = 1.0) -> str:
 
 
 def _percent(found: Estimate) -> str:
+    if math.isnan(found.value):
+        return "-"
     low, high = (fixed(100 * end, 3) for end in found[1:])
     return f"{fixed(100 * found.value, 3)} [{low}, {high}]"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ from rich.text import Text
 
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.simulation import (
-    Event,
     LinearControl,
     Run,
     Scenario,
@@ -20,7 +20,9 @@ from railslip_ctrl.simulation import (
     SlideProtection,
     SlidingControl,
 )
-from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
+from railslip_ctrl.simulation.happenings import Happening, happenings
+from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
@@ -97,6 +99,13 @@ def simulation_json(run: Run, gains: str | None) -> dict[str, Any]:
         "notes": list(scenario.vehicle.notes),
         "step_s": scenario.step,
         "period_s": _period(run),
+        "limits": scenario.limits.model_dump(),
+        "measurement": scenario.measurement.model_dump(),
+        "disturbances": scenario.disturbances.model_dump(),
+        "events": [
+            {**one.event.model_dump(mode="json"), "reached": one.reached, "happened_at_s": number(one.time)}
+            for one in happenings(run)
+        ],
         "energy_balance": {
             "starting_j": number(energies.starting),
             "booked_j": number(energies.booked),
@@ -135,11 +144,11 @@ def gain_values(controller: Controller) -> dict[str, float | None]:
 
 
 def simulation_text(run: Run) -> str:
-    """What was run, what came of it, and the energy balance."""
+    """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance."""
     scenario = run.scenario
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
-        facts([*_scenario_facts(scenario), *_controller_facts(run)]),
+        facts([*_scenario_facts(run), *_controller_facts(run)]),
         Text(f"\n{_outcome(run)}\n"),
         heading("Numbers", "-"),
         facts(_numbers(run)),
@@ -157,36 +166,73 @@ def _outcome(run: Run) -> str:
     return f"Outcome: NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
 
 
-def _scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
-    noise, measurement = scenario.disturbances, scenario.measurement
-    rows = [
+def _scenario_facts(run: Run) -> list[tuple[str, str]]:
+    scenario, noise = run.scenario, run.scenario.disturbances
+    numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
+    weaker = "" if scenario.adhesion_factor == 1.0 else f", {scenario.adhesion_factor:g} times the rail's adhesion"
+    speeds = f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"
+    return [
         *vehicle_facts(scenario.vehicle),
-        ("Adhesion", f"{scenario.adhesion.name} ({scenario.adhesion.title}), {scenario.rail} rail at the start"),
-        ("Speeds", f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"),
-        *(("Event", _event(event)) for event in scenario.events),
+        ("Viscous friction", _viscous(scenario)),
+        ("Brake limits", _limits(scenario)),
+        (
+            "Adhesion",
+            f"{scenario.adhesion.name} ({scenario.adhesion.title}), {scenario.rail} rail at the start{weaker}",
+        ),
+        ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
+        ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
+        *(("Event", _event(one)) for one in happenings(run)),
         (
             "Disturbances",
-            f"random force {noise.random_force:g} N held {noise.random_hold:g} s, "
-            f"caliper {noise.caliper_fraction:g} of the torque",
+            f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "
+            f"of the torque, decay {noise.caliper_decay:g} 1/s, {noise.caliper_frequency:.5g} rad/s",
         ),
+        ("Measurement", _measurement(scenario)),
     ]
-    if measurement.speed_noise or measurement.wheel_noise or measurement.filter_time:
-        sensors = (
-            f"noise {measurement.speed_noise:g} m/s and {measurement.wheel_noise:g} rad/s, "
-            f"filter {measurement.filter_time:g} s"
+
+
+def _viscous(scenario: Scenario) -> str:
+    least = "" if scenario.viscous_least is None else f", at least {scenario.viscous_least:g} N·m·s"
+    change = f"changes by {scenario.viscous_rate:g} N·m·s per second" if scenario.viscous_rate else "constant"
+    return f"{change}{least}"
+
+
+def _limits(scenario: Scenario) -> str:
+    """What the actuator cannot do, beside its dead time and lag."""
+    limits, lag = scenario.limits, scenario.vehicle.actuator.lag
+    rate = "no limit of rate" if limits.rate is None else f"rate at most {limits.rate:g} N·m/s"
+    dump = lag if limits.dump_lag is None else limits.dump_lag
+    return f"commanded torque {_range(limits.torque_min, limits.torque_max)}, {rate}, lag {dump:g} s where torque falls"
+
+
+def _range(low: float, high: float | None) -> str:
+    """A range of torques, N*m; without end where None or infinite."""
+    least = f"at least {low:g} N·m" if math.isfinite(low) else ""
+    most = f"at most {high:g} N·m" if high is not None and math.isfinite(high) else ""
+    return f"{least}{' and ' if least and most else ''}{most}" or "unlimited"
+
+
+def _measurement(scenario: Scenario) -> str:
+    sensors = scenario.measurement
+    return "; ".join(
+        (
+            f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s",
+            f"grid {sensors.speed_quantum:g} m/s and {sensors.wheel_quantum:g} rad/s (0: none)",
+            f"filter {sensors.filter_time:g} s",
         )
-        rows.append(("Measurement", sensors))
-    return rows
+    )
 
 
-def _event(event: Event) -> str:
+def _event(one: Happening) -> str:
+    event = one.event
     place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
     changes = [
         *([f"{event.rail} rail"] if event.rail is not None else []),
         *([f"{event.adhesion_factor:g} times the rail's adhesion"] if event.adhesion_factor is not None else []),
         *([f"M {event.mass:g} kg"] if event.mass is not None else []),
     ]
-    return f"{place}: {', '.join(changes)}"
+    when = f" (at {one.time:.4g} s)" if event.time is None else ""
+    return f"{place}: {', '.join(changes)}{when if one.reached else ' (NOT REACHED)'}"
 
 
 def _controller_facts(run: Run) -> list[tuple[str, str]]:
@@ -194,6 +240,7 @@ def _controller_facts(run: Run) -> list[tuple[str, str]]:
     noise = "none: neither random force nor measurement noise" if run.seed is None else str(run.seed)
     return [
         ("Controller", _controller(controller)),
+        ("Controller's limits", _controller_limits(run)),
         ("Reference slip", f"{reference.dry:g} dry, {reference.wet:g} wet"),
         ("Sampling", f"every {_period(run):g} s; integrated in steps of at most {run.scenario.step:g} s"),
         ("Noise seed", noise),
@@ -206,8 +253,11 @@ def _controller(controller: Controller) -> str:
     if isinstance(controller, SlidingControl):
         gains = controller.gains
         knows = "" if controller.knows_rail else "; its adhesion model stays dry"
-        adapts = f", k1 {gains.k1:g}, k2 {gains.k2:g}" if gains.k1 or gains.k2 else ", no adaptation"
-        return f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s{adapts}{knows}"
+        own = "" if controller.model_law is None else f"; its adhesion model is {controller.model_law.name}"
+        return (
+            f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s, boundary layer "
+            f"{gains.layer:g} m/s{_adaptation(gains)}{knows}{own}"
+        )
     if isinstance(controller, ScheduledControl):
         schedule = controller.schedule
         speeds = sorted({entry.speed_kmh for entry in schedule.entries})
@@ -222,7 +272,43 @@ def _controller(controller: Controller) -> str:
             f"{controller.name}, fills below slip {controller.fill_slip:g} by {controller.fill_rate:g} N·m/s, dumps "
             f"above {controller.dump_slip:g} or {controller.dump_deceleration:g} m/s² by {controller.dump_rate:g} N·m/s"
         )
+    if isinstance(controller, TorqueProfile):
+        return (
+            f"{controller.name}, torque over time: {len(controller.times)} points, {min(controller.torques):g} to "
+            f"{max(controller.torques):g} N·m"
+        )
     return controller.name
+
+
+def _adaptation(gains: LawGains) -> str:
+    if not (gains.k1 or gains.k2):
+        return ", no adaptation"
+    box = "" if gains.box is None else ", estimates within " + " and ".join(f"{a:g} to {b:g}" for a, b in gains.box)
+    rests = ", resting in the layer" if gains.dead_zone else ""
+    return f", k1 {gains.k1:g}, k2 {gains.k2:g}, leak {gains.leak:g} 1/s{box}{rests}"
+
+
+def _controller_limits(run: Run) -> str:
+    """The controller's own limits, and what else it starts and works with."""
+    controller, vehicle = run.controller, run.scenario.vehicle
+    if isinstance(controller, LinearControl | ScheduledControl):
+        tracking = controller.tracking_time
+        windup = "by its gains" if tracking is None else f"{tracking:g} s" if math.isfinite(tracking) else "none"
+        return (
+            f"torque {_range(controller.torque_low, controller.torque_high)}, initial torque "
+            f"{controller.initial_torque:g} N·m, anti-windup {windup}, rule {controller.rule.value}"
+        )
+    if isinstance(controller, SlidingControl):
+        mass = vehicle.mass if controller.nominal_mass is None else controller.nominal_mass
+        viscous = controller.nominal_viscous_friction
+        return (
+            f"torque {_range(controller.torque_low, controller.torque_high)}, anti-windup "
+            f"{'on' if controller.anti_windup else 'none'}, filter of v' {controller.filter_time:g} s, nominal mass "
+            f"{mass:g} kg, nominal friction {vehicle.wheel.viscous_friction if viscous is None else viscous:g} N·m·s"
+        )
+    if isinstance(controller, SlideProtection):
+        return f"torque {_range(0.0, controller.torque_high)}, filter of deceleration {controller.filter_time:g} s"
+    return "none"
 
 
 def _period(run: Run) -> float:

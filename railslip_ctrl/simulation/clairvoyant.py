@@ -14,7 +14,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import peak, plant_parameters
 from railslip_ctrl.parameters import Rail
 
-from .scenario import Event, Scenario
+from .scenario import Event, Scenario, event_place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,12 +56,12 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     if len(kinds) > 1:
         raise InputError("clairvoyant bound: events both in time and in distance; give them all in one of the two")
     by_distance = kinds == {True}
-    places = sorted({float(_place(event)) for event in scenario.events})
+    places = sorted({event_place(event) for event in scenario.events})
     state, start = np.array([scenario.initial_speed, 0.0]), 0.0
     for i in range(len(places) + 1):
         until = places[i] if i < len(places) else math.inf
         begin = places[i - 1] if i else -1.0
-        stage = _stage(scenario, [event for event in scenario.events if _place(event) <= begin])
+        stage = _stage(scenario, [event for event in scenario.events if event_place(event) <= begin])
         solution = _brake(scenario, stage, start, state, until, by_distance=by_distance)
         start, state = float(solution.t[-1]), solution.y[:, -1]
         if solution.t_events[0].size:
@@ -69,12 +69,6 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
         if start >= scenario.longest_time:
             break
     return ClairvoyantStop(math.inf, math.inf)
-
-
-def _place(event: Event) -> float:
-    place = event.distance if event.time is None else event.time
-    assert place is not None, "an event has a time or a distance"
-    return place
 
 
 def _stage(scenario: Scenario, past: list[Event]) -> _Stage:

@@ -14,7 +14,7 @@ from railslip_ctrl.parameters import Rail
 from railslip_ctrl.scalar_code import adhesion_table
 
 from .controllers import Controller, Situation, reference_slip
-from .scenario import PUBLISHED_REFERENCE, Scenario
+from .scenario import PUBLISHED_REFERENCE, Scenario, event_place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,8 @@ def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan
     c = _controller_row(scenario, controller, rail, _assumed(scenario, controller, rail), period)
     chosen = np.array([laws.number(law), laws.number(_assumed(scenario, controller, rail))])
     rows_p, rows_c, rows_chosen = [], [], []
-    for event in scenario.events:
+    ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
+    for event in ordered:
         row_p, row_c, row_chosen = np.full(p.size, np.nan), np.full(c.size, np.nan), np.array([-1, -1])
         if event.mass is not None:
             row_p[0] = vehicle.inertia_scale * event.mass
@@ -101,8 +102,8 @@ def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan
         rows_c.append(row_c)
         rows_chosen.append(row_chosen)
     events = Events(
-        time=np.array([math.inf if e.time is None else e.time for e in scenario.events]),
-        distance=np.array([math.inf if e.distance is None else e.distance for e in scenario.events]),
+        time=np.array([math.inf if e.time is None else e.time for e in ordered]),
+        distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
         p=np.array(rows_p).reshape(-1, p.size),
         c=np.array(rows_c).reshape(-1, c.size),
         chosen=np.array(rows_chosen, dtype=np.int64).reshape(-1, 2),

@@ -21,6 +21,9 @@ PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
 LEAST_STEP = 1e-5
 """s; a shorter step, or sampling period, fills memory before it gains accuracy."""
 
+LARGEST_STEP = 1.0
+"""s; a longer step of the integration says nothing of a wheel."""
+
 
 class Event(Record):
     """From a time or a distance on: another rail, another share of its adhesion, another mass.
@@ -42,6 +45,13 @@ class Event(Record):
         if self.rail is None and self.adhesion_factor is None and self.mass is None:
             raise InputError("event: changes nothing; give rail, adhesion_factor or mass")
         return self
+
+
+def event_place(event: Event) -> float:
+    """Time, s, or distance, m, of an event."""
+    place = event.distance if event.time is None else event.time
+    assert place is not None, "an event has a time or a distance"
+    return place
 
 
 class Disturbances(Record):
@@ -129,7 +139,7 @@ class Scenario(Record):
     limits: BrakeLimits = BrakeLimits()
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
-    step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=1.0, default=1e-3)
+    step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
     published_reference: bool = Field(False, description="compare slip with [Park2008]'s 0.132/0.092 as well")
 
     @model_validator(mode="after")
@@ -139,6 +149,23 @@ class Scenario(Record):
                 f"final_speed: {self.final_speed:g} is not allowed; give a value < initial_speed = "
                 f"{self.initial_speed:g} (m/s)"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _events_have_one_order(self) -> Self:
+        of_adhesion = [e for e in self.events if e.rail is not None or e.adhesion_factor is not None]
+        both_kinds = len({event.time is None for event in of_adhesion}) > 1
+        if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
+            raise InputError(
+                "events: adhesion changes in time and in distance, and what holds would hang on which comes first; "
+                "give rail and adhesion_factor in each"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _limits_need_a_lag(self) -> Self:
+        if self.vehicle.actuator.lag == 0 and (self.limits.rate is not None or self.limits.dump_lag is not None):
+            raise InputError("limits: a rate limit and a dump lag need an actuator with a lag; give lag > 0 (s)")
         return self
 
     def law(self, rail: Rail, factor: float = 1.0) -> AdhesionLaw:
