@@ -159,7 +159,10 @@ def test_every_field_can_be_given(scenario_of):
     assert mine.adhesion.alpha == pytest.approx(2.0 * scaled.alpha)
     assert mine.disturbances.caliper_frequency == 12.0
     assert mine.limits == BrakeLimits(torque_min=10.0, torque_max=8000.0, rate=20_000.0, dump_lag=0.3)
-    assert mine.events == (Event(distance=100.0, rail=Rail.WET, adhesion_factor=0.5), Event(time=10.0, rail=Rail.DRY, adhesion_factor=0.5, mass=3500.0))
+    assert mine.events == (
+        Event(distance=100.0, rail=Rail.WET, adhesion_factor=0.5),
+        Event(time=10.0, rail=Rail.DRY, adhesion_factor=0.5, mass=3500.0),
+    )
     assert mine.measurement.speed_noise == pytest.approx(0.1 / 3.6)
     assert set(mine.given()) == set(Scenario.model_fields)  # nothing was left out
 
