@@ -98,7 +98,8 @@ def draw(result: VirtualRig, folder: Path) -> None:
         for bristle, beam in zip(result.found["bristle"], result.found["beam"], strict=True)
     ]
     save_figure(adhesion_figure(both), folder / "virtual_rig_adhesion.png")
-    save_figure(coefficients_figure(result.campaign), folder / "virtual_rig_coefficients.png")
+    printed = ("[Park2008] (30)-(32)", lambda speed: published_coefficients(speed, PARK2008.wheel_load))
+    save_figure(coefficients_figure(result.campaign, beside=printed), folder / "virtual_rig_coefficients.png")
 
 
 if __name__ == "__main__":

@@ -156,7 +156,9 @@ def braking(vehicle: Vehicle, controller: PIController, held: ReferenceSlip) -> 
         disturbances=Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
     )
     limit = vehicle.wheel.radius * vehicle.wheel_load  # mu = 1 is more than any rail gives
-    control = LinearControl(controller, held, period=PERIOD, torque_low=0.0, torque_high=limit, tracking_time=2.0)
+    control = LinearControl(
+        controller, held, name="pi-lead", period=PERIOD, torque_low=0.0, torque_high=limit, tracking_time=2.0
+    )
     return Simulator(scenario, control)
 
 

@@ -18,10 +18,12 @@ from test_scripts import script
 
 import railslip_ctrl
 from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class, law_names
+from railslip_ctrl.adhesion import law_class, law_names, published_law
 from railslip_ctrl.cli import main
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.numeric import numeric_plant
+from railslip_ctrl.parameters import Rail
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.identities import agree_at_random_points, identical, vanishes
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
@@ -476,3 +478,23 @@ def test_errata_script(capsys) -> None:
     assert (len(result.agreeing), len(result.disagreeing)) == (12, 18)
     module.main()
     assert "12 agree, 18 do not" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("over_speed", [False, True])
+def test_derive_takes_the_law_of_a_file(railslip, tmp_path, over_speed):
+    path = tmp_path / "law.toml"
+    law = published_law("bristle", Rail.DRY)
+    coefficients = {name: [getattr(law, name)] for name in law.parameter_names()}
+    text = (
+        polynomials_toml(law, coefficients, (30.0, 140.0), reference=None)
+        if over_speed
+        else law_toml(law, reference=None)
+    )
+    path.write_text(text, encoding="utf-8")
+    named, filed = (railslip("--adhesion", given, "--format", "c") for given in ("bristle", path))
+    assert filed == named
+    assert filed[0] == 0
+    path.write_text("law = 1\n", encoding="utf-8")
+    status, _, err = railslip("--adhesion", path)
+    assert status == 2
+    assert err.startswith("railslip: error: --adhesion: ")

@@ -51,6 +51,7 @@ def test_from_log(tmp_path, capsys, monkeypatch):
         late = run.signals.time > module.RAIN + 6.0
         assert np.abs(run.signals.slip[late] - result.held.wet).mean() < 0.03
         assert run.scenario.adhesion == truth
+        assert run.controller.name == "pi-lead"  # as its picture's title says
     # 5. What it prints and writes.
     monkeypatch.setattr(module, "run", lambda folder=None: result)
     monkeypatch.setattr(sys, "argv", ["from_log.py", str(tmp_path)])

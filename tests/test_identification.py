@@ -13,13 +13,14 @@ from railslip_ctrl.adhesion.bristle import published_coefficients
 from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification.cells import Accumulator
-from railslip_ctrl.identification.comparison import compare, peak_slip
+from railslip_ctrl.identification.comparison import compare, few_for, peak_slip
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, fit
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.model_files import law_toml
+from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.models import MODELS, Setting, check_model, check_options, fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream, Observed, Observer
 from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.identification.profile import profile_interval
 from railslip_ctrl.identification.record import Recorder
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
 from railslip_ctrl.numeric import adhesion_coefficient
@@ -209,6 +210,35 @@ def test_a_fixed_parameter_stays_and_the_others_follow():
     assert found.values == pytest.approx([LAWS["beam"].mu_max, LAWS["beam"].Kx], rel=1e-6)
 
 
+def test_a_profile_beside_a_bound_is_its_closed_form():
+    """Two correlated parameters of a straight line; the second rests on 0, and its square alone makes the sum rise."""
+    matrix = np.array([[1.0, 0.8], [0.2, 1.0], [0.5, -0.3]])
+    free = np.array([2.0, -0.4])  # the best without bounds
+    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, np.inf])
+    normal = matrix.T @ matrix
+    best = np.array([free[0] - normal[0, 1] / normal[0, 0] * (0.0 - free[1]), 0.0])
+    rise = 0.7
+    own = 1.0 / np.linalg.inv(normal).diagonal()  # of the sum of squares, least over the other parameter
+
+    def interval(index: int) -> tuple[float, float]:
+        return profile_interval(
+            lambda x: matrix @ (x - free), best, *bounds, index, size=np.ones(2), stderr=own[index] ** -0.5, rise=rise
+        )
+
+    at_bound = own[1] * free[1] ** 2
+    low, high = interval(1)
+    assert low == 0.0
+    assert high == pytest.approx(free[1] + math.sqrt((at_bound + rise) / own[1]), abs=0.03 * own[1] ** -0.5)
+    # the first, upwards where the second would turn negative and stays at 0; the other way it follows as if free
+    ends = []
+    for sign in (-1.0, 1.0):
+        held = best[0] + sign * math.sqrt(rise / normal[0, 0])
+        loose = free[0] + sign * math.sqrt((at_bound + rise) / own[0])
+        second = free[1] - normal[0, 1] / normal[1, 1] * (loose - free[0])
+        ends.append(loose if second > 0.0 else held)
+    assert interval(0) == pytest.approx(ends, abs=0.03 * own[0] ** -0.5)
+
+
 def test_too_little_data_are_refused_or_without_errors():
     few = samples([0.1, 0.1, 0.2], V100, [0.2, 0.2, 0.3])
     with pytest.raises(InputError, match="distinct slips are too few"):
@@ -253,6 +283,21 @@ def test_the_model_that_made_the_data_comes_first(name):
     scores = compare([fitted(each, sums) for each in candidates], cells, peak_slip(cells))
     assert scores[0].fit.model.name == name
     assert [s.bic for s in scores] == sorted(s.bic for s in scores)
+
+
+def test_criteria_never_count_fewer_samples_than_stretches():
+    """A beam laid through a clean bristle curve: what is left is all of one piece, and would leave no sample at all."""
+    slip = 0.005 + 0.22 * (1.0 - np.cos(np.linspace(0.0, 4.0, 900)))
+    sums = gathered(samples(slip, V100, law_coefficient("curve", slip, V100)))
+    found = fitted("beam", sums)
+    cells = sums.cells()
+    (score,) = compare([found], cells, peak_slip(cells))
+    noise = found.residual_squares / slip.size
+    stretches = found.degrees_of_freedom + 3
+    assert slip.size * noise / found.long_run_variance < stretches
+    assert score.independent == pytest.approx(stretches)
+    assert score.bic > score.aic
+    assert few_for([score]) == (stretches < 6)
 
 
 def test_mean_absolute_errors_are_those_of_the_bins():
@@ -352,6 +397,7 @@ def test_degree_follows_the_number_of_distinct_speeds():
     assert over_initial_speed([20.0], [found])[0].coefficients == pytest.approx([found.values[0]])
     assert len(over_initial_speed([20.0, 20.05, 30.0], [found] * 3)[0].coefficients) == 2
     twice = over_initial_speed([20.0, 20.0], [found] * 2)[0]
+    assert twice.stderr_at(70.0) == pytest.approx(twice.stderrs[0])
     assert twice.stderrs == pytest.approx([found.parameters[0].stderr / math.sqrt(2)])  # of a mean of two
 
 
@@ -452,6 +498,24 @@ def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     path = tmp_path / "law.toml"
     path.write_text(law_toml(law, reference=law.reference, comments=["two\nlines", "é"]), encoding="utf-8")
     assert load_law(path) == law
+
+
+def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
+    path = tmp_path / "over.toml"
+    coefficients = {"mu_max": [0.42, -2e-3, 5e-6], "a": [0.005], "Kx": [2.7e5, 10.0]}
+    held = LAWS["beam"].reference
+    text = polynomials_toml(LAWS["beam"], coefficients, (30.0, 140.0), reference=held, comments=["over v0"])
+    path.write_text(text, encoding="utf-8")
+    law = load_law(path, initial_speed_kmh=80.0)
+    assert (law.mu_max, law.a, law.Kx) == pytest.approx((0.42 - 0.16 + 0.032, 0.005, 270_800.0), rel=1e-12)
+    assert law.reference == held
+    with pytest.raises(InputError, match=r"polynomials of the initial speed; give --initial-speed"):
+        load_law(path)
+    with pytest.raises(InputError, match=r"initial speed: 150 km/h is outside 30 to 140"):
+        load_law(path, initial_speed_kmh=150.0)
+    path.write_text(text.replace("[0.005]", "0.005"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"key 'polynomials.a': 0.005 is not a list of numbers"):
+        load_law(path, initial_speed_kmh=80.0)
 
 
 def test_a_kalman_filter_sets_mu_over_the_slip_it_belongs_to():

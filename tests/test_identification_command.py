@@ -20,6 +20,7 @@ from railslip_ctrl.adhesion.table import Table, table_force, table_slope
 from railslip_ctrl.cli import main
 from railslip_ctrl.errors import DomainError
 from railslip_ctrl.identification.identify import Options, identify
+from railslip_ctrl.identification.survey import FreeRolling
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -228,6 +229,68 @@ def test_a_log_without_braking_is_refused(railslip, tmp_path):
     assert "0 of 200 rows are under brake" in refused(railslip("identify", path))
 
 
+@pytest.fixture(scope="module")
+def fast_rows():
+    """Rows of two runs, 400 a second, as irregular sampling has short intervals too."""
+    return rig_rows(BEAM, runs=2, interval=0.0025, seed=5)[0]
+
+
+def test_irregular_sampling_below_the_time_constant_is_no_gap(railslip, fast_rows, tmp_path):
+    whole = json.loads(railslip("identify", write_log(tmp_path / "a.csv", fast_rows), "--model", "beam", "--json")[1])
+    kept = np.random.default_rng(1).random(len(fast_rows)) < 0.5
+    kept[2000:2010] = False  # 27.5 ms, half of tau
+    path = write_log(tmp_path / "b.csv", fast_rows.where(kept))
+    status, out, err = railslip("identify", path, "--model", "beam", "--json")
+    found = json.loads(out)
+    assert status == 0
+    assert found["log"]["gaps"] == 0
+    assert "long intervals" in err
+    assert found["points"] == pytest.approx(kept.mean() * whole["points"], rel=0.05)  # 0.03 is chance
+    for name, parameter in found["parameters"].items():  # the same runs: they differ by less than either from the truth
+        assert abs(parameter["value"] - whole["parameters"][name]["value"]) < whole["parameters"][name]["stderr"]
+
+
+def test_what_gaps_cost_is_told(railslip, fast_rows, tmp_path):
+    """0.06 s of every 0.8 s are missing: of 0.74 s under brake the observer settles for 0.25 s."""
+    time = fast_rows.columns["time"]
+    path = write_log(tmp_path / "gaps.csv", fast_rows.where(time % 0.8 > 0.06))
+    status, _, err = railslip("identify", path, "--model", "beam")
+    assert status == 0
+    (line,) = (line for line in err.splitlines() if "settling time" in line)
+    share = float(line.split(".csv: ")[1].split(" %")[0])
+    assert share == pytest.approx(100.0 * 0.25 / 0.74, abs=5.0)  # some ten stretches under brake, two of them cut
+    often = write_log(tmp_path / "often.csv", fast_rows.where(time % 0.3 > 0.06))
+    assert "rows under brake can be used: after the start and each of " in refused(railslip("identify", often))
+
+
+@pytest.mark.parametrize("factor", [1.02, 0.97])
+def test_a_wrong_wheel_radius_shows_in_free_rolling(railslip, log, tmp_path, factor):
+    rows = rig_rows(BEAM, seed=3, runs=2)[0]
+    rows.columns["wheel_angular_speed"] = factor * rows.columns["wheel_angular_speed"]
+    err = railslip("identify", write_log(tmp_path / "worn.csv", rows), "--model", "beam")[2]
+    assert f"free rolling shows a slip of {100 * (1 - factor):.1f} %: the wheel radius may be " in err
+    radius = float(err.split("radius may be ")[1].split(" m")[0])
+    assert radius == pytest.approx(0.43 / factor, abs=2e-4)  # the torque below 2 % of the load's slips by some 1e-4
+    assert "free rolling" not in railslip("identify", log, "--model", "beam")[2]
+
+
+def test_a_wheel_recovering_is_not_rolling_freely():
+    rolling, recovering = FreeRolling(), FreeRolling()
+    rolling.add(np.random.default_rng(0).normal(-0.013, 0.002, 5000))
+    recovering.add(np.linspace(0.5, 0.0, 200))
+    assert rolling.slip == pytest.approx(-0.013, abs=2e-4)  # five standard errors of the median, and its bins
+    assert recovering.slip is None
+    assert FreeRolling().slip is None
+
+
+def test_a_torque_of_the_wrong_sign_is_named(railslip, tmp_path):
+    rows = rig_rows(BEAM, runs=1)[0]
+    rows.columns["brake_torque"] = -rows.columns["brake_torque"]
+    line = refused(railslip("identify", write_log(tmp_path / "sign.csv", rows)))
+    assert "sign.csv: brake torque is negative in " in line
+    assert "rows with slip, and positive in 0; reverse its sign: torque that brakes is positive" in line
+
+
 def test_a_wheel_faster_than_possible_is_refused_with_its_line(railslip, log, tmp_path):
     path = tmp_path / "rpm.csv"
     path.write_text(log.read_text().replace("wheel angular speed [rad/s]", "wheel angular speed [rev/s]"))
@@ -247,7 +310,7 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     assert status == 0
     found = json.loads(out)
     assert found["log"]["broken_lines"] == 2
-    assert "line 401: 1 cells where the header has 4" in err
+    assert "line 401: a control character" in err
     assert f"line {len(lines)}: the file ends within this line" in err
     assert "1 rows with outliers left out, the first in line 701" in err
     assert "before line 2001: the observer starts anew" in err

@@ -190,6 +190,95 @@ def test_corrupted_lines_are_named_and_the_others_kept(tmp_path):
     assert set(range(2, 42)) - set(rows.line.tolist()) == {6, 10, 16, 21, 26}
 
 
+@pytest.mark.parametrize("block_bytes", [40, 1 << 20])
+@pytest.mark.parametrize("which", [slice(None), slice(20, 21)], ids=["all", "one"])
+def test_line_ends_translated_twice_are_read_and_told(tmp_path, which, block_bytes):
+    expected, _ = read(write(tmp_path, log_text(30)))
+    lines = log_text(30).splitlines(keepends=True)
+    lines[which] = [line.replace("\n", "\r\r\n") for line in lines[which]]
+    rows, log = read(write(tmp_path, "".join(lines), "other.csv"), block_bytes=block_bytes)
+    assert rows.line.tolist() == expected.line.tolist()
+    for name, values in expected.columns.items():
+        assert np.array_equal(rows.columns[name], values)
+    first = 2 if which.start is None else which.start + 1
+    assert log.notes == (f"line {first}: its end was translated twice (\\r\\r\\n); such lines are read all the same",)
+
+
+@pytest.mark.parametrize(
+    ("damaged", "reason"),
+    [
+        ("0.18,9\r9,98,1.5", "a control character or a carriage return within the line"),
+        ("0.18,99,98,1.5\x001", "a control character"),  # read as 1.5 otherwise
+        ('0.18,"99,98,1.5', "a quotation mark without its other one"),
+        ('0.18,99,98,x"1,5"', "quotation marks within a cell"),
+        ('0.18,9"9",98,1.5', "is not a number"),
+        ('0.18,"9"9,9x,1.5', "quotation marks within a cell"),
+        ("0.18,9_9,98,1.5", "'9_9' is not a number"),
+    ],
+)
+def test_what_no_parser_of_csv_takes_is_named_and_survived(tmp_path, damaged, reason):
+    lines = log_text(40).splitlines(keepends=True)
+    lines[19] = damaged + "\n"
+    rows, log = read(write(tmp_path, "".join(lines)))
+    assert log.broken.count == 1
+    assert log.broken.first[0].startswith("line 20: ")
+    assert reason in log.broken.first[0]
+    assert set(range(2, 42)) - set(rows.line.tolist()) == {20}
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_damage_costs_more_than_the_lines_it_is_in(tmp_path, seed):
+    """Random bytes, quotes and returns in some lines: the others are read as they were, or time is refused."""
+    generator = np.random.default_rng(seed)
+    lines = [line.encode() for line in log_text(60).splitlines(keepends=True)]
+    damaged = generator.choice(np.arange(1, 60), size=4, replace=False)
+    for i in damaged:
+        bits = [generator.bytes(30).replace(b"\n", b""), b'"', b"\r", b"1_0", b",", b"\0"]
+        at = generator.integers(len(lines[i]))
+        lines[i] = lines[i][:at] + bits[seed % len(bits)] + lines[i][at:]
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"".join(lines))
+    try:
+        rows, _ = read(path)
+    except InputError as error:
+        assert "give times that grow" in str(error)  # noqa: PT017 - the other outcome is the usual one
+        return
+    kept = dict(zip(rows.line.tolist(), rows.columns["train_speed"], strict=True))
+    for i in set(range(1, 61)) - set(damaged.tolist()):
+        assert kept[i + 1] == pytest.approx((100 - 0.01 * (i - 1)) / 3.6, rel=1e-13)
+
+
+def test_a_comma_is_the_decimal_mark_where_it_is_one(tmp_path):
+    expected, _ = read(write(tmp_path, log_text(30)))
+    tabs, _ = read(write(tmp_path, log_text(30).replace(",", "\t").replace(".", ","), "tabs.csv"))
+    lines = log_text(30, HEADER + ",remark").replace(",", ";").splitlines()
+    remarks = "\n".join([lines[0], *(line + ";cold, wet" for line in lines[1:])]) + "\n"
+    remarked, _ = read(write(tmp_path, remarks, "remarks.csv"))
+    for rows in (tabs, remarked):
+        assert rows.columns["wheel_speed"] == pytest.approx(expected.columns["wheel_speed"], rel=1e-14)
+
+
+def test_comments_are_passed_over_and_counted_as_lines(tmp_path):
+    lines = log_text(20).splitlines(keepends=True)
+    text = "".join(["# Rig A, 2008\n", "\n", "# 5,6,7,8\n", *lines[:10], "# halt, 1, 2, 3\n", *lines[10:]])
+    rows, log = read(write(tmp_path, text))
+    assert log.broken.count == 0
+    assert rows.line.tolist() == [*range(5, 14), *range(15, 26)]
+    with pytest.raises(InputError, match=r"line 3: no header, but numbers.*# is a comment"):
+        Log(write(tmp_path, "# a\n# b\n1,2,3,4\n"))
+
+
+@pytest.mark.parametrize("block_bytes", [60, 1 << 20])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_stamp_that_jumps_ahead_is_named_not_the_sound_one_after_it(tmp_path, count, block_bytes):
+    lines = log_text(40).splitlines(keepends=True)
+    for i in range(count):
+        lines[29 + i] = f"{1e9 + i},100,99,1.5\n"
+    message = f"line 30: time jumps from 0.27 s to 1e\\+09 s, but line {30 + count} has {0.28 + 0.01 * count:.2f} s"
+    with pytest.raises(InputError, match=message):
+        read(write(tmp_path, "".join(lines)), block_bytes=block_bytes)
+
+
 @pytest.mark.parametrize("block_bytes", [60, 1 << 20])  # within a block, and from one to the next
 @pytest.mark.parametrize(("stamp", "word"), [("0.27", "repeats"), ("0.05", "goes back")])
 def test_time_that_does_not_grow_is_refused_with_its_line(tmp_path, stamp, word, block_bytes):
@@ -207,6 +296,7 @@ def test_time_that_does_not_grow_is_refused_with_its_line(tmp_path, stamp, word,
         (HEADER, "nothing after line 1"),
         (HEADER + "\n", "no rows after the header"),
         (HEADER + "\nx\n", "no rows after the header; line 2: 1 cells"),
+        (log_text(3).replace("\n", "\r"), r"nothing after line 1.*lines must end in \\n, not in \\r"),
         ("1,2,3,4\n5,6,7,8\n", "line 1: no header, but numbers"),
         ("t\0i\0m\0e\0\n1\n", "not a text file"),
         ("time,v,vw,pressure\n1,2,3,4\n", "no column for brake_torque"),

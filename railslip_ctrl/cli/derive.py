@@ -8,7 +8,7 @@ from typing import get_args
 
 import click
 
-from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.adhesion import law_class, law_name_in
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.files import check_directory, write_files
@@ -17,6 +17,7 @@ from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.surface import Reference
 
+from .options import from_file
 from .output import progress
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
@@ -30,7 +31,11 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     metavar="proportional|constant",
     help="Reference slip velocity: lambda_d v, or constant.",
 )
-@click.option("--adhesion", metavar="LAW", help="Adhesion law put in for Ta.  [default: none, Ta is an argument]")
+@click.option(
+    "--adhesion",
+    metavar="LAW|FILE.toml",
+    help="Adhesion law put in for Ta, a file's with its parameters as symbols.  [default: none, Ta is an argument]",
+)
 @click.option("--format", "form", metavar="|".join(_FORMATS), help="What to print.  [default: text]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @click.option(
@@ -78,7 +83,7 @@ def _check_out(out: Path) -> None:
 
 
 def _text(reference: Reference, adhesion: str | None, form: str) -> str:
-    derivation = derive(reference=reference, law=None if adhesion is None else law_class(adhesion).name)
+    derivation = derive(reference=reference, law=None if adhesion is None else _law_name(adhesion))
     code = generate(derivation)
     if form in ("c", "python"):
         return code.c if form == "c" else code.python
@@ -90,6 +95,13 @@ def _text(reference: Reference, adhesion: str | None, form: str) -> str:
     if form == "latex":
         return derivation_latex(derivation, rows, code)
     return derivation_text(derivation, rows)
+
+
+def _law_name(adhesion: str) -> str:
+    """The name of the law, a file's too: the derivation is symbolic, and its numbers are not used."""
+    if adhesion.lower().endswith(".toml"):
+        return from_file("--adhesion", Path(adhesion), law_name_in)
+    return law_class(adhesion).name
 
 
 def _write(path: Path, text: str) -> None:

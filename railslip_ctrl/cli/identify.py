@@ -19,6 +19,7 @@ from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.identification import (
     campaign_json,
     campaign_text,
+    campaign_toml,
     identification_json,
     identification_text,
     model_toml,
@@ -106,7 +107,8 @@ def command(
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]". The model is for
-    --adhesion fitted/model.toml of the other commands.
+    --adhesion fitted/model.toml of linearize, margins, tune, simulate, report and derive; that of several logs is over
+    v0, and is taken at --initial-speed.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
@@ -123,12 +125,11 @@ def command(
             else identify_several(logs, chosen, options, progress=advance)
         )
     _warn(found)
-    single = isinstance(found, Identification)
     text = identification_text(found) if isinstance(found, Identification) else campaign_text(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
     if out is not None:
         files = write_files(out, _writers(found, text, content))
-        progress(f"wrote {len(files)} files to {out}{', the model to model.toml' if single else ''}")
+        progress(f"wrote {len(files)} files to {out}{_model_told(found)}")
     if as_json:
         print_json(content)
     else:
@@ -209,6 +210,7 @@ def _warn(found: Identification | Campaign) -> None:
 
 
 def _model_names(count: int) -> list[str]:
+    """Of the logs' own models."""
     return ["model.toml"] if count == 1 else [f"model-{i + 1}.toml" for i in range(count)]
 
 
@@ -218,7 +220,8 @@ def _pictures(count: int) -> tuple[str, ...]:
 
 def _file_names(count: int) -> list[str]:
     pictures = [f"{name}.{suffix}" for name in _pictures(count) for suffix in ("png", "svg")]
-    return [*_model_names(count), "identification.txt", "identification.json", *pictures]
+    several = [] if count == 1 else ["model.toml"]
+    return [*several, *_model_names(count), "identification.txt", "identification.json", *pictures]
 
 
 def _writers(
@@ -230,6 +233,7 @@ def _writers(
     second = drift_figure(found) if isinstance(found, Identification) else coefficients_figure(found)
     texts = {
         **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
+        **_over_speed(found),
         "identification.txt": text,
         "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
     }
@@ -240,6 +244,19 @@ def _writers(
         for suffix in ("png", "svg"):
             writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
     return writers
+
+
+def _over_speed(found: Identification | Campaign) -> dict[str, str]:
+    """Of several logs, the one model over the initial speed."""
+    whole = campaign_toml(found) if isinstance(found, Campaign) else None
+    return {} if whole is None else {"model.toml": whole}
+
+
+def _model_told(found: Identification | Campaign) -> str:
+    if isinstance(found, Identification):
+        return ", the model to model.toml"
+    each = "model-1.toml and so on are for the v0 of their log"
+    return f", the model to model.toml, which needs --initial-speed; {each}" if _over_speed(found) else f"; {each}"
 
 
 def _write_text(path: Path, text: str) -> None:

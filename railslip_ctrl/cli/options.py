@@ -259,7 +259,8 @@ def from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
 
 def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
     if adhesion.lower().endswith(".toml"):
-        return from_file("--adhesion", Path(adhesion), load_law).on(rail)
+        read = functools.partial(load_law, initial_speed_kmh=initial_speed)
+        return from_file("--adhesion", Path(adhesion), read).on(rail)
     return published_law(adhesion, rail, initial_speed, wheel_load)
 
 

@@ -280,7 +280,7 @@ def _law(name: str, vehicle: Vehicle, v0: float) -> Any:
     if name.lower().endswith(".toml"):
         from railslip_ctrl.adhesion import load_law
 
-        return _naming("--adhesion", lambda: load_law(Path(name)))
+        return _naming("--adhesion", lambda: load_law(Path(name), initial_speed_kmh=v0 / KMH))
     from railslip_ctrl.simulation.scenario import named_law
 
     return named_law(name, vehicle, v0)

@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 
 _PEAK_WINDOW = 0.15  # half width, relative, of the window in which mu is averaged to find its peak
 _LEAST_SHARE = 0.002  # of all samples that such a window must hold
+_LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and n - p - 1 of them must stay at least
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Score:
         The same over the bins below and from the peak on; NaN where there are none.
     aic, bic : float
         Akaike's and Schwarz's criterion, of as many samples as are independent; lower is better.
+    independent : float
+        How many that are: by the noise's long-run variance, but no fewer than the stretches that gave it.
     """
 
     fit: Fit
@@ -39,6 +42,7 @@ class Score:
     sliding_error: float
     aic: float
     bic: float
+    independent: float
 
 
 def peak_slip(cells: Cells) -> float:
@@ -63,7 +67,8 @@ def compare(fits: Sequence[Fit], cells: Cells, peak: float) -> tuple[Score, ...]
     noise = least.residual_squares / samples
     independent = samples
     if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
-        independent = max(samples * noise / least.long_run_variance, 2.0)
+        stretches = least.degrees_of_freedom + len(least.parameters)  # whose sums are taken as independent
+        independent = max(samples * noise / least.long_run_variance, float(stretches))
     scores = [_score(each, cells, peak, samples, independent) for each in fits]
     return tuple(sorted(scores, key=lambda score: score.bic))
 
@@ -81,7 +86,13 @@ def _score(fit: Fit, cells: Cells, peak: float, samples: float, independent: flo
         float(error[~below].mean()) if (~below).any() else math.nan,
         deviance + 2.0 * parameters,
         deviance + math.log(independent) * parameters,
+        independent,
     )
+
+
+def few_for(scores: Sequence[Score]) -> bool:
+    """Whether some model has so many parameters that the criteria cannot weigh it: the errors are to be looked at."""
+    return any(score.independent < _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores)
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:

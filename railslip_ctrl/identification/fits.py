@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,17 +41,21 @@ class Parameter:
 
     `stderr` is the half width of its 99 % interval over 2.576, so that it holds the uncertainty of the noise level
     too; NaN where the parameter is not identified or rests on a bound. `status` is "fitted", "at lower bound",
-    "at upper bound" or "not identifiable".
+    "at upper bound" or "not identifiable". `limits` is the interval from the profile of the likelihood, where a bound
+    is so near that the symmetric one would not hold.
     """
 
     name: str
     value: float
     stderr: float
     status: str
+    limits: tuple[float, float] | None = None
 
     @property
     def interval(self) -> tuple[float, float]:
         """The 99 % interval."""
+        if self.limits is not None:
+            return self.limits
         half = NORMAL_QUANTILE * self.stderr
         return self.value - half, self.value + half
 
@@ -65,7 +71,8 @@ class Fit:
         With the fitted parameters.
     parameters : tuple of Parameter
     covariance : array, (p, p)
-        Of the fitted values, scaled as `Parameter.stderr`; rows of parameters without one are NaN.
+        Of the fitted values, scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN. One
+        that the search along the motion left on a bound has a row: the others are not as sure as if it were known.
     residual_squares : float
         Sum of the squared deviations of all samples from the model.
     cell_coefficients : array
@@ -153,12 +160,13 @@ def refitted(
     cells: Cells,
     setting: Setting,
     followed: Floats | None = None,
+    limits: Mapping[int, tuple[float, float]] = MappingProxyType({}),
 ) -> Fit:
     """A fit with other values: what follows from them, anew; the noise over the cells stays as it was found."""
     mean, spread = in_cells(model, values, cells, setting.wheel_load)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
-    parameters = _parameters(model, values, covariance, active, dead)
+    parameters = _parameters(model, values, covariance, active, dead, limits)
     return replace(
         found,
         model=model,
@@ -173,10 +181,16 @@ def refitted(
 
 
 def _parameters(
-    model: FitModel, values: Floats, covariance: Floats, active: NDArray[np.int_], dead: NDArray[np.bool_]
+    model: FitModel,
+    values: Floats,
+    covariance: Floats,
+    active: NDArray[np.int_],
+    dead: NDArray[np.bool_],
+    limits: Mapping[int, tuple[float, float]] = MappingProxyType({}),
 ) -> tuple[Parameter, ...]:
+    stderrs = np.where(active == 0, np.sqrt(np.diag(covariance)), np.nan)
     return tuple(
-        Parameter(name, float(value), math.sqrt(covariance[i, i]), _status(int(active[i]), bool(dead[i])))
+        Parameter(name, float(value), float(stderrs[i]), _status(int(active[i]), bool(dead[i])), limits.get(i))
         for i, (name, value) in enumerate(zip(model.names, values, strict=True))
     )
 
@@ -311,6 +325,14 @@ def long_run_variance(
             return best
 
 
+def _at_bound(p: Parameter) -> str:
+    text = f"{p.name}: rests {p.status.replace('at', 'on its', 1)}"
+    if p.limits is None:
+        return text
+    side, limit = ("more", p.limits[1]) if "lower" in p.status else ("less", p.limits[0])
+    return f"{text}; this log cannot tell it, only that it is not {side} than {limit:.4g} (99 %)"
+
+
 def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
     remarks = []
     dead = [p.name for p in parameters if p.status == "not identifiable"]
@@ -319,7 +341,7 @@ def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, .
             f"{', '.join(dead)}: not identifiable from this log, as the curve stays the same when "
             f"{'it changes' if len(dead) == 1 else 'they change together'}"
         )
-    remarks += [f"{p.name}: rests {p.status.replace('at', 'on its', 1)}" for p in parameters if "bound" in p.status]
+    remarks += [_at_bound(p) for p in parameters if "bound" in p.status]
     loose = [p.name for p in parameters if p.stderr > abs(p.value)]
     if loose:
         remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")

@@ -19,12 +19,13 @@ from .comparison import Score, compare, peak_slip
 from .fits import Fit, fit
 from .logs import BLOCK_BYTES, Broken, Log, Rows
 from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
-from .observed import AdhesionStream, Observer, Survey
+from .motion import along_the_motion
+from .observed import AdhesionStream, Observer
 from .outliers import OutlierFilter
 from .polynomials import ParameterPolynomial, over_initial_speed
-from .prediction import along_the_motion
 from .record import Record
 from .reference import PeakSlip, drift
+from .survey import Survey
 
 Floats = NDArray[np.float64]
 
@@ -230,23 +231,18 @@ def _curve(
         sliding_samples=int(cells.count[~below].sum()),
         broken_lines=broken.count,
         outliers=outliers.count,
-        warnings=_warnings(name, broken, outliers, stream.survey),
+        warnings=_warnings(name, broken, outliers, stream),
         notes=notes,
     )
 
 
-def _warnings(name: str, broken: Broken, outliers: OutlierFilter, survey: Survey) -> tuple[str, ...]:
+def _warnings(name: str, broken: Broken, outliers: OutlierFilter, stream: AdhesionStream) -> tuple[str, ...]:
     found = [f"{name}: {text}" for text in broken.first]
     if broken.count > len(broken.first):
         found.append(f"{name}: {broken.count} broken lines in all; every other line is used")
     if outliers.count:
         found.append(f"{name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
-    if survey.implausible:
-        found.append(f"{name}: {survey.implausible} impossible rows left out; {survey.first_implausible}")
-    for line, seconds in survey.gaps:
-        found.append(f"{name}: gap of {seconds:.4g} s before line {line}: the observer starts anew")
-    if survey.gap_count > len(survey.gaps):
-        found.append(f"{name}: {survey.gap_count} gaps in all")
+    found += [f"{name}: {text}" for text in stream.warnings]
     return tuple(found)
 
 

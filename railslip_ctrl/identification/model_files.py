@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 
@@ -20,6 +20,28 @@ def law_toml(law: AdhesionLaw, *, reference: ReferenceSlip | None, comments: Ite
         extra = info.json_schema_extra
         unit = f"{extra['unit']}, " if isinstance(extra, dict) and extra.get("unit", "1") != "1" else ""
         lines.append(f"{name} = {_number(getattr(law, name))}  # {unit}{info.description}")
+    if reference is not None:
+        lines += ["", "[reference_slip]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def polynomials_toml(
+    law: AdhesionLaw,
+    coefficients: Mapping[str, Sequence[float]],
+    speeds_kmh: tuple[float, float],
+    *,
+    reference: ReferenceSlip | None,
+    comments: Iterable[str] = (),
+) -> str:
+    """The text of a file with the parameters over the initial speed: `coefficients` of powers of v0 in km/h, SI.
+
+    `law` gives name and rail condition, `speeds_kmh` the range; `reference` and `comments` as of `law_toml`.
+    """
+    lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
+    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
+    lines += [f"initial_speed_range = {_number(speeds_kmh)}  # km/h", ""]
+    lines += ["[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
+    lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
     if reference is not None:
         lines += ["", "[reference_slip]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
     return "\n".join(lines) + "\n"

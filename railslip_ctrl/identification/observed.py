@@ -8,7 +8,7 @@ that an observed mu is the mean over, which is all that a fit needs (`cells`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ from railslip_ctrl.units import KMH
 
 from .logs import Rows
 from .record import Recorder
+from .survey import FreeRolling, Survey
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +41,11 @@ LOWEST_SPEED = 5.0 * KMH
 """m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
 
 _GAP_INTERVALS = 5.0
+
+# An interval up to this many time constants is no gap: speeds and torque are taken to run straight through it, and
+# what they do else is mostly beyond the observer's bandwidth anyway.
+_BRIDGED = 1.0
+
 _SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
 _LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not applied
 
@@ -100,47 +106,6 @@ class Observed:
         return Observed(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
-@dataclass
-class Survey:
-    """What was met on the way.
-
-    Attributes
-    ----------
-    rows, used : int
-        Rows observed, and those with the brake applied in the range of slip and speed.
-    runs : int
-        Stretches of rows used, apart by at least the settling time.
-    gaps : list of (line, seconds)
-        The first gaps; the observer starts anew after each.
-    gap_count, implausible : int
-        All gaps; rows left out as impossible.
-    first_implausible : str
-        The first of them.
-    initial_speed : float
-        Highest train speed, m/s, filtered.
-    interval : float
-        Median interval of the first rows, s.
-    load_sum : float
-        Sum of the wheel load over the rows used, N.
-    """
-
-    rows: int = 0
-    used: int = 0
-    runs: int = 0
-    gaps: list[tuple[int, float]] = field(default_factory=list)
-    gap_count: int = 0
-    implausible: int = 0
-    first_implausible: str = ""
-    initial_speed: float = 0.0
-    interval: float = math.nan
-    load_sum: float = 0.0
-
-    @property
-    def wheel_load(self) -> float:
-        """Mean wheel load of the rows used, N."""
-        return self.load_sum / self.used
-
-
 class AdhesionStream:
     """Observed adhesion of a log that comes in blocks of rows.
 
@@ -165,6 +130,7 @@ class AdhesionStream:
         self.vehicle, self.kind = vehicle, observer
         self.survey = Survey()
         self.recorder = Recorder()
+        self.free = FreeRolling()
         self._tau = time_constant
         self._observer: TorqueObserver | None = None
         self._state: Any = None
@@ -211,8 +177,7 @@ class AdhesionStream:
             least = INTERVALS_PER_TIME_CONSTANT * self.survey.interval if len(time) > 1 else 0.0
             self._start_with(self._tau or max(DEFAULT_TIME_CONSTANT, least))
         steps = np.diff(time, prepend=self._last)
-        new = np.flatnonzero(steps > _GAP_INTERVALS * self.survey.interval)
-        self._note_gaps(rows, steps, new)
+        new = self._gaps(rows, steps)
         self._record(rows, omega, new)
         parts = []
         for start, stop in zip([0, *new], [*new, len(rows)], strict=True):
@@ -227,6 +192,22 @@ class AdhesionStream:
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
             raise InputError(f"{name}: {survey.first_implausible}{more}; check columns and units")
+        if survey.used < _TOLERATED_SHARE * survey.reversed:
+            raise InputError(
+                f"{name}: brake torque is negative in {survey.reversed} rows with slip, and positive in {survey.used}; "
+                "reverse its sign: torque that brakes is positive"
+            )
+        if survey.used < _TOLERATED_SHARE * survey.lost:
+            raise InputError(
+                f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start "
+                f"and each of {survey.gap_count} gaps the observer settles for {_SETTLING * self.time_constant:.4g} s; "
+                "give a log with fewer gaps"
+            )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was wrong so far, a sentence each."""
+        return self.survey.warnings(self.free, self.vehicle.wheel.radius)
 
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
         """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
@@ -271,11 +252,17 @@ class AdhesionStream:
         rolling = (v > LOWEST_SPEED) & (self.vehicle.wheel.radius * omega > (1.0 - SLIP_RANGE[1]) * v) & (load > 0.0)
         self.recorder.add(np.stack([time, v, omega, torque, load]), rolling & self._braked(torque, load), apart)
 
-    def _note_gaps(self, rows: Rows, steps: Floats, new: NDArray[np.intp]) -> None:
-        real = [i for i in new if math.isfinite(steps[i])]
-        self.survey.gap_count += len(real)
-        for i in real[: max(0, 5 - len(self.survey.gaps))]:
-            self.survey.gaps.append((int(rows.line[i]), float(steps[i])))
+    def _gaps(self, rows: Rows, steps: Floats) -> NDArray[np.intp]:
+        """The rows before which the observer starts anew: the log's first, and those after a gap."""
+        long = steps > _GAP_INTERVALS * self.survey.interval
+        new = np.flatnonzero(long & (steps > _BRIDGED * self.time_constant))
+        bridged = steps[long & (steps <= _BRIDGED * self.time_constant)]
+        self.survey.bridged += len(bridged)
+        self.survey.longest_bridged = max(self.survey.longest_bridged, float(bridged.max(initial=0.0)))
+        for i in new:
+            if math.isfinite(steps[i]):
+                self.survey.note_gap(int(rows.line[i]), float(steps[i]))
+        return new
 
     def _stretch(self, rows: Rows, omega: Floats, *, fresh: bool) -> Observed:
         """The samples of rows without a gap in them."""
@@ -294,7 +281,16 @@ class AdhesionStream:
         filtered = (
             self._low_pass(time, channels) if self.kind is not Observer.KALMAN else self._as_torques(time, channels)
         )
+        self._count_brakes(time, filtered, torque, load)
         return self._samples(time, steps, filtered, estimate.adhesion_torque, self._braked(torque, load))
+
+    def _count_brakes(self, time: Floats, filtered: Floats, torque: Floats, load: Floats) -> None:
+        """Count what the rows used do not show: braking not used, braking of the wrong sign, rolling without brake."""
+        braked, reverse, settled = self._braked(torque, load), self._braked(-torque, load), time >= self._settled
+        sliding = _in_range(filtered)
+        self.survey.lost += int((braked & sliding & ~settled).sum())
+        self.survey.reversed += int((reverse & sliding).sum())
+        self.free.add(filtered[0][~braked & ~reverse & settled & (filtered[3] > LOWEST_SPEED)])
 
     def _as_torques(self, time: Floats, channels: Floats) -> Floats:
         """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
@@ -327,9 +323,7 @@ class AdhesionStream:
     ) -> Observed:
         slip, slip2, slip3, speed, slip_speed, load = filtered
         radius = self.vehicle.wheel.radius
-        low, high = SLIP_RANGE
-        used = (slip >= low) & (slip <= high) & (speed > LOWEST_SPEED) & (load > 0.0)
-        used &= (time >= self._settled) & braked
+        used = _in_range(filtered) & (time >= self._settled) & braked
         self.survey.initial_speed = max(self.survey.initial_speed, float(speed.max()))
         follows = np.concatenate([[self._last_used], used[:-1]]) & used
         step = np.where(follows, steps, 0.0)
@@ -347,6 +341,14 @@ class AdhesionStream:
             self.survey.runs += int(apart.sum())
             self.survey.used += len(time)
             self._last_run = float(time[-1])
+
+
+def _in_range(filtered: Floats) -> NDArray[np.bool_]:
+    """Where filtered slip, speed and load can be used."""
+    slip, speed, load = filtered[0], filtered[3], filtered[5]
+    low, high = SLIP_RANGE
+    inside: NDArray[np.bool_] = (slip >= low) & (slip <= high) & (speed > LOWEST_SPEED) & (load > 0.0)
+    return inside
 
 
 def _joined(parts: list[Observed]) -> Observed:

@@ -27,17 +27,28 @@ class ParameterPolynomial:
     Attributes
     ----------
     name : str
-    coefficients, stderrs : array, (degree + 1,)
-        Standard errors are NaN where those of the fits are.
+    coefficients : array, (degree + 1,)
+    covariance : array, (degree + 1, degree + 1)
+        Of the coefficients; NaN where the standard errors of the fits are.
     speeds_kmh, values : array, (logs,)
         What it goes through, or near.
     """
 
     name: str
     coefficients: Floats
-    stderrs: Floats
+    covariance: Floats
     speeds_kmh: Floats
     values: Floats
+
+    @property
+    def stderrs(self) -> Floats:
+        """Standard errors of the coefficients."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def stderr_at(self, speed_kmh: float) -> float:
+        """Standard error of the parameter at v0 in km/h."""
+        powers = speed_kmh ** np.arange(len(self.coefficients))
+        return float(np.sqrt(powers @ self.covariance @ powers))
 
     def at(self, speed_kmh: float) -> float:
         """The parameter at v0 in km/h."""
@@ -50,14 +61,32 @@ def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> 
     `initial_speeds` in m/s. The degree is 2, or one less than there are distinct speeds.
     """
     v0 = np.array(initial_speeds) / KMH
-    distinct = 1 + int(np.sum(np.diff(np.sort(v0)) > _SAME_SPEED * np.sort(v0)[1:]))
-    degree = min(HIGHEST_DEGREE, distinct - 1)
+    degree = _degree(v0)
     found = []
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
         stderrs = np.array([fit.parameters[i].stderr for fit in fits])
         found.append(ParameterPolynomial(name, *_weighted(v0, values, stderrs, degree), v0, values))
     return tuple(found)
+
+
+def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
+    """Coefficients, as `over_initial_speed` gives them, of the law's parameters that were not fitted."""
+    v0 = np.array(initial_speeds) / KMH
+    model = fits[0].model
+    found = {}
+    for name in model.law.parameter_names():
+        values = [fit.model.known.get(name) for fit in fits]
+        numbers = np.array([value for value in values if isinstance(value, float)])
+        if name not in model.names and len(numbers) == len(fits):
+            constant = bool(np.all(numbers == numbers[0]))
+            found[name] = numbers[:1] if constant else _weighted(v0, numbers, np.full(len(v0), np.nan), _degree(v0))[0]
+    return found
+
+
+def _degree(v0: Floats) -> int:
+    distinct = 1 + int(np.sum(np.diff(np.sort(v0)) > _SAME_SPEED * np.sort(v0)[1:]))
+    return min(HIGHEST_DEGREE, distinct - 1)
 
 
 def _weighted(v0: Floats, values: Floats, stderrs: Floats, degree: int) -> tuple[Floats, Floats]:
@@ -67,5 +96,5 @@ def _weighted(v0: Floats, values: Floats, stderrs: Floats, degree: int) -> tuple
     powers = np.vander(v0 / unit, degree + 1, increasing=True)
     root = np.linalg.pinv(weights[:, None] * powers)
     scale = unit ** -np.arange(degree + 1.0)
-    deviations = np.sqrt(np.sum(root**2, axis=1)) * scale if known else np.full(degree + 1, np.nan)
-    return root @ (weights * values) * scale, deviations
+    covariance = (root @ root.T) * np.outer(scale, scale) if known else np.full((degree + 1, degree + 1), np.nan)
+    return root @ (weights * values) * scale, covariance

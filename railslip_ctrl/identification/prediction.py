@@ -19,7 +19,7 @@ run is unknown and is fitted with the rest, run by run.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,9 +28,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.observer.recursion import linear_recursion
 from railslip_ctrl.parameters import Vehicle
 
-from .cells import Cells, Stretches
-from .fits import Fit, active_bounds, covariance_of, in_cells, long_run_variance, refitted, unidentified
-from .models import FitModel, Setting
+from .models import FitModel
 from .record import Record
 
 Floats = NDArray[np.float64]
@@ -48,12 +46,10 @@ _ROUNDS = 4  # at most, of estimating the variances and the parameters in turn;
 _SETTLED = 1e-6  # relative change of the parameters from round to round
 _RATIOS = (math.log(1e-8), math.log(1e6))  # of the pickup's variance to the effect of the random force
 _LARGEST_SLIP = 0.999
+_DIFFERENCE = 1e-5  # of a parameter's size, for derivatives
 _FOLLOWED_CELLS = 100  # over the slip ratio
 _SPLINE_POINTS = 256  # over the root of the slip: its error is some 256^-4 of mu
 _SPLINE_REACH = 0.005  # of slip, beyond the record's highest, to which a prediction may come
-_STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
-_ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
-_RAMPS = (math.log(0.05), math.log(500.0))  # m/s^2
 
 
 class Errors(NamedTuple):
@@ -304,66 +300,33 @@ class Along:
         return float(np.sum(self.errors(values).error ** 2)), values
 
     def jacobian(self, values: Floats) -> Floats:
-        """Derivatives of the whitened errors by the parameters, by central differences."""
+        """Derivatives of the whitened errors by the parameters, by differences inside the bounds."""
         columns = []
-        for i, value in enumerate(values):
-            step = 1e-5 * max(abs(value), 1e-9)
+        for i, step in enumerate(_DIFFERENCE * sizes(values, self.model)):
             high, low = values.copy(), values.copy()
-            high[i], low[i] = min(value + step, self.model.upper[i]), max(value - step, self.model.lower[i])
+            high[i], low[i] = min(values[i] + step, self.model.upper[i]), max(values[i] - step, self.model.lower[i])
             columns.append((self.residuals(high) - self.residuals(low)) / (high[i] - low[i]))
         return np.stack(columns, axis=1)
 
+    def discretisation(self, values: Floats, jacobian: Floats) -> Floats:
+        """By how much the steps inside an interval shift the parameters: Richardson's estimate, of order 2.
 
-def along_the_motion(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
-    """A fit to the cells, fitted again along the motion; as it was for other models and too short a record."""
-    model = found.model
-    if model.name not in (*STATIC, *DYNAMIC):
-        return found
-    problem = Along(model, record, vehicle, setting.wheel_load)
-    if not problem.enough:
-        return found
-    factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
-    scaled = np.array([[f if name == "alpha" else 1.0 for name in model.names] for f in factors])
-    values, errors = problem.solve(found.values * scaled)
-    active = active_bounds(values, model, np.maximum(np.abs(values), 1e-9))
-    jacobian = problem.jacobian(values)
-    dead = np.zeros(len(values), dtype=bool)
-    dead[active == 0] = unidentified((jacobian * np.abs(values))[:, active == 0])
-    free = ~dead & (active == 0)
-    variance, freedom = _inflation(problem.intervals, errors, int(free.sum()))
-    covariance = covariance_of(jacobian, free, variance, freedom)
-    followed = None
-    if model.name in DYNAMIC:
-        model, followed = _with_ramp(model, values, cells, setting.wheel_load), problem.followed(values)
-    return refitted(found, model, values, covariance, active, dead, cells, setting, followed)
+        Nought for the bristles, whose state is integrated exactly along the measured slip.
+        """
+        if self.model.name in DYNAMIC:
+            return np.zeros(len(values))
+        coarse, steps = self.residuals(values), self._substeps
+        self._substeps = 2 * steps
+        fine = self.residuals(values)
+        self._substeps = steps
+        shift: Floats = np.linalg.pinv(jacobian) @ (coarse - fine) * 4.0 / 3.0
+        return shift
 
 
-def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[float, int]:
-    """Long-run variance of the whitened errors, 1 or more where they are not as white as they should be."""
-    length = _STRETCH * float(np.median(intervals.step))
-    stretch = ((intervals.time - intervals.time[0]) / length).astype(np.int64)
-    none = np.zeros(len(errors), dtype=np.int64)
-    sums = Stretches(length, stretch, none, np.ones(len(errors)), errors)
-    return long_run_variance(np.zeros(1), np.ones(1, dtype=bool), sums, parameters, 0.0)
-
-
-def _with_ramp(model: FitModel, values: Floats, cells: Cells, wheel_load: float) -> FitModel:
-    """The model whose curve over slip is that of the ramp which comes nearest to the data."""
-    from scipy.optimize import minimize_scalar
-
-    def trial(log_ramp: float) -> FitModel:
-        return replace(model, known={**model.known, "R": math.exp(log_ramp)})
-
-    def squares(log_ramp: float) -> float:
-        mean, _ = in_cells(trial(log_ramp), values, cells, wheel_load)
-        return float(np.sum(cells.count * (cells.mu - mean) ** 2))
-
-    best = trial(float(minimize_scalar(squares, bounds=_RAMPS, method="bounded", options={"xatol": 1e-3}).x))
-    note = (
-        "fitted, and compared, along the slip as it went; the peak is that of a build-up by a ramp of "
-        f"{best.known['R']:.4g} m/s^2, the nearest to the log"
-    )
-    return replace(best, notes=(note,))
+def sizes(values: Floats, model: FitModel) -> Floats:
+    """What is large for each parameter: a value that tends to a bound at nought is small beside its start."""
+    result: Floats = np.maximum(np.abs(values), 0.01 * np.abs(model.starts).max(axis=0))
+    return np.maximum(result, 1e-9)
 
 
 _ZERO = np.zeros(1)

@@ -80,13 +80,13 @@ def drift(fit: Fit, speeds: Iterable[float], wheel_load: float) -> tuple[PeakSli
 
 def _stderrs(at: Callable[[np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
     """Delta method: the gradient of slip and height of the peak, by differences over a tenth of a standard error."""
-    known = [i for i, p in enumerate(fit.parameters) if math.isfinite(p.stderr)]
+    known = [i for i, variance in enumerate(np.diag(fit.covariance)) if math.isfinite(variance)]
     if not known:
         return math.nan, math.nan
     gradient = np.empty((2, len(known)))
     for column, i in enumerate(known):
         p = fit.parameters[i]
-        step = max(_STEP * p.stderr, _LEAST_STEP * abs(p.value))
+        step = max(_STEP * math.sqrt(fit.covariance[i, i]), _LEAST_STEP * abs(p.value))
         high, low = fit.values, fit.values
         high[i] = min(p.value + step, fit.model.upper[i])
         low[i] = max(p.value - step, fit.model.lower[i])

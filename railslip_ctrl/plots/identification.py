@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
+from railslip_ctrl.identification.models import parameter_unit
 from railslip_ctrl.identification.reference import PeakSlip
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH
@@ -40,9 +41,12 @@ def _adhesion(ax: Any, found: Identification) -> None:
         ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
     chosen = found.chosen.fit.model.name
     errors = {score.fit.model.name: score.mean_abs_error for score in found.scores}
+    # bristles stay wound up while the slip swings: their mean over the slip follows the log, and is no smooth curve
+    along = {score.fit.model.name for score in found.scores if score.fit.followed is not None}
     lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
     for i, line in enumerate(lines):
-        label = f"{line.name} (mean |error| {errors[line.name]:.2g})"
+        mean = ", mean along the log's slip" if line.name in along else ""
+        label = f"{line.name}{mean} (mean |error| {errors[line.name]:.2g})"
         ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
     ax.axvline(found.curve.peak_slip, color="0.7", linewidth=0.8)
     ax.text(found.curve.peak_slip, 0.01, " sliding", fontsize=7, color="0.4", transform=ax.get_xaxis_transform())
@@ -87,18 +91,27 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip], rail: Rail, style:
     height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail", **width, **style)
 
 
-def coefficients_figure(found: Campaign) -> Figure:
-    """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial."""
-    count = len(found.polynomials)
-    figure = new_figure(3.6 * count, 3.6, f"Parameters of {found.logs[0].chosen.fit.model.name} over the initial speed")
+def coefficients_figure(
+    found: Campaign, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
+) -> Figure:
+    """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
+
+    `beside` is a label and other values of all parameters at a speed in km/h, for a second line.
+    """
+    count, first = len(found.polynomials), found.logs[0].chosen.fit
+    figure = new_figure(3.9 * count, 4.1, f"Parameters of {first.model.name} over the initial speed")
     axes = figure.subplots(1, count, squeeze=False).ravel()
     for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
-        errors = np.array([each.chosen.fit.parameters[k].stderr for each in found.logs])
-        ax.errorbar(p.speeds_kmh, p.values, NORMAL_QUANTILE * np.nan_to_num(errors), fmt="o", color="black", capsize=3)
+        intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
+        reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
+        ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, label="fit, 99 %")
         speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
-        ax.plot(speeds, [p.at(speed) for speed in speeds], **line_style(0))
-        ax.set_title(p.name, fontsize=9)
+        ax.plot(speeds, [p.at(speed) for speed in speeds], label="polynomial of v0", **line_style(0))
+        if beside is not None:
+            ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **line_style(1))
+        unit = parameter_unit(p.name)
+        ax.set_ylabel(p.name if unit == "1" else f"{p.name} ({unit})")
         ax.set_xlabel("initial speed v0 (km/h)")
         ax.grid(True, color="0.88")
-    axes[0].set_ylabel("value (SI)")
+        legend_below(ax, 0.15, columns=1)
     return figure

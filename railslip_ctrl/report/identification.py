@@ -9,11 +9,12 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
-from railslip_ctrl.identification.comparison import Score
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.identification.comparison import Score, few_for
 from railslip_ctrl.identification.fits import Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Curve, Identification
-from railslip_ctrl.identification.model_files import law_toml
-from railslip_ctrl.identification.polynomials import ParameterPolynomial
+from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
+from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
 from railslip_ctrl.identification.reference import PeakSlip
 from railslip_ctrl.units import KMH
 
@@ -46,7 +47,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
 
 
 def campaign_json(found: Campaign) -> dict[str, Any]:
-    """Several logs: the parameters over the initial speed, then each log."""
+    """Several logs: the parameters over the initial speed, `value` being that at the logs' mean, then each log."""
     first = found.logs[0].chosen.fit
     return {
         "model": first.model.name,
@@ -78,7 +79,11 @@ def _parameter_json(p: Parameter, fit: Fit) -> dict[str, Any]:
 
 
 def _polynomial_json(p: ParameterPolynomial, fit: Fit) -> dict[str, Any]:
+    mean = float(p.speeds_kmh.mean())
     return {
+        "value": p.at(mean),
+        "stderr": number(p.stderr_at(mean)),
+        "at_initial_speed_kmh": mean,
         "unit": _unit(p.name, fit),
         "of": "initial speed in km/h",
         "coefficients": [float(x) for x in p.coefficients],
@@ -110,6 +115,7 @@ def _score_json(score: Score) -> dict[str, Any]:
         "mean_abs_error_sliding": number(score.sliding_error),
         "aic": number(score.aic),
         "bic": number(score.bic),
+        "independent_samples": number(score.independent),
         "notes": list(score.fit.notes),
     }
 
@@ -207,6 +213,7 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     ]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found.scores)]
+    parts.append(Text(f"{_weight(found.scores)}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found.curve)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks), Text(_verdict(found))]
@@ -265,6 +272,11 @@ def _score_table(scores: tuple[Score, ...]) -> RenderableType:
     return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
 
 
+def _weight(scores: tuple[Score, ...]) -> str:
+    text = f"AIC and BIC are of {scores[0].independent:.3g} independent samples"
+    return f"{text}, too few for them to weigh these models: compare the errors" if few_for(scores) else text
+
+
 def _bin_table(curve: Curve) -> RenderableType:
     b = curve.bins
     rows = [
@@ -317,3 +329,30 @@ def model_toml(found: Identification) -> str:
         *fit.notes,
     ]
     return law_toml(fit.law, reference=found.reference, comments=comments)
+
+
+def campaign_toml(found: Campaign) -> str | None:
+    """The law over the initial speed for `--adhesion FILE --initial-speed KMH`; None for tables, whose knots differ."""
+    fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
+    if fits[0].model.name == "table":
+        return None
+    held = [each.reference for each in found.logs if each.reference is not None]
+    # one slip for all speeds: the lowest is before the peak of each
+    reference = (
+        ReferenceSlip(dry=min(each.dry for each in held), wet=min(each.wet for each in held))
+        if len(held) == len(fits)
+        else None
+    )
+    comments = [
+        f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
+        "For --adhesion with --initial-speed. The slip to hold is the lowest of the logs'.",
+    ]
+    coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
+    limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
+    return polynomials_toml(
+        fits[0].law,
+        {name: values.tolist() for name, values in coefficients.items()},
+        limits,
+        reference=reference,
+        comments=comments,
+    )

@@ -28,7 +28,7 @@ from railslip_ctrl.errors import InputError, MissingParametersError
 from railslip_ctrl.parameters import PARK2008, Vehicle, load_vehicle
 from railslip_ctrl.parameters.files import vehicle_from_keys
 from railslip_ctrl.parameters.validation import file_name, one_line, read_toml
-from railslip_ctrl.units import quantity, shown, to_unit
+from railslip_ctrl.units import KMH, quantity, shown, to_unit
 
 from .scenario import BUILT_IN, Scenario, built_in_scenario, named_law
 
@@ -146,7 +146,7 @@ def _law(given: Any, vehicle: Vehicle, speed: float | None, path: Path) -> Adhes
         raise InputError(f"{where}: {shown(given)} is not allowed; give a law's name or a TOML file")
     try:
         if given.lower().endswith(".toml"):
-            return load_law(path.parent / given)
+            return load_law(path.parent / given, initial_speed_kmh=None if speed is None else speed / KMH)
         if speed is None:
             raise InputError(f"{given!r} needs initial_speed, which is missing; give it (m/s)")
         return named_law(given, vehicle, speed)
