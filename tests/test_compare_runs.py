@@ -83,7 +83,7 @@ def test_the_dead_time_costs_the_bound_its_way() -> None:
 
 def test_events_of_both_kinds_are_refused() -> None:
     scenario = published_scenario().with_changes(
-        events=({"time": 3.0, "rail": "wet"}, {"distance": 100.0, "adhesion_factor": 0.5})
+        events=({"time": 3.0, "mass": 5276.0}, {"distance": 100.0, "adhesion_factor": 0.5})
     )
     with pytest.raises(InputError, match="in time and in distance"):
         clairvoyant_stop(scenario)

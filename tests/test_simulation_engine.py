@@ -317,7 +317,7 @@ def test_interpreted_runs_equal_compiled_ones(law: str) -> None:
     """The same text, with all that a run can have, the locking of the wheel included."""
     base = published_scenario(as_published=False, adhesion=law).with_changes(
         longest_time=2.5,
-        events=(Event(distance=11.0, adhesion_factor=0.4), Event(time=1.2, rail=Rail.WET, mass=5276.0)),
+        events=(Event(distance=11.0, adhesion_factor=0.4), Event(time=1.2, mass=5276.0)),
         measurement=Measurement(speed_noise=0.02, wheel_noise=0.05, wheel_quantum=0.01, filter_time=0.01),
         limits=BrakeLimits(rate=2e4, dump_lag=0.3),
     )

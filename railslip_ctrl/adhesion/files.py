@@ -80,7 +80,7 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 
 
 def law_name_in(path: str | Path) -> str:
-    """The name of the law in a file, whatever its parameters. InputError as `load_law`."""
+    """The name of the law in the file at a path, whatever its parameters. InputError as `load_law`."""
     return _class(_read(Path(path)), path).name
 
 
