@@ -10,17 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.loop.crossings import Response, frequency_nodes
 
-from .families import Worst, family_margins, worst_of
+from .families import family_margins
 from .specification import Specification
-from .stabilizing import intersection, stabilizing_pi
+from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
 Floats = NDArray[np.float64]
 
@@ -47,6 +49,11 @@ class Family:
     dead_times: list[float]
     compensated: bool = False
 
+    @cached_property
+    def regions(self) -> list[StabilizingRegion]:
+        """The gains that stabilise each plant."""
+        return [stabilizing_pi(g, dead_time=tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
+
     def loops(self, kp: float, ki: float) -> list[DeadTimeLoop]:
         controller = pi_transfer_function(kp, ki)
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
@@ -54,14 +61,23 @@ class Family:
     def stable(self, kp: float, ki: float) -> bool:
         return all(loop.is_stable() for loop in self.loops(kp, ki))
 
+    def margins(self, kp: Floats, ki: Floats) -> BatchMargins:
+        """Of every loop, for gains of shape (n,): n times the number of plants, the plants of a gain together."""
+        return family_margins([loop for a, b in zip(kp, ki, strict=True) for loop in self.loops(a, b)])
+
+    def worst(self, kp: Floats, ki: Floats, margin: str) -> Floats:
+        """The worst of a margin over the plants, negative if more of it is better; inf where a loop is unstable."""
+        margins, shape = self.margins(kp, ki), (kp.size, len(self.systems))
+        values = getattr(margins, margin).reshape(shape) * (1 if margin == "ms" else -1)
+        return np.asarray(np.where(margins.stable.reshape(shape), values, np.inf).max(axis=1))
+
     def excess(self, kp: float, ki: float, specification: Specification) -> float:
         """How far the worst loop misses the specification, relatively; <= 0 meets it, inf is unstable."""
         return float(self.excesses(np.array([kp]), np.array([ki]), specification)[0])
 
     def excesses(self, kp: Floats, ki: Floats, specification: Specification) -> Floats:
         """As `excess`, for many gains at once; arrays of one shape (n,)."""
-        margins = family_margins([loop for a, b in zip(kp, ki, strict=True) for loop in self.loops(a, b)])
-        shape = (kp.size, len(self.systems))
+        margins, shape = self.margins(kp, ki), (kp.size, len(self.systems))
         misses = np.full(shape, -np.inf)
         if specification.ms_max is not None:
             misses = np.fmax(misses, margins.ms.reshape(shape) / specification.ms_max - 1)
@@ -78,16 +94,14 @@ class Family:
 
     def kp_values(self) -> Floats:
         """A coarse grid over the gains that stabilise all plants with little integral action."""
-        regions = [stabilizing_pi(g, dead_time=tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
-        common = intersection(regions) if len(regions) > 1 else regions[0]
+        common = intersection(self.regions) if len(self.regions) > 1 else self.regions[0]
         if common.kp_range is None:
             raise InfeasibleDesignError(f"no PI stabilises the plant(s): {common.reason}")
         return np.concatenate([_spread(low, high) for low, high in common.kp_intervals])
 
     def kp_unbounded(self) -> bool:
         """Whether ever larger kp stabilise all plants: then a peak or a margin may bound nothing."""
-        regions = [stabilizing_pi(g, dead_time=tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
-        return all(region.kp_range is not None and math.isinf(region.kp_range[1]) for region in regions)
+        return all(region.kp_range is not None and math.isinf(region.kp_range[1]) for region in self.regions)
 
 
 def _spread(low: float, high: float) -> Floats:
@@ -115,18 +129,21 @@ def largest_ki(family: Family, specification: Specification) -> tuple[float, flo
     grid = family.kp_values()
     ellipses = _Ellipses(family, specification.ms_max) if specification.ms_max is not None else None
 
-    def upper(kp: float) -> float:
+    def upper(kp: Floats) -> Floats:
         return ellipses.largest_ki(kp) if ellipses is not None else _largest_stable_ki(family, kp)
 
-    coarse = np.array([upper(kp) for kp in grid])
+    def refined(kp: float) -> float:
+        return _refined_ki(family, specification, kp, float(upper(np.array([kp]))[0]))
+
+    coarse = upper(grid)
     if not specification.only_ms:
         coarse = _scanned(family, specification, grid, coarse)
     if not np.any(coarse > 0):
         raise _infeasible(family, specification, grid)
     _refuse_unbounded(family, grid, coarse)
     if specification.only_ms:
-        kp = _maximise_near(lambda x: _refined_ki(family, specification, x, upper(x)), grid, coarse)
-        ki = _refined_ki(family, specification, kp, upper(kp))
+        kp = _maximise_near(refined, grid, coarse)
+        ki = refined(kp)
     else:
         kp, start = _zoomed(family, specification, grid, coarse)
         near = kp + abs(kp) * np.array([-0.1, 0.0, 0.1])  # the ridge of one smooth bound, finer than the zoom
@@ -188,11 +205,8 @@ def _scanned(family: Family, specification: Specification, kp: Floats, upper: Fl
     return found
 
 
-def _largest_stable_ki(family: Family, kp: float) -> float:
-    limits = [
-        stabilizing_pi(g, dead_time=tau).ki_limit(kp) for g, tau in zip(family.systems, family.dead_times, strict=True)
-    ]
-    return min(limits)
+def _largest_stable_ki(family: Family, kp: Floats) -> Floats:
+    return np.array([min(region.ki_limit(float(one)) for region in family.regions) for one in kp])
 
 
 def _refined_ki(family: Family, specification: Specification, kp: float, start: float) -> float:
@@ -269,8 +283,22 @@ class _Ellipses:
         inverse = np.concatenate(inverses)
         self._x, self._y, self._radius = inverse.real, inverse.imag, np.abs(inverse) / ms_max
 
-    def largest_ki(self, kp: float) -> float:
-        """The upper end of the highest gap between forbidden ki that is stable; 0.0 if there is none."""
+    def largest_ki(self, kp: Floats) -> Floats:
+        """For each kp, (n,), the upper end of the highest gap between forbidden ki that is stable; 0 without one."""
+        gaps = [self._gaps(float(one)) for one in kp]
+        found, left, looked, more = np.zeros(kp.size), list(range(kp.size)), 0, 1
+        while left := [i for i in left if looked < len(gaps[i])]:
+            tried = [(i, end, inside) for i in left for end, inside in gaps[i][looked : looked + more]]
+            index, ends, insides = (np.array(values) for values in zip(*tried, strict=True))
+            # the sampled frequencies end somewhere: what lies beyond their reach only the exact loop tells
+            met = self._family.excesses(kp[index], insides, self._specification) <= 0
+            found[index[met][::-1]] = ends[met][::-1]  # the first of each, which is its highest, is put in last
+            left = sorted(set(left) - set(index[met].tolist()))
+            looked, more = looked + more, 2 * more  # few calls where the stable gap comes late
+        return found
+
+    def _gaps(self, kp: float) -> list[tuple[float, float]]:
+        """Upper end of each gap between forbidden ki, and a ki inside it; the highest first."""
         with np.errstate(invalid="ignore"):
             half = np.sqrt(self._radius**2 - (kp + self._x) ** 2)
         hit = half > 0
@@ -278,16 +306,11 @@ class _Ellipses:
         high = self._omega[hit] * (self._y[hit] + half[hit])
         order = np.argsort(low)
         low, high = low[order], np.maximum.accumulate(high[order])
-        starts = np.concatenate([[0.0], high])
+        starts = np.maximum(np.concatenate([[0.0], high]), 0.0)
         ends = np.concatenate([low, [np.inf]])
-        gaps = np.flatnonzero((ends > np.maximum(starts, 0.0) * (1 + 1e-9)) & (ends > 0))
-        for i in gaps[::-1]:
-            start, end = max(float(starts[i]), 0.0), float(ends[i])
-            inside = 0.5 * (start + end) if math.isfinite(end) else 2 * start + abs(kp)
-            # the sampled frequencies end somewhere: what lies beyond their reach only the exact loop tells
-            if self._family.excess(kp, inside, self._specification) <= 0:
-                return end
-        return 0.0
+        gaps = np.flatnonzero((ends > starts * (1 + 1e-9)) & (ends > 0))[::-1]
+        inside = np.where(np.isfinite(ends[gaps]), 0.5 * (starts[gaps] + ends[gaps]), 2 * starts[gaps] + abs(kp))
+        return list(zip(ends[gaps].tolist(), inside.tolist(), strict=True))
 
 
 def _infeasible(family: Family, specification: Specification, grid: Floats) -> InfeasibleDesignError:
@@ -296,15 +319,15 @@ def _infeasible(family: Family, specification: Specification, grid: Floats) -> I
     found = []
     alone = True
     if specification.ms_max is not None:
-        best = _best(family, grid, lambda worst: worst.ms)
+        best = _best(family, grid, "ms")
         found.append(f"least worst Ms {best:.4g}")
         alone &= best <= specification.ms_max
     if specification.phase_min_deg:
-        best = -_best(family, grid, lambda worst: -worst.phase_deg)
+        best = -_best(family, grid, "phase_deg")
         found.append(f"largest phase margin {best:.4g} deg")
         alone &= best >= specification.phase_min_deg
     if specification.delay_min_s:
-        best = -_best(family, grid, lambda worst: -worst.delay_s)
+        best = -_best(family, grid, "delay_s")
         found.append(f"largest delay margin {best:.4g} s")
         alone &= best >= specification.delay_min_s
     together = "; each alone can be met, together they cannot" if alone and len(found) > 1 else ""
@@ -314,41 +337,39 @@ def _infeasible(family: Family, specification: Specification, grid: Floats) -> I
     )
 
 
-def _best(family: Family, grid: Floats, value: Callable[[Worst], float]) -> float:
-    """Least `value` over kp with next to no integral action; inf if nothing is stable."""
+def _best(family: Family, grid: Floats, margin: str) -> float:
+    """Least `Family.worst` over kp with next to no integral action; inf if nothing is stable."""
     from scipy.optimize import minimize_scalar
 
-    def at(kp: float) -> float:
-        worst = worst_of(family_margins(family.loops(kp, 1e-7 * max(abs(kp), 1e-9))))
-        return math.inf if worst is None else value(worst)
+    def at(kp: Floats) -> Floats:
+        return family.worst(kp, 1e-7 * np.maximum(np.abs(kp), 1e-9), margin)
 
-    coarse = np.array([at(float(kp)) for kp in grid])
+    coarse = at(grid)
     if not np.isfinite(coarse).any():
         return math.inf
     top = int(np.argmin(coarse))
     ends = float(grid[max(top - 1, 0)]), float(grid[min(top + 1, grid.size - 1)])
-    found = minimize_scalar(at, bounds=ends, method="bounded", options={"xatol": 1e-7 * abs(ends[1])})
+    found = minimize_scalar(
+        lambda kp: float(at(np.array([kp]))[0]), bounds=ends, method="bounded", options={"xatol": 1e-7 * abs(ends[1])}
+    )
     return float(min(found.fun, coarse[top]))
 
 
 # -- minimise Ms ------------------------------------------------------------------------------------------------
 
 
-def _worst_ms(family: Family, kp: float, ki: float) -> float:
-    worst = worst_of(family_margins(family.loops(kp, ki)))
-    return math.inf if worst is None else worst.ms
-
-
 def least_ms(family: Family, specification: Specification, ki_min: float) -> tuple[float, float]:
     from scipy.optimize import minimize_scalar
 
+    def objectives(kp: Floats, ki: Floats) -> Floats:
+        worst = family.worst(kp, ki, "ms")
+        return worst if specification.only_ms else np.where(family.excesses(kp, ki, specification) > 0, np.inf, worst)
+
     def objective(kp: float, ki: float) -> float:
-        if not specification.only_ms and family.excess(kp, ki, specification) > 0:
-            return math.inf
-        return _worst_ms(family, kp, ki)
+        return float(objectives(np.array([kp]), np.array([ki]))[0])
 
     grid = family.kp_values()
-    coarse = np.array([objective(float(kp), ki_min) for kp in grid])
+    coarse = objectives(grid, np.full(grid.size, ki_min))
     if not np.isfinite(coarse).any():
         raise _no_such_ki(family, specification, grid, ki_min)
     top = int(np.argmin(coarse))
@@ -368,7 +389,7 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 def _no_such_ki(family: Family, specification: Specification, grid: Floats, ki_min: float) -> InfeasibleDesignError:
     """Nothing holds with that much integral action: say how much there may be, or what the other bounds cost."""
-    largest = max((_largest_stable_ki(family, float(kp)) for kp in grid), default=0.0)
+    largest = float(_largest_stable_ki(family, grid).max(initial=0.0))
     asked = specification.words
     if largest > ki_min and asked:
         return InfeasibleDesignError(

@@ -1,15 +1,15 @@
 """Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
 
-The method is that of the scalar engine (`crossings`, `stability`, `margins`), on one flat list of points ordered by
-loop and frequency. The points divide each loop's axis into pieces on which ln|L| and the continuous phase are both
-monotone. That gives every crossover, the exact root count and, piece by piece, a closed-form upper bound on |S|, |T|
-and |S - 1/2|: only pieces whose bound exceeds what is already attained are searched for a peak. A loop in which a
-decision hangs on rounding is handed to the scalar engine, so that there the results are equal by construction.
+The method is that of the scalar engine (`crossings`, `stability`, `margins`), on the points of all loops at once
+(`batch_points`), between which ln|L| and the continuous phase are monotone. That gives every crossover, the exact root
+count and, piece by piece, a closed-form upper bound on |S|, |T| and |S - 1/2|: only pieces whose bound exceeds what is
+already attained are searched for a peak. A loop in which a decision hangs on rounding is handed to the scalar engine,
+so that there the results are equal by construction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,10 @@ import numpy as np
 
 from railslip_ctrl.errors import InputError
 
+from .batch_points import DELICATE, Loops, Points, band, bounds, divided, levels, located, monotone
 from .deadtime import DeadTimeLoop
 from .margins import RESPONSES
 from .rational import Rational
-from .rootfinding import bracketed_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -31,16 +31,7 @@ if TYPE_CHECKING:
     Indices = NDArray[np.intp]
 
 _CHUNK = 512  # loops worked on together: their points stay in the cache, and NumPy's cost per call is shared
-_NODES_PER_DECADE = 16  # as in `crossings`: extrema are located exactly, so nodes only have to separate them
-_NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
-_REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
-_WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
-_EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
-_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
-_DELICATE = 1e-9  # a quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it
-_ON_LEVEL = 1e-12  # the same for values at nodes, which come near a threshold by accident more often
-_PHASE_STEP = 0.25  # rad, of a piece searched for a peak; as in `margins`
-_MOST_PARTS = 500
+_ON_LEVEL = 1e-12  # as `DELICATE`, for values at nodes, which come near a threshold by accident more often
 _PEAK_GAIN = 1e-10  # a piece whose bound exceeds the attained peak by less, relatively, is not searched
 
 
@@ -129,7 +120,7 @@ def batch_margins(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time
     loops = _checked(zeros, poles, gain, dead_time)
     n = loops.gain.size
     results = {f.name: np.full(n, np.nan) for f in fields(BatchMargins)}
-    low, high, delicate = _band(loops)
+    low, high, delicate = band(loops)
     plain = np.flatnonzero(~delicate)
     for start in range(0, plain.size, _CHUNK):
         index = plain[start : start + _CHUNK]
@@ -140,7 +131,7 @@ def batch_margins(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time
     return BatchMargins(stable=stable, **results)
 
 
-def _solve_alone(loops: _Loops, i: int, results: dict[str, Floats]) -> None:
+def _solve_alone(loops: Loops, i: int, results: dict[str, Floats]) -> None:
     """Loop number i by the scalar engine."""
     roots = loops.real[:, i] + 1j * loops.imag[:, i]
     rational = Rational(roots[loops.sign > 0], roots[loops.sign < 0], float(loops.gain[i]))
@@ -151,7 +142,7 @@ def _solve_alone(loops: _Loops, i: int, results: dict[str, Floats]) -> None:
     results["stable"][i], results["unstable_poles"][i] = loop.is_stable(), loop.unstable_closed_loop_poles
 
 
-def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: ArrayLike) -> _Loops:
+def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: ArrayLike) -> Loops:
     z, p = np.asarray(zeros, dtype=complex), np.asarray(poles, dtype=complex)
     k, tau = np.asarray(gain, dtype=float), np.asarray(dead_time, dtype=float)
     n = k.size
@@ -178,160 +169,15 @@ def _checked(zeros: ArrayLike, poles: ArrayLike, gain: ArrayLike, dead_time: Arr
             raise InputError(f"{name}: complex ones without their conjugates; give conjugate pairs")
     roots = np.concatenate([z, p], axis=1).T
     sign = np.repeat([1.0, -1.0], [z.shape[1], p.shape[1]])
-    return _Loops(np.ascontiguousarray(roots.real), np.ascontiguousarray(roots.imag), sign, k, tau)
+    return Loops(np.ascontiguousarray(roots.real), np.ascontiguousarray(roots.imag), sign, k, tau)
 
 
-@dataclass(frozen=True)
-class _Loops:
-    """n loops: roots of shape (m, n), `sign` (m,) +1 for zeros and -1 for poles, gain and dead time (n,)."""
-
-    real: Floats
-    imag: Floats
-    sign: Floats
-    gain: Floats
-    dead_time: Floats
-
-    def take(self, index: Indices) -> _Loops:
-        return _Loops(self.real[:, index], self.imag[:, index], self.sign, self.gain[index], self.dead_time[index])
-
-    def right(self, sign: int) -> Floats:
-        """Number of zeros (+1) or poles (-1) with positive real part, (n,)."""
-        return np.asarray((self.real[self.sign == sign] > 0).sum(axis=0), dtype=float)
-
-    def at_origin(self, sign: int) -> Floats:
-        """Number of zeros (+1) or poles (-1) at s = 0, (n,)."""
-        chosen = self.sign == sign
-        return np.asarray(((self.real[chosen] == 0) & (self.imag[chosen] == 0)).sum(axis=0), dtype=float)
-
-    def dc_gain(self) -> Floats:
-        """L(0), (n,); inf with an integrator, 0 with a zero at the origin."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            turned = self.gain * np.where((self.real > 0).sum(axis=0) % 2, -1.0, 1.0)
-            size = np.exp(self.sign @ np.log(np.hypot(self.real, self.imag)))
-            return np.where(self.at_origin(-1) > 0, np.inf, turned * size)
-
-    def evaluate(self, omega: Floats, row: Indices) -> _Points:
-        """L(j omega) of loop number `row`, in logarithmic form; arrays (N,). The formulas are those of `Rational`."""
-        size, phase = np.log(np.abs(self.gain))[row], np.where(self.gain < 0, np.pi, 0.0)[row]
-        size_slope, phase_slope = np.zeros_like(omega), np.zeros_like(omega)
-        for real_n, imag_n, sign in zip(self.real, self.imag, self.sign, strict=True):
-            real = real_n[row]
-            offset = omega - imag_n[row]
-            square = offset * offset + real * real
-            size += 0.5 * sign * np.log(square)
-            size_slope += sign * offset / square
-            angle = np.arctan2(offset, np.abs(real))
-            phase += sign * np.where(real > 0, np.pi - angle, angle)
-            phase_slope -= sign * real / square
-        tau = self.dead_time[row]
-        return _Points(row, omega, size, size_slope, phase - tau * omega, phase_slope - tau)
-
-
-@dataclass(frozen=True)
-class _Points:
-    """Frequencies ordered by loop, then ascending: ln|L| and the continuous phase there, with their slopes; (N,)."""
-
-    row: Indices
-    omega: Floats
-    size: Floats
-    size_slope: Floats
-    phase: Floats
-    phase_slope: Floats
-
-    def take(self, chosen: Indices | Flags) -> _Points:
-        return _Points(self.row[chosen], *(a[chosen] for a in self._values()))
-
-    def inserted(self, at: Indices, others: _Points) -> _Points:
-        """With `others` put in behind the points number `at`."""
-        pairs = zip(self._values(), others._values(), strict=True)
-        return _Points(np.insert(self.row, at + 1, others.row), *(np.insert(a, at + 1, b) for a, b in pairs))
-
-    def _values(self) -> tuple[Floats, ...]:
-        return self.omega, self.size, self.size_slope, self.phase, self.phase_slope
-
-    def changes(self, value: Floats) -> Indices:
-        """Numbers of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
-        signs = np.sign(value)
-        return np.flatnonzero((signs[:-1] * signs[1:] < 0) & (self.row[:-1] == self.row[1:]))
-
-    def responses(self) -> tuple[Floats, Floats]:
-        """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
-        loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            both = [shape(loop, self.size_slope + 1j * self.phase_slope) for shape in RESPONSES]
-        return np.array([value for value, _ in both]), np.array([slope for _, slope in both])
-
-
-def _band(loops: _Loops) -> tuple[Floats, Floats, Flags]:
-    """Lowest and highest node of each loop, rad/s, and which loops are not for the vectorised way, each (n,)."""
-    real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
-    sizes = np.hypot(real, imag)
-    finite = sizes > 0
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        level = np.log(np.abs(gain)) + sign @ np.where(finite, np.log(sizes), 0.0)
-        slope = loops.at_origin(-1) - loops.at_origin(1)
-        inverse = np.where(finite, 1.0 / (real + 1j * imag), 0.0)
-        curvature = 0.5 * (sign @ (inverse * inverse).real)
-        # where the asymptotes of |G| at high and at low frequency cross 1; see crossings._asymptotic_crossovers
-        top = np.exp(np.log(np.abs(gain)) / -sign.sum())
-        bottom = np.where(slope != 0, np.exp(level / slope), np.sqrt(np.maximum(-level / curvature, 0.0)))
-        scales = np.array([*sizes, top, bottom, 1.0 / loops.dead_time])
-        scales[~((scales > 0) & np.isfinite(scales))] = np.nan
-        low, high = np.fmin.reduce(scales) / _REACH, np.fmax.reduce(scales) * _REACH
-        dc = loops.dc_gain()
-        delicate = ~((low > 1 / _EXTREME) & (high < _EXTREME) & (high < _WIDEST * low))  # NaN included
-        delicate |= (np.abs(real) <= _LEAST_DAMPING * np.abs(imag)).any(axis=0, where=imag != 0)
-        delicate |= (loops.at_origin(1) > 0) & (loops.at_origin(-1) > 0)
-        delicate |= (gain == 0) | (np.abs(1 + dc) < _DELICATE)
-    return low, high, delicate
-
-
-def _nodes(loops: _Loops, low: Floats, high: Floats) -> _Points:
-    """Points that resolve every feature of each loop, asymptotes included."""
-    ratio = high / low
-    fraction = np.linspace(0.0, 1.0, int(_NODES_PER_DECADE * np.log10(ratio.max())) + 2)
-    parts = [low[:, None] * ratio[:, None] ** fraction]
-    for real, imag in zip(np.abs(loops.real), loops.imag, strict=True):
-        resonant = real < imag
-        if resonant.any():
-            narrowest = (imag[resonant] / real[resonant]).max()
-            fraction = np.linspace(0.0, 1.0, int(_NODES_PER_RESONANCE * np.log10(20 * narrowest)) + 8)
-            width = np.where(resonant, 0.05 * real, 1.0)[:, None]
-            centre = np.where(resonant, imag, 1.0)[:, None]
-            offset = width * (centre / width) ** fraction
-            around = np.concatenate([centre - offset[:, :-1], centre + offset], axis=1)
-            parts.append(np.where(resonant[:, None], around, low[:, None]))  # repeated nodes are dropped below
-    omega = np.sort(np.concatenate(parts, axis=1), axis=1)
-    new = np.diff(omega, axis=1, prepend=0.0) > 0
-    return loops.evaluate(omega[new], np.nonzero(new)[0])
-
-
-def _located(loops: _Loops, points: _Points, at: Indices, function: Callable[[_Points, Indices], Floats]) -> _Points:
-    """The points within the pieces number `at` where `function`, of points and places in `at`, is zero."""
-    rows = points.row[at]
-    omega = bracketed_roots(
-        lambda x, i: function(loops.evaluate(x, rows[i]), i), points.omega[at], points.omega[at + 1]
-    )
-    return loops.evaluate(omega, rows)
-
-
-def _monotone(loops: _Loops, points: _Points) -> tuple[_Points, Flags]:
-    """The points completed by the extrema of ln|L| and of the phase; and the loops where |L| all but touches 1."""
-    at = points.changes(points.size_slope)
-    extrema = _located(loops, points, at, lambda found, _: found.size_slope)
-    touching = np.zeros(loops.gain.size, dtype=bool)
-    touching[extrema.row[np.abs(extrema.size) < _DELICATE]] = True
-    points = points.inserted(at, extrema)
-    at = points.changes(points.phase_slope)
-    return points.inserted(at, _located(loops, points, at, lambda found, _: found.phase_slope)), touching
-
-
-def _solve(loops: _Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats]) -> Flags:
+def _solve(loops: Loops, low: Floats, high: Floats, index: Indices, results: dict[str, Floats]) -> Flags:
     """Fill `results` at `index` for these loops; returns which of them are delicate and to be done again alone."""
-    points, delicate = _monotone(loops, _nodes(loops, low, high))
+    points, delicate = monotone(loops, low, high)
     n = index.size
     at = points.changes(points.size)
-    crossovers, falling = _located(loops, points, at, lambda found, _: found.size), points.size[at] > 0
+    crossovers, falling = located(loops, points, at, lambda found, _: found.size), points.size[at] > 0
     # a node on |L| = 1, or |L| not yet small at the last node, would upset the count
     delicate[points.row[np.abs(points.size) < _ON_LEVEL]] = True
     first = np.flatnonzero(np.diff(points.row, prepend=-1))
@@ -340,7 +186,7 @@ def _solve(loops: _Loops, low: Floats, high: Floats, index: Indices, results: di
     # the root count of `stability`: closed-loop poles in the right half plane from the turns of L at the crossovers
     turns = np.round(crossovers.phase / (2 * np.pi))
     distance = np.pi - np.abs(crossovers.phase - 2 * np.pi * turns)
-    delicate[crossovers.row[distance <= _DELICATE * (1 + np.abs(crossovers.phase))]] = True
+    delicate[crossovers.row[distance <= DELICATE * (1 + np.abs(crossovers.phase))]] = True
     start = np.where(points.size[first] > 0, loops.right(1) + (loops.gain < 0), loops.right(-1))
     unstable = start - 2 * np.bincount(crossovers.row, np.where(falling, turns, -turns), minlength=n)
     stable = unstable == 0
@@ -371,7 +217,7 @@ def _where(omega: Floats, number: Indices) -> Floats:
     return np.append(omega, np.nan)[number]
 
 
-def _crossover_margins(crossovers: _Points, n: int) -> dict[str, Floats]:
+def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
     """Phase and delay margins; rows of unstable loops mean nothing."""
     angle = np.mod(crossovers.phase + np.pi, 2 * np.pi)
     phase, phase_at = _extreme(np.degrees(np.minimum(angle, 2 * np.pi - angle)), crossovers.row, n, np.inf)
@@ -384,14 +230,7 @@ def _crossover_margins(crossovers: _Points, n: int) -> dict[str, Floats]:
     }
 
 
-def _levels(points: _Points) -> tuple[Floats, Floats]:
-    """First and last k with arg L = pi + 2 pi k on each piece, arrays (N - 1,); first > last where there is none."""
-    turns = (points.phase - np.pi) / (2 * np.pi)
-    lower, upper = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
-    return np.ceil(lower), np.floor(upper)
-
-
-def _gain_margins(loops: _Loops, points: _Points, n: int) -> tuple[dict[str, Floats], Flags]:
+def _gain_margins(loops: Loops, points: Points, n: int) -> tuple[dict[str, Floats], Flags]:
     """Gain margins, and the loops where one hangs on rounding."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
@@ -408,17 +247,17 @@ def _gain_margins(loops: _Loops, points: _Points, n: int) -> tuple[dict[str, Flo
         limit = np.where(closer, np.abs(at_zero), limit)
         found[name] = np.exp(-side * limit)
         found[f"{name}_frequency"] = np.where(closer, 0.0, frequency)
-        delicate |= limit < _DELICATE
+        delicate |= limit < DELICATE
     return found, delicate
 
 
-def _nearest_limit(loops: _Loops, points: _Points, n: int, side: float) -> tuple[Floats, Floats]:
+def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
     """Smallest abs ln|L| at a phase crossover with |L| > 1 (`side` 1) or |L| < 1 (-1), and its frequency, rad/s.
 
     On a piece |L| is monotone and does not cross 1, so that of all its phase crossovers only the one nearest to
     the end where |L| is closer to 1 can count; and of all pieces only those that may beat the best of the others.
     """
-    first, last = _levels(points)
+    first, last = levels(points)
     size, row = points.size, points.row[:-1]
     near, far = (f(np.abs(size[:-1]), np.abs(size[1:])) for f in (np.minimum, np.maximum))
     mine = (last >= first) & (row == points.row[1:]) & (side * (size[:-1] + size[1:]) > 0)
@@ -427,34 +266,12 @@ def _nearest_limit(loops: _Loops, points: _Points, n: int, side: float) -> tuple
     at = np.flatnonzero(mine & (near <= reach[row]))
     rises, at_left = points.phase[at] < points.phase[at + 1], np.abs(size[at]) <= np.abs(size[at + 1])
     target = np.pi + 2 * np.pi * np.where(rises == at_left, first[at], last[at])
-    crossings = _located(loops, points, at, lambda found, i: found.phase - target[i])
+    crossings = located(loops, points, at, lambda found, i: found.phase - target[i])
     limit, number = _extreme(np.abs(crossings.size), crossings.row, n, np.inf)
     return limit, _where(crossings.omega, number)
 
 
-def _bounds(points: _Points) -> Floats:
-    """Upper bounds on |S|, |T|, |S - 1/2| over each piece, shape (3, N - 1); 0 between loops.
-
-    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= 1 + m^2 - 2 m cos d; the bound is
-    attained if both ends of the intervals meet, so that it tightens with the piece.
-    """
-    first, last = _levels(points)
-    cosine = -np.cos(points.phase)
-    c = np.where(last >= first, 1.0, np.maximum(cosine[:-1], cosine[1:]))
-    size = np.exp(np.clip(points.size, -300, 300))
-    low, high = np.minimum(size[:-1], size[1:]), np.maximum(size[:-1], size[1:])
-    m, u, v = np.clip(c, low, high), np.clip(c, 1 / high, 1 / low), np.clip(1.0, low, high)
-    with np.errstate(divide="ignore"):
-        parts = [
-            1 / (1 + m * (m - 2 * c)),
-            1 / (1 + u * (u - 2 * c)),
-            np.where(c > 0, (1 + v * (v + 2 * c)) / (1 + v * (v - 2 * c)), 1.0) / 4,
-        ]
-    squares = np.where(np.array(parts) >= 0, parts, np.inf)  # rounding at L = -1 itself
-    return np.where(points.row[:-1] == points.row[1:], np.sqrt(squares), 0.0)
-
-
-def _peaks(loops: _Loops, points: _Points, n: int) -> tuple[dict[str, Floats], Flags]:
+def _peaks(loops: Loops, points: Points, n: int) -> tuple[dict[str, Floats], Flags]:
     """Suprema of |S|, |T| and |S - 1/2|, and the loops whose pieces turn too far to be searched here."""
     dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # 1e100 for an integrator gives the limit
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
@@ -463,33 +280,20 @@ def _peaks(loops: _Loops, points: _Points, n: int) -> tuple[dict[str, Floats], F
             values = np.array([shape(loop, loop)[0] for shape in RESPONSES])
         _raise(peak, omega, values, np.arange(n), np.full(n, end))
     _raise(peak, omega, points.responses()[0], points.row, points.omega)
-    may_rise = _bounds(points) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
-    fine, piece, twisted = _divided(loops, points, np.flatnonzero(may_rise.any(axis=0)))
+    may_rise = bounds(points) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
+    fine, piece, twisted = divided(loops, points, np.flatnonzero(may_rise.any(axis=0)))
     values, slopes = fine.responses()
     _raise(peak, omega, values, fine.row, fine.omega)
     # numbered by piece, so that neighbours from different pieces are not taken for a piece
-    may_rise = _bounds(replace(fine, row=piece)) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
+    may_rise = bounds(replace(fine, row=piece)) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
-    top = _located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
+    top = located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
     own = np.where(kind == np.arange(3)[:, None], top.responses()[0], 0.0)
     _raise(peak, omega, own, top.row, top.omega)
     peak[2] = 1 / peak[2]
     names = ("ms", "mt", "disk")
     found = dict(zip(names, peak, strict=True))
     return found | {f"{name}_frequency": where for name, where in zip(names, omega, strict=True)}, twisted
-
-
-def _divided(loops: _Loops, points: _Points, at: Indices) -> tuple[_Points, Indices, Flags]:
-    """The pieces number `at` divided into equal parts of small phase change, ends included; the place in `at` of
-    each point; and the loops in which that takes too many parts (they get fewer)."""
-    parts = np.ceil(np.abs(points.phase[at + 1] - points.phase[at]) / _PHASE_STEP).astype(int) + 1
-    twisted = np.zeros(loops.gain.size, dtype=bool)
-    twisted[points.row[at[parts > _MOST_PARTS]]] = True
-    parts = np.minimum(parts, _MOST_PARTS)
-    piece = np.repeat(np.arange(at.size), parts + 1)
-    step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]
-    left, right = points.omega[at][piece], points.omega[at + 1][piece]
-    return loops.evaluate(left + step * (right - left), points.row[at][piece]), piece, twisted
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:

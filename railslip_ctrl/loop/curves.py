@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .deadtime import DeadTimeLoop
-from .rational import Rational
 
 _POINTS = 4000  # a smooth line in print, the turns of the dead time included
 
@@ -49,8 +50,8 @@ class GangOfFour:
     cs: NDArray[np.complex128]
 
 
-def gang_of_four(controller: Rational, plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
-    """The gang of four between two frequencies, rad/s; `plant` is P with its dead time, exact."""
+def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
+    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact."""
     omega = np.geomspace(low, high, _POINTS)
     p, c = plant.frequency_response(omega), controller(1j * omega)
     s = 1 / (1 + c * p)

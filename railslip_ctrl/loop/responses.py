@@ -177,30 +177,25 @@ def closed_loop_response(
     equations = _equations(controller, actuator, plant)
     if dead_time == 0:
         equations = equations.without_delay()
-    start = np.zeros(equations.a.shape[0])
-    plant_order = plant.poles.size
-    if initial_plant_state is not None:
-        given = np.asarray(initial_plant_state, dtype=float)
-        if given.shape != (plant_order,) or not np.isfinite(given).all():
-            raise InputError(
-                f"initial plant state: {np.shape(initial_plant_state)} is not allowed; give {plant_order} finite "
-                "numbers, one a state of the plant"
-            )
-        start[start.size - plant_order :] = given
+    start = _start(equations.a.shape[0], plant.poles.size, initial_plant_state)
     signals, rate = Marcher(equations, dead_time, steps).run(start, times)
     output, control, plant_input, error = signals
-    return TimeResponse(
-        time=times,
-        output=output,
-        control=control,
-        plant_input=plant_input,
-        error=error,
-        control_rate=rate,
-        dead_time=float(dead_time),
-        reference=float(reference),
-        disturbance=float(disturbance),
-        noise=float(noise),
-    )
+    return TimeResponse(times, output, control, plant_input, error, rate, float(dead_time), *steps.tolist())
+
+
+def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
+    """States of the loop at t = 0: the plant's, which come last, as `given`, all others at rest."""
+    start = np.zeros(order)
+    if given is None:
+        return start
+    state = np.asarray(given, dtype=float)
+    if state.shape != (plant_order,) or not np.isfinite(state).all():
+        raise InputError(
+            f"initial plant state: {np.shape(given)} is not allowed; give {plant_order} finite "
+            "numbers, one a state of the plant"
+        )
+    start[order - plant_order :] = state
+    return start
 
 
 def _times(time: ArrayLike | None, final_time: float | None) -> Floats:

@@ -16,7 +16,12 @@ Floats = NDArray[np.float64]
 _MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
 
 
-def bracketed_roots(function: Callable[[Floats, NDArray[np.intp]], Floats], low: Floats, high: Floats) -> Floats:
+def bracketed_roots(
+    function: Callable[[Floats, NDArray[np.intp]], Floats],
+    low: Floats,
+    high: Floats,
+    ends: tuple[Floats, Floats] | None = None,
+) -> Floats:
     """Roots of `function` in the brackets [low, high], to the last bits of a double.
 
     Parameters
@@ -26,6 +31,8 @@ def bracketed_roots(function: Callable[[Floats, NDArray[np.intp]], Floats], low:
     low, high : arrays, shape (n,)
         Ends with f of opposite sign (an end that is zero is its root). Without a change of sign the end of
         smaller size of f is returned.
+    ends : two arrays, shape (n,)
+        The values of f at them, where they are known already.
 
     Notes
     -----
@@ -35,7 +42,7 @@ def bracketed_roots(function: Callable[[Floats, NDArray[np.intp]], Floats], low:
         return low
     index = np.arange(low.size)
     x1, x2 = low.astype(float), high.astype(float)
-    f1, f2 = function(x1, index), function(x2, index)
+    f1, f2 = (function(x1, index), function(x2, index)) if ends is None else ends
     root = np.where(np.abs(f1) < np.abs(f2), x1, x2)
     live = np.sign(f1) * np.sign(f2) < 0
     x1, x2, f1, f2, index = x1[live], x2[live], f1[live], f2[live], index[live]

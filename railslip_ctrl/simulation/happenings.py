@@ -22,6 +22,19 @@ class Happening(NamedTuple):
         """Whether the event happened."""
         return not math.isnan(self.time)
 
+    @property
+    def text(self) -> str:
+        """Where it is, what it changes, and when it happened: "from 25 s: wet rail, M 5276 kg"."""
+        event = self.event
+        place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
+        changes = [
+            *([f"{event.rail} rail"] if event.rail is not None else []),
+            *([f"{event.adhesion_factor:g} times the rail's adhesion"] if event.adhesion_factor is not None else []),
+            *([f"M {event.mass:g} kg"] if event.mass is not None else []),
+        ]
+        when = f" (at {self.time:.4g} s)" if event.time is None else ""
+        return f"{place}: {', '.join(changes)}{when if self.reached else ' (NOT REACHED)'}"
+
 
 def happenings(run: Run) -> tuple[Happening, ...]:
     """The events of a run in order of happening, those not reached last; needs `run.signals` for events in distance."""

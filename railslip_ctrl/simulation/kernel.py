@@ -122,34 +122,34 @@ def lag(torque, delayed, a):
 
 
 @compiled
-def derivative(t, y, p, table, a, locked, delayed, random_torque, k, stage):
-    """Rates of the states and powers of the works, into row `stage` of k; a locked wheel keeps sigma = v."""
+def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
+    """Rates of the states and powers of the works, into `rate`; a locked wheel keeps sigma = v."""
     p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
     values = rates_and_powers(y[V], y[SIGMA], y[Z], torque, td, random_torque, p, table)
-    k[stage, V] = values[0]
-    k[stage, SIGMA] = values[0] if locked else values[1]
-    k[stage, Z] = values[2]
-    k[stage, TORQUE] = lag(torque, delayed, a) if a.lag_fill > 0.0 else 0.0
-    k[stage, DISTANCE] = y[V]
+    rate[V] = values[0]
+    rate[SIGMA] = values[0] if locked else values[1]
+    rate[Z] = values[2]
+    rate[TORQUE] = lag(torque, delayed, a) if a.lag_fill > 0.0 else 0.0
+    rate[DISTANCE] = y[V]
     for i in range(STATES - WORK):
-        k[stage, WORK + i] = values[3 + i]
+        rate[WORK + i] = values[3 + i]
 
 
 @compiled
 def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
     """One classical Runge-Kutta step of h from y to `new`; `k` is room for its stages."""
-    derivative(t, y, p, table, a, locked, delayed, random_torque, k, 0)
+    derivative(t, y, p, table, a, locked, delayed, random_torque, k[0])
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[0, i]
-    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k, 1)
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[1])
     for i in range(STATES):
         new[i] = y[i] + 0.5 * h * k[1, i]
-    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k, 2)
+    derivative(t + 0.5 * h, new, p, table, a, locked, delayed, random_torque, k[2])
     for i in range(STATES):
         new[i] = y[i] + h * k[2, i]
-    derivative(t + h, new, p, table, a, locked, delayed, random_torque, k, 3)
+    derivative(t + h, new, p, table, a, locked, delayed, random_torque, k[3])
     for i in range(STATES):
         new[i] = y[i] + h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
@@ -267,14 +267,13 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
 def passed(t, y, h, p, table, a, locked, delayed, random_torque, next_distance, k, new):
     """The share of the step h at which something happened in it, by bisection; `new` is the state just after it."""
     low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        advance(t, y, middle * h, p, table, a, locked, delayed, random_torque, k, new)
-        if happened(t + middle * h, new, p, table, a, locked, random_torque, next_distance):
-            high = middle
+    for halving in range(_BISECTIONS + 1):
+        share = 0.5 * (low + high) if halving < _BISECTIONS else high
+        advance(t, y, share * h, p, table, a, locked, delayed, random_torque, k, new)
+        if happened(t + share * h, new, p, table, a, locked, random_torque, next_distance):
+            high = share
         else:
-            low = middle
-    advance(t, y, high * h, p, table, a, locked, delayed, random_torque, k, new)
+            low = share
     return high
 
 
@@ -294,6 +293,41 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
     return until
 
 
+@compiled
+def fire_due(latest, distance, y, p, c, chosen, events, fired, summary):
+    """Put in force the events up to a time and a distance that have not been, and book what they add."""
+    for i in range(fired.size):
+        if not fired[i] and (events.time[i] <= latest or events.distance[i] <= distance):
+            fired[i] = True
+            summary[BOOKED] += fire(i, y, p, c, chosen, events)
+
+
+@compiled
+def whole_periods(a):
+    """The dead time as (sampling periods, rest in s)."""
+    delay = math.floor(a.dead_time / a.period + 1e-9)
+    rest = a.dead_time - delay * a.period
+    return delay, (rest if rest >= 1e-9 * a.period else 0.0)
+
+
+@compiled
+def random_torque_at(t, forces, p, a):
+    """The random force's torque, N*m, held from one draw to the next."""
+    return p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+
+
+@compiled
+def measure(sample, y, p, a, noise, measured):
+    """The sensors' (v, omega), with noise, quantised and filtered, into `measured`, which holds the sample before's."""
+    speed, turning = y[V], (y[V] - y[SIGMA]) / p[3]
+    if noise.shape[0] > 0:
+        speed += noise[sample, 0]
+        turning += noise[sample, 1]
+    blend = 1.0 - math.exp(-a.period / a.filter_time) if a.filter_time > 0.0 else 1.0
+    measured[0] += blend * (quantized(speed, a.speed_quantum) - measured[0])
+    measured[1] += blend * (quantized(turning, a.wheel_quantum) - measured[1])
+
+
 @entry
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
     """Integrate a run; p, c, chosen, y and x are changed in place. Returns (status, rows of the log written).
@@ -303,72 +337,42 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     """
     k, new = np.empty((4, STATES)), np.empty(STATES)
     fired = np.zeros(events.time.size, dtype=np.bool_)
-    delay = math.floor(a.dead_time / a.period + 1e-9)
-    rest = a.dead_time - delay * a.period
-    if rest < 1e-9 * a.period:
-        rest = 0.0
+    delay, rest = whole_periods(a)
     history = np.full(delay + 2, y[TORQUE])
     measured = np.array([y[V], (y[V] - y[SIGMA]) / p[3]])
-    blend = 1.0 - math.exp(-a.period / a.filter_time) if a.filter_time > 0.0 else 1.0
     tiny = 1e-9 * a.period
     summary[:] = 0.0
-    summary[FIRST_LOCK] = math.nan
-    summary[STARTING_ENERGY] = energy(y, p)
-    locked, rows, t, torque = False, 0, 0.0, y[TORQUE]
-    samples = math.ceil(a.longest_time / a.period - 1e-9)
-    status = OUT_OF_TIME
-    for sample in range(samples):
+    summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
+    # false, but no constant: numba would compile everything below once for that and once for a variable
+    locked = math.isfinite(summary[FIRST_LOCK])
+    rows, t, torque, status = 0, 0.0, y[TORQUE], OUT_OF_TIME
+    for sample in range(math.ceil(a.longest_time / a.period - 1e-9)):
         t = sample * a.period
-        for i in range(fired.size):  # what happens at this instant is known to this sample
-            if not fired[i] and events.time[i] <= t + tiny:
-                fired[i] = True
-                summary[BOOKED] += fire(i, y, p, c, chosen, events)
-        speed, turning = y[V], (y[V] - y[SIGMA]) / p[3]
-        if noise.shape[0] > 0:
-            speed += noise[sample, 0]
-            turning += noise[sample, 1]
-        measured[0] += blend * (quantized(speed, a.speed_quantum) - measured[0])
-        measured[1] += blend * (quantized(turning, a.wheel_quantum) - measured[1])
+        # what happens at this instant is known to this sample
+        fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
+        measure(sample, y, p, a, noise, measured)
         asked = command(x, t, measured[0], measured[1], torque, c, tables[chosen[1]])
         torque = min(max(asked, a.torque_min), a.torque_max)
         if not (math.isfinite(asked) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
             status = NOT_FINITE
             break
         history[sample % history.size] = torque
-        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
         if a.lag_fill <= 0.0:  # without a lag the torque jumps with the command: what is logged acts from now on
             first = sample - delay - (1 if rest > 0.0 else 0)
             y[TORQUE] = history[first % history.size] if first >= 0 else 0.0
         if every > 0 and sample % every == 0:
+            random_torque = random_torque_at(t, forces, p, a)
             write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
             rows += 1
         status, t, locked = interval(
-            sample,
-            delay,
-            rest,
-            tiny,
-            t,
-            locked,
-            a,
-            events,
-            fired,
-            forces,
-            history,
-            p,
-            c,
-            chosen,
-            tables,
-            limits,
-            y,
-            k,
-            new,
-            summary,
-        )
+            sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y,
+            k, new, summary,
+        )  # fmt: skip
         if status != OUT_OF_TIME:
             break
     summary[END_TIME], summary[FINAL_ENERGY] = t, energy(y, p)
     if every > 0 and rows < log.shape[0]:
-        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+        random_torque = random_torque_at(t, forces, p, a)
         write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
         rows += 1
     return status, rows
@@ -383,37 +387,20 @@ def interval(
     sample_end, switch = min((sample + 1) * a.period, a.longest_time), sample * a.period + rest
     standing = 0
     while t < sample_end - tiny:
-        for i in range(fired.size):
-            if not fired[i] and events.time[i] <= t + tiny:
-                fired[i] = True
-                summary[BOOKED] += fire(i, y, p, c, chosen, events)
+        fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         until = next_instant(t, sample_end, switch, a, events, fired, tiny)
         known = sample - delay - (1 if t < switch - tiny else 0)
         delayed = history[known % history.size]
         if a.lag_fill <= 0.0:
             y[TORQUE] = delayed
-        random_torque = p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
         next_distance = math.inf
         for i in range(fired.size):
             if not fired[i]:
                 next_distance = min(next_distance, events.distance[i])
         status, t_new, what, locked = piece(
-            t,
-            until,
-            locked,
-            a,
-            delayed,
-            random_torque,
-            next_distance,
-            p,
-            c,
-            tables[chosen[0]],
-            limits[chosen[0]],
-            y,
-            k,
-            new,
-            summary,
-        )
+            t, until, locked, a, delayed, random_torque_at(t, forces, p, a), next_distance, p, c, tables[chosen[0]],
+            limits[chosen[0]], y, k, new, summary,
+        )  # fmt: skip
         if status != OUT_OF_TIME:
             return status, t_new, locked
         standing = standing + 1 if t_new - t < tiny else 0
@@ -421,10 +408,7 @@ def interval(
             return TOO_STIFF, t_new, locked
         t = t_new
         if what & 8:
-            for i in range(fired.size):
-                if not fired[i] and events.distance[i] <= y[DISTANCE]:
-                    fired[i] = True
-                    summary[BOOKED] += fire(i, y, p, c, chosen, events)
+            fire_due(-math.inf, y[DISTANCE], y, p, c, chosen, events, fired, summary)
     return OUT_OF_TIME, sample_end, locked
 
 
