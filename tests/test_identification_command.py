@@ -327,6 +327,47 @@ def test_identify_does_not_depend_on_how_the_log_is_read(log):
     assert parts.chosen.fit.values == pytest.approx(whole.chosen.fit.values, rel=1e-5)  # where searches end
 
 
+def test_a_wild_time_stamp_costs_its_row(railslip, log, tmp_path):
+    lines = log.read_text().splitlines(keepends=True)
+    lines[400] = "1e9," + lines[400].split(",", 1)[1]
+    path = tmp_path / "glitch.csv"
+    path.write_text("".join(lines))
+    status, out, err = railslip("identify", path, "--model", "beam", "--json")
+    found = json.loads(out)
+    assert status == 0
+    said = "line 401: time 1e+09 s stands apart from those beside it; it is left out"
+    assert err == f"railslip: warning: {path}: {said}\n"
+    assert (found["log"]["outliers"], found["log"]["gaps"]) == (1, 0)
+    assert found["log"]["rows"] == len(lines) - 2
+    lines[401] = "1.1e9," + lines[401].split(",", 1)[1]
+    path.write_text("".join(lines))
+    assert "line 401: time jumps from" in refused(railslip("identify", path, "--model", "beam"))
+
+
+def test_many_broken_lines_are_told_with_the_last(railslip, log, tmp_path):
+    lines = log.read_text().splitlines(keepends=True)
+    path = tmp_path / "broken.csv"
+    path.write_text("".join([*lines[:3000], *(line.split(",", 1)[1] for line in lines[3000:])]))
+    status, _, err = railslip("identify", path, "--model", "beam")
+    assert status == 0
+    said = f"{len(lines) - 3000} broken lines in all, the last line {len(lines)}; every other line is used"
+    assert "line 3001: 3 cells where the header has 4" in err
+    assert said in err
+
+
+def test_standard_input_is_a_log_too(railslip, log, monkeypatch, tmp_path):
+    expected = json.loads(railslip("identify", log, "--model", "beam", "--json")[1])
+    with log.open() as file:
+        monkeypatch.setattr("sys.stdin", file)
+        status, out, err = railslip("identify", "-", "--model", "beam", "--json")
+    found = json.loads(out)
+    assert (status, err) == (0, "")
+    assert found["log"].pop("file") == "standard input"
+    expected["log"].pop("file")
+    assert found == expected
+    assert "standard input can be read once" in refused(railslip("identify", "-", "-"))
+
+
 def test_progress_is_told_to_the_end(log):
     told = []
     identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16), progress=told.append)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import adhesion_coefficient
@@ -98,61 +99,62 @@ def test_a_chain_of_files(scenario_of):
     assert (mine.name, mine.rail, mine.final_speed) == ("second", Rail.WET, pytest.approx(10 / 3.6))
 
 
+EVERY_FIELD = """
+name = "all of it"
+adhesion = "bristle"
+rail = "wet"
+adhesion_factor = 0.9
+initial_speed = "80 km/h"
+final_speed = 2.0
+longest_time = "2 min"
+viscous_rate = -0.02
+viscous_least = 0.1
+step = 0.0005
+published_reference = true
+inertia_scale = 2.0
+loaded = true
+[vehicle]
+mass = "3 t"
+mass_loaded = "4 t"
+wheel_load = "30 kN"
+[vehicle.wheel]
+radius = "450 mm"
+inertia = 70.0
+viscous_friction = 0.3
+[vehicle.actuator]
+dead_time = "100 ms"
+lag = 0.4
+[disturbances]
+random_force = 100.0
+random_hold = "10 ms"
+caliper_fraction = 0.1
+caliper_decay = 2.0
+caliper_frequency = "12 rad/s"
+[measurement]
+speed_noise = "0.1 km/h"
+wheel_noise = 0.01
+speed_quantum = 0.02
+wheel_quantum = 0.03
+filter_time = 0.05
+[limits]
+torque_min = 10.0
+torque_max = "8 kN*m"
+rate = "20 kN*m/s"
+dump_lag = 0.3
+[[events]]
+distance = "100 m"
+rail = "wet"
+adhesion_factor = 0.5
+[[events]]
+time = 10.0
+rail = "dry"
+adhesion_factor = 0.5
+mass = "3.5 t"
+"""
+
+
 def test_every_field_can_be_given(scenario_of):
-    mine = scenario_of(
-        """
-        name = "all of it"
-        adhesion = "bristle"
-        rail = "wet"
-        adhesion_factor = 0.9
-        initial_speed = "80 km/h"
-        final_speed = 2.0
-        longest_time = "2 min"
-        viscous_rate = -0.02
-        viscous_least = 0.1
-        step = 0.0005
-        published_reference = true
-        inertia_scale = 2.0
-        loaded = true
-        [vehicle]
-        mass = "3 t"
-        mass_loaded = "4 t"
-        wheel_load = "30 kN"
-        [vehicle.wheel]
-        radius = "450 mm"
-        inertia = 70.0
-        viscous_friction = 0.3
-        [vehicle.actuator]
-        dead_time = "100 ms"
-        lag = 0.4
-        [disturbances]
-        random_force = 100.0
-        random_hold = "10 ms"
-        caliper_fraction = 0.1
-        caliper_decay = 2.0
-        caliper_frequency = "12 rad/s"
-        [measurement]
-        speed_noise = "0.1 km/h"
-        wheel_noise = 0.01
-        speed_quantum = 0.02
-        wheel_quantum = 0.03
-        filter_time = 0.05
-        [limits]
-        torque_min = 10.0
-        torque_max = "8 kN*m"
-        rate = "20 kN*m/s"
-        dump_lag = 0.3
-        [[events]]
-        distance = "100 m"
-        rail = "wet"
-        adhesion_factor = 0.5
-        [[events]]
-        time = 10.0
-        rail = "dry"
-        adhesion_factor = 0.5
-        mass = "3.5 t"
-        """
-    )
+    mine = scenario_of(EVERY_FIELD)
     assert (mine.vehicle.mass, mine.vehicle.inertia_scale, mine.vehicle.wheel.radius) == (4000.0, 2.0, 0.45)
     assert mine.vehicle.wheel_load == pytest.approx(40_000.0)  # loaded, in proportion to the mass
     scaled = published_law("bristle", Rail.DRY, 80.0, mine.vehicle.wheel_load)
@@ -259,6 +261,32 @@ def test_an_asmc_with_a_model_of_its_own(controller_of, tmp_path):
     )
     mine = controller_of('kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n')
     assert mine.model_law.parameters() == pytest.approx(law.parameters())
+
+
+OVER_V0 = (
+    'law = "beam"\ninitial_speed_range = [60, 100]\n[polynomials]\nmu_max = [0.4, -0.001]\na = [0.003]\nKx = [3e5]\n'
+)
+WITH_MODEL = 'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n'
+
+
+def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_path, railslip):
+    (tmp_path / "law.toml").write_text(OVER_V0)
+    with pytest.raises(InputError, match=r"controller\.toml: .*law\.toml: its parameters are polynomials"):
+        controller_of(WITH_MODEL)
+    path = tmp_path / "controller.toml"
+    for speed_kmh in (60.0, 80.0):
+        law = load_controller(path, initial_speed=speed_kmh / 3.6).model_law
+        assert law.mu_max == pytest.approx(0.4 - 0.001 * speed_kmh, rel=1e-12)  # km/h to m/s and back
+    (tmp_path / "campaign.toml").write_text(
+        'scenario = "slow.toml"\nruns = 1\n[[controller]]\ncontroller = "controller.toml"\n'
+    )
+    (tmp_path / "slow.toml").write_text('extends = "park2008"\ninitial_speed = "70 km/h"\n')
+    assert load_campaign(tmp_path / "campaign.toml").controllers[0].model_law.mu_max == pytest.approx(0.33, rel=1e-12)
+    for options, named in ((["--speed", "50"], "50"), (["--speed", "70", "--initial-speed", "120"], "120")):
+        status, _, err = railslip("simulate", "--controller", path, *options)
+        assert status == 2
+        assert f"law.toml: initial speed: {named} km/h is outside 60 to 100, for which" in err
+        assert err.count("\n") == 1
 
 
 def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_path):

@@ -139,7 +139,7 @@ def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Contr
     if keys.controller.lower().endswith(".toml"):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
             raise InputError(f"{key}: {keys.controller} has its own; leave it out")
-        found = load_controller(beside / keys.controller)
+        found = load_controller(beside / keys.controller, initial_speed=scenario.initial_speed)
     else:
         found = controller_named(
             keys.controller,

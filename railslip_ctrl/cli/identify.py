@@ -12,6 +12,7 @@ import click
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify, identify_several
+from railslip_ctrl.identification.log_files import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle
@@ -106,7 +107,8 @@ def command(
     """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
 
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
-    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]". The model is for
+    optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]"; the header may be a comment
+    (#), the units a line below it. It may be gzipped; - is standard input. The model is for
     --adhesion fitted/model.toml of linearize, margins, tune, simulate, report and derive; that of several logs is over
     v0, and is taken at --initial-speed.
 
@@ -115,6 +117,8 @@ def command(
     options = _options(given)
     if len(logs) > 1 and options.initial_speed is not None:
         raise InputError("--initial-speed: is one speed, but there are several logs; leave it to them")
+    if sum(str(log) == STANDARD_INPUT for log in logs) > 1:
+        raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
     if out is not None:
         check_directory(out, _file_names(len(logs)))
     chosen = _vehicle(vehicle, loaded)

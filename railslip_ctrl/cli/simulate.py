@@ -77,7 +77,7 @@ def command(
         check_directory(out, _FILES)
     noise = None if no_noise else _seed(seed)
     scenario = scenario_options.chosen()
-    controller, column = controller_options.chosen(scenario)
+    controller, column = controller_options.chosen(scenario, scenario_options.law_speed(scenario.initial_speed))
     simulator = Simulator(scenario, controller)
     every = max(round(log_period / simulator.period), 1)
     rows = every * simulator.period

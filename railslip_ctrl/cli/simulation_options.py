@@ -63,7 +63,7 @@ class ScenarioOptions:
             if self.rail.lower() not in tuple(Rail):
                 raise InputError(f"--rail: {self.rail!r} is not a rail condition; choose dry or wet")
             changes["rail"] = Rail(self.rail.lower())
-        v0 = changes["initial_speed"] if self.initial_speed is None else self.initial_speed * KMH
+        v0 = self.law_speed(changes["initial_speed"])
         if self.adhesion is not None:
             changes["adhesion"] = self._law(self.adhesion, vehicle, v0)
         elif scenario.has_named_law:
@@ -71,6 +71,10 @@ class ScenarioOptions:
         elif self.initial_speed is not None:
             raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
         return scenario.for_vehicle(vehicle).with_changes(**changes)
+
+    def law_speed(self, initial_speed: float) -> float:
+        """v0 of adhesion laws, m/s: the run's, unless it is given."""
+        return initial_speed if self.initial_speed is None else self.initial_speed * KMH
 
     def _check(self, scenario: Scenario) -> None:
         """Refuse what the scenario would refuse, by the names of the options."""
@@ -132,10 +136,13 @@ class ControllerOptions:
     adaptive: bool
     period: float | None
 
-    def chosen(self, scenario: Scenario) -> tuple[Controller, str | None]:
-        """The controller, and the column of Table 4 that its gains are from, if any."""
+    def chosen(self, scenario: Scenario, law_speed: float) -> tuple[Controller, str | None]:
+        """The controller, and the column of Table 4 that its gains are from, if any.
+
+        `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
+        """
         if self.controller.lower().endswith(".toml"):
-            return self._from_file(), None
+            return self._from_file(law_speed), None
         name = self.controller.strip().lower().replace("_", "-")
         gains = chosen_gains(self.kp, self.ki)
         column = self._column(scenario)
@@ -168,7 +175,7 @@ class ControllerOptions:
         own = scenario.adhesion.reference
         return published_reference(column) if own is None or self.gains is not None else own
 
-    def _from_file(self) -> Controller:
+    def _from_file(self, law_speed: float) -> Controller:
         from railslip_ctrl.simulation.controller_files import load_controller
 
         for option, given in (
@@ -182,7 +189,7 @@ class ControllerOptions:
         ):
             if given is not None:
                 raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
-        return _naming("--controller", lambda: load_controller(Path(self.controller)))
+        return _naming("--controller", lambda: load_controller(Path(self.controller), initial_speed=law_speed))
 
 
 def collected(function: F) -> F:

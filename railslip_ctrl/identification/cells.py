@@ -5,8 +5,8 @@ mu in a cell, and the moments of the slips that it is the mean over, the model's
 exact for a cubic; cells are 1/800 of the range wide or less.
 
 The noise of neighbouring samples is correlated: by the observer's filter, by the rig, by the run. So its long-run
-variance, that of means over long times, is taken from stretches of time, their number halved whenever it grows beyond
-bounds, by adding neighbours.
+variance, that of means over long times, is taken from stretches of time, their number halved whenever they, or their
+entries by cell, grow beyond bounds, by adding neighbours.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ STRETCH = 5.0
 """Length of the shortest stretches, in time constants of the observer."""
 
 _MOST_STRETCHES = 8192
+_MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still
 
 BINS = 50
 """Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13."""
@@ -141,7 +142,7 @@ class Accumulator:
         self._keys, self._entries = _summed(
             np.concatenate([self._keys, keys]), np.concatenate([self._entries, entries], axis=1)
         )
-        while len(np.unique(self._keys // _CELLS)) > _MOST_STRETCHES:
+        while len(self._keys) > _MOST_ENTRIES or len(np.unique(self._keys // _CELLS)) > _MOST_STRETCHES:
             stretch, cell = self._keys // _CELLS, self._keys % _CELLS
             self._length *= 2.0
             self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)

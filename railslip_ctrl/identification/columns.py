@@ -121,6 +121,27 @@ def find_columns(
     return found
 
 
+def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """A header's cells, each with its unit of a row of them, but for those that have one; `-` and nothing are none."""
+    given = [_bare(unit) for unit in units]
+    return [
+        f"{cell.strip()} [{unit}]" if unit not in ("", "-") and not _split(cell)[1] else cell
+        for cell, unit in zip(header, given, strict=True)
+    ]
+
+
+def is_unit(cell: str, quantity: str) -> bool:
+    """Whether a cell is a unit of a quantity, in brackets or not."""
+    try:
+        return _column(quantity, 0, f"x [{_bare(cell)}]", None).unit_given
+    except InputError:
+        return False
+
+
+def _bare(unit: str) -> str:
+    return unit.strip().strip("[]()").strip()
+
+
 def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
     at = [i for i, cell in enumerate(header) if wanted.strip() in (cell.strip(), _split(cell)[0])]
     if len(at) != 1:

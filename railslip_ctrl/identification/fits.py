@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +13,20 @@ from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.errors import InputError
 
 from .cells import Cells, Stretches
+from .coordinates import Coordinates
+from .estimates import CONFIDENCE as CONFIDENCE
+from .estimates import NORMAL_QUANTILE as NORMAL_QUANTILE
+from .estimates import Estimate, estimate, slopes_of
 from .models import FitModel, Setting
 
 Floats = NDArray[np.float64]
 
-CONFIDENCE = 0.99
-"""Of the intervals given."""
-
-NORMAL_QUANTILE = 2.5758293035489004
-"""Half width of a normal 99 % interval in standard errors."""
-
 _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to that of shorter stretches
 
-# Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can
-# move without the curve following. Differences of numbers of 1e-16, over steps of 1e-5 of a parameter, leave 1e-10.
-_SINGULAR = 1e-8
-
 _CONVERGED = 1e-14
+_NOTHING = 1e-9  # of a value: a lower end below it says nothing
 _ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
-_AT_BOUND = 1e-6  # of a parameter's size: the search stays inside its bounds and only tends to them
+_INSIDE = 1e-6  # of a coordinate's size: how far inside its bounds a search begins
 
 
 @dataclass(frozen=True)
@@ -41,8 +35,8 @@ class Parameter:
 
     `stderr` is the half width of its 99 % interval over 2.576, so that it holds the uncertainty of the noise level
     too; NaN where the parameter is not identified or rests on a bound. `status` is "fitted", "at lower bound",
-    "at upper bound" or "not identifiable". `limits` is the interval from the profile of the likelihood, where a bound
-    is so near that the symmetric one would not hold.
+    "at upper bound" or "not identifiable". `limits` is the interval from the profile of the likelihood, where the
+    symmetric one would not hold: beside a bound, and where the data hardly show the parameter; it may have no end.
     """
 
     name: str
@@ -71,8 +65,10 @@ class Fit:
         With the fitted parameters.
     parameters : tuple of Parameter
     covariance : array, (p, p)
-        Of the fitted values, scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN. One
-        that the search along the motion left on a bound has a row: the others are not as sure as if it were known.
+        Of the fitted values, as `Estimate.covariance`.
+    coordinates : Coordinates
+    coordinate_covariance : array, (p, p)
+        Of the coordinates of the search, in which a step of some standard errors is as good as linear.
     residual_squares : float
         Sum of the squared deviations of all samples from the model.
     cell_coefficients : array
@@ -84,18 +80,23 @@ class Fit:
     notes : tuple of str
     followed : array, (2, k), or None
         Slip ratio and mu as a dynamic model had them along the log's motion; None for a model that is a curve.
+    known_stderrs : mapping
+        Standard deviations of parameters of the curve that are known from elsewhere, by name.
     """
 
     model: FitModel
     law: AdhesionLaw
     parameters: tuple[Parameter, ...]
     covariance: Floats
+    coordinates: Coordinates
+    coordinate_covariance: Floats
     residual_squares: float
     cell_coefficients: Floats
     long_run_variance: float
     degrees_of_freedom: int
     notes: tuple[str, ...]
     followed: Floats | None = None
+    known_stderrs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def values(self) -> Floats:
@@ -110,10 +111,20 @@ class Fit:
         return result
 
 
-def fit(model: FitModel, cells: Cells, stretches: Stretches, setting: Setting, peak_slip: float, tau: float) -> Fit:
+def fit(
+    model: FitModel,
+    cells: Cells,
+    stretches: Stretches,
+    setting: Setting,
+    peak_slip: float,
+    tau: float,
+    *,
+    profiles: bool = True,
+) -> Fit:
     """Fit a model to the cells: the sum over all samples of (mu - model)^2 is made least, within the bounds.
 
-    `peak_slip` parts the regimes, for models of sliding alone; `tau` is the observer's time constant, s.
+    `peak_slip` parts the regimes, for models of sliding alone; `tau` is the observer's time constant, s. Without
+    `profiles` every interval is the symmetric one, which will do where the motion is followed afterwards.
 
     Raises
     ------
@@ -127,21 +138,18 @@ def fit(model: FitModel, cells: Cells, stretches: Stretches, setting: Setting, p
             "give a log with more slip"
         )
     problem = _Problem(model, cells, used, setting.wheel_load)
-    values, scale = problem.solve()
-    active = active_bounds(values, model, scale)
-    mean, spread = in_cells(model, values, cells, setting.wheel_load)
-    jacobian = problem.jacobian(values)
-    dead = np.zeros(len(values), dtype=bool)
-    dead[active == 0] = unidentified((jacobian * scale)[:, active == 0])
-    free = ~dead & (active == 0)
-    variance, freedom = long_run_variance(mean, used, stretches, int(free.sum()), tau)
-    covariance = covariance_of(jacobian, free, variance, freedom)
-    parameters = _parameters(model, values, covariance, active, dead)
+    x = problem.solve()
+    mean, spread = in_cells(model, problem.coordinates.values(x), cells, setting.wheel_load)
+    variance, freedom = long_run_variance(mean, used, stretches, len(x), tau)
+    known = estimate(problem, x, slopes_of(problem, x), variance, freedom, profiles=profiles)
+    parameters = _parameters(model, known)
     return Fit(
         model=model,
-        law=model.make(values, setting.rail),
+        law=model.make(known.values, setting.rail),
         parameters=parameters,
-        covariance=covariance,
+        covariance=known.covariance,
+        coordinates=known.coordinates,
+        coordinate_covariance=known.coordinate_covariance,
         residual_squares=_residual_squares(cells, mean, spread),
         cell_coefficients=mean,
         long_run_variance=variance,
@@ -151,28 +159,21 @@ def fit(model: FitModel, cells: Cells, stretches: Stretches, setting: Setting, p
 
 
 def refitted(
-    found: Fit,
-    model: FitModel,
-    values: Floats,
-    covariance: Floats,
-    active: NDArray[np.int_],
-    dead: NDArray[np.bool_],
-    cells: Cells,
-    setting: Setting,
-    followed: Floats | None = None,
-    limits: Mapping[int, tuple[float, float]] = MappingProxyType({}),
+    found: Fit, model: FitModel, known: Estimate, cells: Cells, setting: Setting, followed: Floats | None = None
 ) -> Fit:
     """A fit with other values: what follows from them, anew; the noise over the cells stays as it was found."""
-    mean, spread = in_cells(model, values, cells, setting.wheel_load)
+    mean, spread = in_cells(model, known.values, cells, setting.wheel_load)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
-    parameters = _parameters(model, values, covariance, active, dead, limits)
+    parameters = _parameters(model, known)
     return replace(
         found,
         model=model,
-        law=model.make(values, setting.rail),
+        law=model.make(known.values, setting.rail),
         parameters=parameters,
-        covariance=covariance,
+        covariance=known.covariance,
+        coordinates=known.coordinates,
+        coordinate_covariance=known.coordinate_covariance,
         residual_squares=_residual_squares(cells, mean, spread),
         cell_coefficients=mean,
         notes=(*model.notes, *_remarks(parameters, found.long_run_variance)),
@@ -180,18 +181,17 @@ def refitted(
     )
 
 
-def _parameters(
-    model: FitModel,
-    values: Floats,
-    covariance: Floats,
-    active: NDArray[np.int_],
-    dead: NDArray[np.bool_],
-    limits: Mapping[int, tuple[float, float]] = MappingProxyType({}),
-) -> tuple[Parameter, ...]:
-    stderrs = np.where(active == 0, np.sqrt(np.diag(covariance)), np.nan)
+def _parameters(model: FitModel, known: Estimate) -> tuple[Parameter, ...]:
+    stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
     return tuple(
-        Parameter(name, float(value), float(stderrs[i]), _status(int(active[i]), bool(dead[i])), limits.get(i))
-        for i, (name, value) in enumerate(zip(model.names, values, strict=True))
+        Parameter(
+            name,
+            float(known.values[i]),
+            float(stderrs[i]),
+            _status(int(known.active[i]), bool(known.dead[i])),
+            known.limits.get(i),
+        )
+        for i, name in enumerate(model.names)
     )
 
 
@@ -209,32 +209,33 @@ def in_cells(model: FitModel, values: Floats, cells: Cells, wheel_load: float) -
 
 
 class _Problem:
-    """The residuals of the cells used, and their solution by SciPy, in parameters scaled by the start."""
+    """The residuals of the cells used, and their solution by SciPy, in coordinates scaled by the start."""
 
     def __init__(self, model: FitModel, cells: Cells, used: NDArray[np.bool_], wheel_load: float) -> None:
         self.model, self.cells, self.used, self.load = model, cells, used, wheel_load
+        self.coordinates = model.coordinates
         self.root = np.sqrt(cells.count[used])
 
-    def means(self, values: Floats) -> Floats:
-        """The model's mean of mu in the cells used."""
+    def residuals(self, values: Floats) -> Floats:
+        """How far the model's mean of mu lies above that of the samples, in the cells used, by root of the samples."""
         c, at = self.cells, self.used
         mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], self.load)
-        result: Floats = np.sum(c.weights[:, at] * mu, axis=0)
+        result: Floats = self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at])
         return result
 
-    def solve(self) -> tuple[Floats, Floats]:
-        """The best of the solutions from all starts, and the size of its parameters."""
+    def solve(self) -> Floats:
+        """The best of the solutions from all starts, in coordinates."""
         from scipy.optimize import least_squares
 
-        model, best = self.model, None
-        for start in model.starts:
-            scale = np.maximum(np.abs(start), 1e-9)
-            inside = np.clip(start, model.lower + 1e-6 * scale, model.upper - 1e-6 * scale)
+        coordinates, best = self.coordinates, None
+        for start in self.model.starts:
+            x = coordinates.at(start)
+            scale = coordinates.sizes(x)
             found = least_squares(
-                lambda x, scale=scale: self.root * (self.means(x * scale) - self.cells.mu[self.used]),
-                inside / scale,
+                lambda x, scale=scale: self.residuals(coordinates.values(x * scale)),
+                coordinates.inside(x, _INSIDE) / scale,
                 jac="3-point",
-                bounds=(model.lower / scale, model.upper / scale),
+                bounds=(coordinates.lower / scale, coordinates.upper / scale),
                 x_scale="jac",
                 ftol=_CONVERGED,
                 xtol=_CONVERGED,
@@ -243,57 +244,17 @@ class _Problem:
             )
             alike = best is not None and abs(found.cost - best[0]) <= _ALIKE * best[0]
             if best is None or found.cost < best[0]:
-                best = found.cost, found.x * scale, np.maximum(scale, np.abs(found.x * scale))
+                best = found.cost, found.x * scale
             if alike:
                 break
         assert best is not None
-        return best[1], best[2]
-
-    def jacobian(self, values: Floats) -> Floats:
-        """Derivatives of the residuals by the parameters, (cells used, parameters), by central differences."""
-        columns = []
-        for i, value in enumerate(values):
-            step = 1e-5 * max(abs(value), 1e-9)
-            high, low = values.copy(), values.copy()
-            high[i], low[i] = min(value + step, self.model.upper[i]), max(value - step, self.model.lower[i])
-            columns.append(self.root * (self.means(high) - self.means(low)) / (high[i] - low[i]))
-        return np.stack(columns, axis=1)
-
-
-def active_bounds(values: Floats, model: FitModel, scale: Floats) -> NDArray[np.int_]:
-    """Which bound each parameter rests on: -1 the lower, 1 the upper, 0 none."""
-    low, high = values - model.lower <= _AT_BOUND * scale, model.upper - values <= _AT_BOUND * scale
-    return np.where(low, -1, np.where(high, 1, 0))
-
-
-def unidentified(scaled: Floats) -> NDArray[np.bool_]:
-    """Parameters that take part in a direction in which the residuals do not change."""
-    if not scaled.size:
-        return np.zeros(scaled.shape[1], dtype=bool)
-    _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
-    flat = singular <= _SINGULAR * singular[0]
-    result: NDArray[np.bool_] = (np.abs(directions[flat]) > 1e-3).any(axis=0)
-    return result
+        return np.asarray(best[1])
 
 
 def _status(active: int, dead: bool) -> str:
     if dead:
         return "not identifiable"
     return {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}[active]
-
-
-def covariance_of(jacobian: Floats, free: NDArray[np.bool_], variance: float, freedom: int) -> Floats:
-    """Long-run variance times the inverse of the normal matrix, widened from Student's quantile to the normal one."""
-    from scipy.stats import t as student
-
-    size = jacobian.shape[1]
-    covariance = np.full((size, size), np.nan)
-    if free.any() and math.isfinite(variance):
-        width = float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
-        _, triangle = np.linalg.qr(jacobian[:, free])
-        root = np.linalg.inv(triangle)
-        covariance[np.ix_(free, free)] = variance * width**2 * (root @ root.T)
-    return covariance
 
 
 def long_run_variance(
@@ -330,7 +291,18 @@ def _at_bound(p: Parameter) -> str:
     if p.limits is None:
         return text
     side, limit = ("more", p.limits[1]) if "lower" in p.status else ("less", p.limits[0])
-    return f"{text}; this log cannot tell it, only that it is not {side} than {limit:.4g} (99 %)"
+    return f"{text}; by this log it is not {side} than {limit:.4g} (99 %)"
+
+
+def _is_open(p: Parameter) -> bool:
+    return p.status == "fitted" and p.limits is not None and math.isinf(p.limits[1])
+
+
+def _without_end(p: Parameter) -> str:
+    low = p.interval[0]
+    if low < _NOTHING * p.value:
+        return f"{p.name}: this log cannot tell it"
+    return f"{p.name}: by this log it is not less than {low:.4g} (99 %), and has no upper end"
 
 
 def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
@@ -342,9 +314,10 @@ def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, .
             f"{'it changes' if len(dead) == 1 else 'they change together'}"
         )
     remarks += [_at_bound(p) for p in parameters if "bound" in p.status]
-    loose = [p.name for p in parameters if p.stderr > abs(p.value)]
+    remarks += [_without_end(p) for p in parameters if _is_open(p)]
+    loose = [p.name for p in parameters if p.stderr > abs(p.value) and not _is_open(p)]
     if loose:
         remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")
-    if math.isnan(variance):
+    if math.isnan(variance) and all(math.isnan(p.stderr) for p in parameters):
         remarks.append("too few independent stretches of data for standard errors")
     return tuple(remarks)

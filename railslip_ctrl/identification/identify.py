@@ -17,14 +17,16 @@ from railslip_ctrl.parameters import Rail, Vehicle
 from .cells import Accumulator, Bins, Cells, Stretches
 from .comparison import Score, compare, peak_slip
 from .fits import Fit, fit
-from .logs import BLOCK_BYTES, Broken, Log, Rows
+from .logs import BLOCK_BYTES, Broken, Log
 from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
-from .motion import along_the_motion
+from .motion import along_the_motion, is_followed, slip_ramp
 from .observed import AdhesionStream, Observer
 from .outliers import OutlierFilter
 from .polynomials import ParameterPolynomial, over_initial_speed
 from .record import Record
 from .reference import PeakSlip, drift
+from .rows import Rows
+from .stamps import StampFilter
 from .survey import Survey
 
 Floats = NDArray[np.float64]
@@ -86,6 +88,7 @@ class Curve:
         Where the data's mu is highest: the adhesion regime lies below.
     adhesion_samples, sliding_samples : int
     broken_lines, outliers : int
+        Lines that were no rows; rows left out as outliers, those of time among them.
     warnings, notes : tuple of str
         What was wrong with the log; what was assumed.
     """
@@ -164,18 +167,18 @@ def read_curve(
         for rows in log.rows():
             yield rows
             if progress is not None:
-                progress(log.bytes_read / log.size)
+                progress(log.share)
         if progress is not None:
-            progress(log.bytes_read / log.size)
+            progress(log.share)
 
     gathered = _gathered(told(), log.name, vehicle, options)
-    return _curve(*gathered, log.name, log.broken, log.notes)
+    return _curve(*gathered, log.name, log.broken, log.stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
     """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
     gathered = _gathered(iter([rows]), name, vehicle, options)
-    return _curve(*gathered, name, Broken(), ())
+    return _curve(*gathered, name, Broken(), StampFilter(name), ())
 
 
 def _gathered(
@@ -213,6 +216,7 @@ def _curve(
     sums: Accumulator,
     name: str,
     broken: Broken,
+    stamps: StampFilter,
     notes: tuple[str, ...],
 ) -> Curve:
     cells, bins = sums.cells(), sums.bins()
@@ -230,16 +234,21 @@ def _curve(
         adhesion_samples=int(cells.count[below].sum()),
         sliding_samples=int(cells.count[~below].sum()),
         broken_lines=broken.count,
-        outliers=outliers.count,
-        warnings=_warnings(name, broken, outliers, stream),
+        outliers=outliers.count + stamps.count,
+        warnings=_warnings(name, broken, stamps, outliers, stream),
         notes=notes,
     )
 
 
-def _warnings(name: str, broken: Broken, outliers: OutlierFilter, stream: AdhesionStream) -> tuple[str, ...]:
+def _warnings(
+    name: str, broken: Broken, stamps: StampFilter, outliers: OutlierFilter, stream: AdhesionStream
+) -> tuple[str, ...]:
     found = [f"{name}: {text}" for text in broken.first]
     if broken.count > len(broken.first):
-        found.append(f"{name}: {broken.count} broken lines in all; every other line is used")
+        found.append(
+            f"{name}: {broken.count} broken lines in all, the last line {broken.last}; every other line is used"
+        )
+    found += [f"{name}: {text}" for text in stamps.warnings]
     if outliers.count:
         found.append(f"{name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
     found += [f"{name}: {text}" for text in stream.warnings]
@@ -273,7 +282,7 @@ def _model_names(options: Options) -> tuple[str, ...]:
 def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identification:
     """Identify from an adhesion curve that is read already. InputError as `identify`."""
     names = _model_names(options)
-    setting = setting_of(curve, options)
+    setting = setting_of(curve, vehicle, options)
     fits, failures = _fits(names, curve, vehicle, setting)
     if not fits:
         raise InputError(failures[0])
@@ -308,20 +317,20 @@ def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
     return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
 
 
-def setting_of(curve: Curve, options: Options) -> Setting:
+def setting_of(curve: Curve, vehicle: Vehicle, options: Options) -> Setting:
     """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
-    rise = curve.cells.slip < max(curve.peak_slip, _RAMP_SLIP)
-    time, gain = float(curve.cells.time[rise].sum()), float(curve.cells.slip_gain[rise].sum())
-    ramp = v0 * gain / time if time > 0.0 else 0.0
+    ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
+    ramped = ramp >= _LEAST_RAMP
     return Setting(
         wheel_load=curve.survey.wheel_load,
         initial_speed=v0,
-        slip_acceleration=ramp if ramp >= _LEAST_RAMP else None,
+        slip_acceleration=ramp if ramped else None,
         given_acceleration=options.slip_acceleration,
         rail=options.rail,
         fixed=options.fixed,
         bounds=options.bounds,
+        acceleration_spread=spread if ramped else None,
     )
 
 
@@ -331,7 +340,9 @@ def _fits(names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting
     for name in names:
         try:
             model = fit_model(name, curve.cells, shape, setting)
-            first = fit(model, curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
+            profiles = not is_followed(model, curve.record)
+            known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
+            first = fit(model, *known, profiles=profiles)
             fits.append(along_the_motion(first, curve.record, vehicle, curve.cells, setting))
         except InputError as error:
             failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")

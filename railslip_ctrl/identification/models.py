@@ -27,6 +27,7 @@ from railslip_ctrl.parameters.validation import close_match
 from railslip_ctrl.units import KMH, shown
 
 from .cells import Cells
+from .coordinates import Coordinates
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +47,8 @@ class Setting:
         v0, m/s.
     slip_acceleration : float or None
         R of the log's slip ramps, m/s^2; None where it has none.
+    acceleration_spread : float or None
+        Standard deviation of R from run to run, m/s^2; None where it has no ramp, or but one.
     given_acceleration : float or None
         R as given by the user.
     rail : Rail
@@ -66,6 +69,7 @@ class Setting:
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     knots: tuple[float, ...] = ()
+    acceleration_spread: float | None = None
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,11 @@ class FitModel:
         z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
         mu = np.asarray(functions.force(speed, sigma, z, 0.0, 0.0, 0.0, p), dtype=float) / wheel_load
         return np.where(np.isfinite(mu), mu, 0.0)
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Those in which the free parameters are looked for."""
+        return Coordinates.of(self.names, self.lower, self.upper, np.abs(self.starts).max(axis=0))
 
     def _flat(self, values: Floats) -> tuple[float, ...]:
         if self.name == "table":

@@ -1,4 +1,4 @@
-"""A fit to the cells, fitted again along the motion: its errors, its intervals beside bounds, the ramp of its peak."""
+"""A fit to the cells, fitted again along the motion: its errors, its intervals, the ramp of its peak."""
 
 from __future__ import annotations
 
@@ -12,69 +12,41 @@ from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Vehicle
 
 from .cells import Cells, Stretches
-from .fits import CONFIDENCE, Fit, covariance_of, long_run_variance, refitted, unidentified
+from .estimates import estimate, slopes_of
+from .fits import Fit, long_run_variance, refitted
 from .models import FitModel, Setting
-from .prediction import DYNAMIC, STATIC, Along, Intervals, sizes
-from .profile import profile_interval
+from .prediction import DYNAMIC, STATIC, Along, Intervals, enough
 from .record import Record
 
 Floats = NDArray[np.float64]
 
 _STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
 _ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
-_AT_BOUND = 0.1  # of a standard error: a parameter nearer to its bound rests on it
-_NEAR_BOUND = 1.0  # and nearer than this the likelihood is cut off where a symmetric interval would still count on it
 _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
 
 
+def is_followed(model: FitModel, record: Record) -> bool:
+    """Whether a model is fitted along the motion: not every one is, and not along a short record."""
+    return model.name in (*STATIC, *DYNAMIC) and enough(record)
+
+
 def along_the_motion(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
-    """A fit to the cells, fitted again along the motion; as it was for other models and too short a record."""
+    """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no."""
     model = found.model
-    if model.name not in (*STATIC, *DYNAMIC):
+    if not is_followed(model, record):
         return found
     problem = Along(model, record, vehicle, setting.wheel_load)
-    if not problem.enough:
-        return found
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
-    scaled = np.array([[f if name == "alpha" else 1.0 for name in model.names] for f in factors])
-    values, errors = problem.solve(found.values * scaled)
-    jacobian = problem.jacobian(values)
-    dead = unidentified(jacobian * sizes(values, model))
-    variance, freedom = _inflation(problem.intervals, errors, int((~dead).sum()))
-    covariance = covariance_of(jacobian, ~dead, variance, freedom)
-    stderrs = np.sqrt(np.diag(covariance))
-    active = _bounds_at(values, model, _AT_BOUND * stderrs)
-    limits = {}
-    if _bounds_at(values, model, _NEAR_BOUND * stderrs).any():
-        limits = _limits(problem, values, stderrs, variance, freedom)
-    # what the steps of the integration shift counts as an error of its own
-    shift = np.where(dead, 0.0, problem.discretisation(values, jacobian))
-    covariance = covariance + np.outer(shift, shift)
-    followed = None
-    if model.name in DYNAMIC:
-        model, followed = _with_ramp(model, values, setting), problem.followed(values)
-    return refitted(found, model, values, covariance, active, dead, cells, setting, followed, limits)
-
-
-def _bounds_at(values: Floats, model: FitModel, distance: Floats) -> NDArray[np.int_]:
-    """Which bound each parameter is no further from than a distance: -1 the lower, 1 the upper, 0 none."""
-    return np.where(values - model.lower <= distance, -1, np.where(model.upper - values <= distance, 1, 0))
-
-
-def _limits(
-    problem: Along, values: Floats, stderrs: Floats, variance: float, freedom: int
-) -> dict[int, tuple[float, float]]:
-    """Intervals from the profile of the likelihood, for every parameter that has a standard error."""
-    from scipy.stats import t as student
-
-    rise = variance * float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) ** 2
-    model = problem.model
-    size, found = sizes(values, model), {}
-    for i in (int(each) for each in np.flatnonzero(np.isfinite(stderrs))):
-        found[i] = profile_interval(
-            problem.residuals, values, model.lower, model.upper, i, size=size, stderr=float(stderrs[i]), rise=rise
-        )
-    return found
+    starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * found.values for f in factors]
+    x, errors = problem.solve(starts)
+    slopes = slopes_of(problem, x)
+    variance, freedom = _inflation(problem.intervals, errors, len(x))
+    known = estimate(problem, x, slopes, variance, freedom, shifts=problem.discretisation(x, slopes))
+    if model.name in STATIC:
+        return refitted(found, model, known, cells, setting)
+    model, spread = _with_ramp(model, known.values, setting)
+    again = refitted(found, model, known, cells, setting, problem.followed(known.values))
+    return replace(again, known_stderrs={} if spread is None else {"R": spread})
 
 
 def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[float, int]:
@@ -86,13 +58,42 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
     return long_run_variance(np.zeros(1), np.ones(1, dtype=bool), sums, parameters, 0.0)
 
 
-def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> FitModel:
-    """The model whose curve over slip, and so whose peak, is that of a build-up by a ramp that is said in its note."""
-    R, source = setting.given_acceleration, "as given"
+def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
+    """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from run to run.
+
+    Of the runs that come to it from below, each until it does, by their time; of all, as far as they go, where none
+    does. Nought for an empty record; no deviation where fewer than two runs come there.
+    """
+    slip = 1.0 - radius * record.omega / record.speed
+    cuts = np.flatnonzero(np.diff(record.run)) + 1
+    ways = []
+    for time, of_run in zip(np.split(record.time, cuts), np.split(slip, cuts), strict=True):
+        if len(time) > 1 and of_run[0] < top:
+            up = of_run >= top
+            end = int(np.argmax(up)) if up.any() else -1
+            ways.append((time[end] - time[0], initial_speed * (of_run[end] - of_run[0]), float(up.any())))
+    if not ways:
+        return 0.0, None
+    duration, gain, arrived = np.array(ways).T
+    kept = arrived > 0.0 if arrived.any() else np.ones(len(ways), dtype=bool)
+    duration, gain = duration[kept], gain[kept]
+    mean = float(gain.sum() / duration.sum())
+    if arrived.sum() < 2:
+        return mean, None
+    scatter = np.sum(duration * (gain / duration - mean) ** 2) / duration.sum() * len(duration) / (len(duration) - 1)
+    return mean, float(np.sqrt(scatter))
+
+
+def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
+    """The model whose curve over slip, and so whose peak, is that of a build-up by a ramp, said in its note.
+
+    With it the scatter of the ramp, where the log shows it.
+    """
+    R, source, spread = setting.given_acceleration, "as given", None
     if R is None:
-        R, source = setting.slip_acceleration, "the log's mean up to its peak"
+        R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread
     if R is None:
-        R, source = SLIP_ACCELERATION, "the default"
+        R, source, spread = SLIP_ACCELERATION, "the default", None
 
     def at(ramp: float) -> tuple[FitModel, float]:
         trial = replace(model, known={**model.known, "R": ramp})
@@ -101,9 +102,13 @@ def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> FitModel:
 
     chosen, slip = at(R)
     low, high = (at(ramp)[1] for ramp in (R / _RAMP_RANGE, R * _RAMP_RANGE))
+    if spread is None:
+        counted = "beside which its standard error is of alpha, beta and gamma alone"
+    else:
+        counted = f"and its standard error counts the ramp's scatter from run to run, {spread:.2g} m/s^2"
     note = (
         "fitted, and compared, along the slip as it went; the peak depends on how fast the slip rises, and is that of "
         f"a ramp of {R:.4g} m/s^2 ({source}; --slip-acceleration changes it): slip {slip:.4g}, {low:.4g} at half and "
-        f"{high:.4g} at twice that ramp, beside which its standard error is of alpha, beta and gamma alone"
+        f"{high:.4g} at twice that ramp, {counted}"
     )
-    return replace(chosen, notes=(note,))
+    return replace(chosen, notes=(note,)), spread

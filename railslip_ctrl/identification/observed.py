@@ -22,8 +22,8 @@ from railslip_ctrl.observer.recursion import linear_recursion
 from railslip_ctrl.parameters import Vehicle
 from railslip_ctrl.units import KMH
 
-from .logs import Rows
 from .record import Recorder
+from .rows import Rows
 from .survey import FreeRolling, Survey
 
 Floats = NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.units import KMH
 
-from .fits import Fit
+from .fits import Fit, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -58,14 +59,15 @@ class ParameterPolynomial:
 def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
     """Polynomials through the parameters of fits of one model, weighted by their standard errors where all have one.
 
-    `initial_speeds` in m/s. The degree is 2, or one less than there are distinct speeds.
+    `initial_speeds` in m/s. The degree is 2, or one less than there are distinct speeds. A log that leaves a parameter
+    on a bound at infinity says nothing of it.
     """
     v0 = np.array(initial_speeds) / KMH
     degree = _degree(v0)
     found = []
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
-        stderrs = np.array([fit.parameters[i].stderr for fit in fits])
+        stderrs = np.array([_stderr(fit.parameters[i]) for fit in fits])
         found.append(ParameterPolynomial(name, *_weighted(v0, values, stderrs, degree), v0, values))
     return tuple(found)
 
@@ -84,13 +86,23 @@ def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, 
     return found
 
 
+def _stderr(p: Parameter) -> float:
+    """Infinite for a parameter that rests where there is no end."""
+    return math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr
+
+
 def _degree(v0: Floats) -> int:
     distinct = 1 + int(np.sum(np.diff(np.sort(v0)) > _SAME_SPEED * np.sort(v0)[1:]))
     return min(HIGHEST_DEGREE, distinct - 1)
 
 
 def _weighted(v0: Floats, values: Floats, stderrs: Floats, degree: int) -> tuple[Floats, Floats]:
-    known = bool(np.isfinite(stderrs).all() and (stderrs > 0.0).all())
+    told = np.isfinite(stderrs)
+    if told.any() and (stderrs > 0.0).all() and not told.all():
+        coefficients, covariance = _weighted(v0[told], values[told], stderrs[told], _degree(v0[told]))
+        missing = degree + 1 - len(coefficients)
+        return np.pad(coefficients, (0, missing)), np.pad(covariance, (0, missing))
+    known = bool(told.all() and (stderrs > 0.0).all())
     weights = 1.0 / stderrs if known else np.ones_like(values)
     unit = v0.max()  # powers of a number up to 1, so that the columns are of one size
     powers = np.vander(v0 / unit, degree + 1, increasing=True)

@@ -14,12 +14,16 @@ steep rises a bias remains. The intervals are widened by the whitened errors' lo
 
 The bristles' deflection z is integrated along the measured slip, in which z' is linear; its value at the start of a
 run is unknown and is fitted with the rest, run by run.
+
+Between rows the brake torque is taken to bend as its neighbours say: a released brake's torque dies out so fast that
+the mean of both ends is 1 % too high, and the adhesion would seem to fall the less for it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +50,8 @@ _ROUNDS = 4  # at most, of estimating the variances and the parameters in turn;
 _SETTLED = 1e-6  # relative change of the parameters from round to round
 _RATIOS = (math.log(1e-8), math.log(1e6))  # of the pickup's variance to the effect of the random force
 _LARGEST_SLIP = 0.999
-_DIFFERENCE = 1e-5  # of a parameter's size, for derivatives
+_WILDEST = 50.0  # growth of a deviation over a step, as a logarithm: what is beyond is as wrong, and a finite number
+_OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
 _FOLLOWED_CELLS = 100  # over the slip ratio
 _SPLINE_POINTS = 256  # over the root of the slip: its error is some 256^-4 of mu
 _SPLINE_REACH = 0.005  # of slip, beyond the record's highest, to which a prediction may come
@@ -88,30 +93,45 @@ class Intervals:
     def __len__(self) -> int:
         return len(self.step)
 
+    def bent(self) -> Intervals:
+        """With torques between which a straight line has the mean of a parabola through three rows.
+
+        Of the two parabolas, with the row before and with the row after, the flatter: none goes across a corner.
+        """
+        slope = (self.torque1 - self.torque0) / self.step
+        bend = np.full(len(self) + 1, np.inf)  # where two intervals meet; unknown at both ends of a run
+        bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
+        bend[:-1][self.begins] = np.inf
+        before, after = bend[:-1], bend[1:]
+        flatter = np.where(np.abs(before) <= np.abs(after), before, after)
+        excess = np.where(np.isfinite(flatter), flatter, 0.0) * self.step**2 / 12.0
+        return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess)
+
     @property
     def begins(self) -> NDArray[np.bool_]:
         """The first of each run."""
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
+def enough(record: Record) -> bool:
+    """Whether a record has intervals enough."""
+    return int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
+
+
 class Along:
     """The whitened errors of a model along a record."""
 
     def __init__(self, model: FitModel, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
-        self.model, self.wheel_load = model, wheel_load
+        self.model, self.coordinates, self.wheel_load = model, model.coordinates, wheel_load
         self.radius, self.J = vehicle.wheel.radius, vehicle.effective_inertia
         self.B = vehicle.effective_viscous_friction
-        self.intervals = Intervals.of(record)
+        self._straight = Intervals.of(record)
+        self.intervals = self._straight.bent()
         self._factor: Floats | None = None
         self._substeps = _SUBSTEPS[1]
         self._spline: tuple[tuple[float, ...], Any] | None = None
         slip = 1.0 - self.radius * record.omega / record.speed
         self._highest_root = math.sqrt(min(float(np.max(slip, initial=0.0)) + _SPLINE_REACH, _LARGEST_SLIP))
-
-    @property
-    def enough(self) -> bool:
-        """Whether there are intervals enough."""
-        return len(self.intervals) >= _LEAST_INTERVALS
 
     # --- one interval ahead -----------------------------------------------------------------------------------------
 
@@ -153,6 +173,7 @@ class Along:
             steeper = self._force(values, sigma + _SLIP_STEP * v, v)
             later = self._force(values, sigma, v + dv)
             q = (self.radius**2 * (steeper - force) / (_SLIP_STEP * v) + self.B) / self.J * h
+            q = np.maximum(q, -_WILDEST)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
             change = self.B * dv + self.radius * dtorque - self.radius**2 * (later - force)
             sigma = sigma + (dv + h / self.J * turning) * _phi(q) + h / self.J * change * _mean_phi(q)
@@ -268,65 +289,55 @@ class Along:
 
     # --- the fit ----------------------------------------------------------------------------------------------------
 
-    def solve(self, starts: Floats) -> tuple[Floats, Floats]:
-        """The best parameters from several starts, and the whitened errors there."""
+    def solve(self, starts: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """The best coordinates from several starts of the parameters, and the whitened errors there."""
         if self.model.name in STATIC:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
             self._substeps = _SUBSTEPS[steepest > _LITTLE]
-        found = min((self._search(start) for start in starts), key=lambda each: each[0])[1]
+        at, values = self.coordinates.at, self.coordinates.values
+        found = min((self._search(at(start)) for start in starts), key=lambda each: each[0])[1]
         for _ in range(_ROUNDS - 1):
             before, found = found, self._search(found)[1]
-            if np.all(np.abs(found - before) <= _SETTLED * np.abs(found)):
+            if np.all(np.abs(found - before) <= _SETTLED * self.coordinates.sizes(found)):
                 break
-        self.set_variances(found)
-        return found, self.residuals(found)
+        self.set_variances(values(found))
+        return found, self.residuals(values(found))
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
         from scipy.optimize import least_squares
 
-        scale = np.maximum(np.abs(start), 1e-9)
-        lower, upper = self.model.lower / scale, self.model.upper / scale
-        self.set_variances(start)
+        coordinates, scale = self.coordinates, self.coordinates.sizes(start)
+        self.set_variances(coordinates.values(start))
         found = least_squares(
-            lambda x: self.residuals(x * scale),
-            np.clip(start / scale, lower + 1e-6, upper - 1e-6),
-            bounds=(lower, upper),
+            lambda x: self.residuals(coordinates.values(x * scale)),
+            coordinates.inside(start, _OFF_BOUND) / scale,
+            bounds=(coordinates.lower / scale, coordinates.upper / scale),
             x_scale="jac",
             ftol=1e-9,
             xtol=1e-8,
             max_nfev=60,
         )
-        values = np.asarray(found.x * scale)
-        return float(np.sum(self.errors(values).error ** 2)), values
+        x = np.asarray(found.x * scale)
+        return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
-    def jacobian(self, values: Floats) -> Floats:
-        """Derivatives of the whitened errors by the parameters, by differences inside the bounds."""
-        columns = []
-        for i, step in enumerate(_DIFFERENCE * sizes(values, self.model)):
-            high, low = values.copy(), values.copy()
-            high[i], low[i] = min(values[i] + step, self.model.upper[i]), max(values[i] - step, self.model.lower[i])
-            columns.append((self.residuals(high) - self.residuals(low)) / (high[i] - low[i]))
-        return np.stack(columns, axis=1)
+    def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
+        """By how much the coordinates are shifted by what happens between the rows, cause by cause.
 
-    def discretisation(self, values: Floats, jacobian: Floats) -> Floats:
-        """By how much the steps inside an interval shift the parameters: Richardson's estimate, of order 2.
-
-        Nought for the bristles, whose state is integrated exactly along the measured slip.
+        The torque's bend, of which a parabola takes out most, is counted as if none of it were taken out. The steps
+        inside an interval shift them by Richardson's estimate, of order 2; the bristles' state has none, as it is
+        integrated exactly along the measured slip.
         """
-        if self.model.name in DYNAMIC:
-            return np.zeros(len(values))
-        coarse, steps = self.residuals(values), self._substeps
-        self._substeps = 2 * steps
-        fine = self.residuals(values)
-        self._substeps = steps
-        shift: Floats = np.linalg.pinv(jacobian) @ (coarse - fine) * 4.0 / 3.0
-        return shift
-
-
-def sizes(values: Floats, model: FitModel) -> Floats:
-    """What is large for each parameter: a value that tends to a bound at nought is small beside its start."""
-    result: Floats = np.maximum(np.abs(values), 0.01 * np.abs(model.starts).max(axis=0))
-    return np.maximum(result, 1e-9)
+        values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
+        here, bent = self.residuals(values), self.intervals
+        self.intervals = self._straight
+        shifts = [inverse @ (self.residuals(values) - here)]
+        self.intervals = bent
+        if self.model.name in STATIC:
+            steps = self._substeps
+            self._substeps = 2 * steps
+            shifts.append(inverse @ (here - self.residuals(values)) * 4.0 / 3.0)
+            self._substeps = steps
+        return shifts
 
 
 _ZERO = np.zeros(1)

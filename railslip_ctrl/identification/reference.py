@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,15 @@ from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import Rail
 
 from .fits import NORMAL_QUANTILE, Fit
+from .models import FitModel
 
 LARGEST_LOSS = 0.02
 """Share of the highest adhesion that a reference slip below the peak may give away."""
 
 _LOWEST_SLIP = 1e-5  # a peak here is none: the law falls from the start
-_STEP = 0.1  # of a standard error, for the derivatives of the peak
+_STEP = 0.1  # of a standard error, or of a coordinate's size where that is less, for the derivatives of the peak
+_PROBES = (0.01, 0.03, 0.1, 0.2)  # of a law's slips, to see whether it depends on the speed
+_ROUNDING = 1e-12
 _LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maximum) is what would be differentiated
 
 
@@ -34,7 +37,8 @@ class PeakSlip:
     slip, coefficient : float
         Where it is, and mu there. `slip` is NaN for a law that falls from the start.
     slip_stderr, coefficient_stderr : float
-        By the delta method from the fit's covariance; NaN where that is not known.
+        By the delta method from the fit's covariance, and from the scatter of the ramp where the peak is that of one;
+        NaN where that is not known.
     reference : float
         The slip to hold: as near to the peak as its 99 % interval allows without passing it, as beyond the peak the
         wheel is unstable, but giving away no more than `LARGEST_LOSS`; NaN without a peak.
@@ -64,36 +68,67 @@ def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail) -> PeakSl
     InputError for dry rail from a log on wet rail.
     """
 
-    def at(values: np.ndarray) -> tuple[float, float]:
-        found = peak(fit.model.make_force_law(values, fit.law.rail).on(rail), speed, wheel_load)
+    def at(model: FitModel, values: np.ndarray) -> tuple[float, float]:
+        found = peak(model.make_force_law(values, fit.law.rail).on(rail), speed, wheel_load)
         return found.slip, found.coefficient
 
     law = fit.model.make_force_law(fit.values, fit.law.rail).on(rail)
-    return _with_reference(law, speed, wheel_load, at(fit.values), _stderrs(at, fit))
+    return _with_reference(law, speed, wheel_load, at(fit.model, fit.values), _stderrs(at, fit))
 
 
-def drift(fit: Fit, speeds: Iterable[float], wheel_load: float) -> tuple[PeakSlip, ...]:
+def drift(fit: Fit, speeds: Sequence[float], wheel_load: float) -> tuple[PeakSlip, ...]:
     """The peak over speeds (m/s), on the rail of the log, and on wet rail too."""
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
-    return tuple(peak_of_fit(fit, speed, wheel_load, rail) for rail in rails for speed in speeds)
+    if not _is_of_slip_alone(fit, speeds, wheel_load):
+        return tuple(peak_of_fit(fit, speed, wheel_load, rail) for rail in rails for speed in speeds)
+    peaks = [peak_of_fit(fit, speeds[0], wheel_load, rail) for rail in rails]
+    return tuple(replace(peak, speed=speed) for peak in peaks for speed in speeds)
 
 
-def _stderrs(at: Callable[[np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
-    """Delta method: the gradient of slip and height of the peak, by differences over a tenth of a standard error."""
-    known = [i for i, variance in enumerate(np.diag(fit.covariance)) if math.isfinite(variance)]
+def _is_of_slip_alone(fit: Fit, speeds: Sequence[float], wheel_load: float) -> bool:
+    """Whether mu is the same at all speeds."""
+    law = fit.model.make_force_law(fit.values, fit.law.rail)
+    limits = [law.domain_limit(speed)[0] for speed in speeds]
+    if not np.allclose(limits, limits[0], rtol=_ROUNDING, atol=0.0):
+        return False
+    slips = min(limits[0], 1.0) * np.array(_PROBES)
+    mu = [np.asarray(adhesion_coefficient(law, speed, slips, wheel_load)) for speed in speeds]
+    return bool(np.allclose(mu, mu[0], rtol=_ROUNDING, atol=0.0))
+
+
+def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
+    """Delta method: the gradient of slip and height of the peak, by differences over a tenth of a standard error.
+
+    Of the coordinates of the search, in which the parameters are not bound to each other, and of what else is known but
+    not exactly.
+    """
+    coordinates, covariance = fit.coordinates, fit.coordinate_covariance
+    known = [i for i, variance in enumerate(np.diag(covariance)) if math.isfinite(variance)]
     if not known:
         return math.nan, math.nan
+    x = coordinates.at(fit.values)
+    sizes = coordinates.sizes(x)
     gradient = np.empty((2, len(known)))
     for column, i in enumerate(known):
-        p = fit.parameters[i]
-        step = max(_STEP * math.sqrt(fit.covariance[i, i]), _LEAST_STEP * abs(p.value))
-        high, low = fit.values, fit.values
-        high[i] = min(p.value + step, fit.model.upper[i])
-        low[i] = max(p.value - step, fit.model.lower[i])
-        gradient[:, column] = (np.array(at(high)) - np.array(at(low))) / (high[i] - low[i])
-    variance = np.diag(gradient @ fit.covariance[np.ix_(known, known)] @ gradient.T)
+        step = max(_STEP * min(math.sqrt(covariance[i, i]), sizes[i]), _LEAST_STEP * abs(x[i]))
+        high, low = x.copy(), x.copy()
+        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
+        ends = [np.array(at(fit.model, coordinates.values(each))) for each in (high, low)]
+        gradient[:, column] = (ends[0] - ends[1]) / (high[i] - low[i])
+    variance = np.diag(gradient @ covariance[np.ix_(known, known)] @ gradient.T).copy()
+    for name, stderr in fit.known_stderrs.items():
+        step = _STEP * stderr
+        ends = [np.array(at(_knowing(fit.model, name, side * step), fit.values)) for side in (1.0, -1.0)]
+        variance += ((ends[0] - ends[1]) / (2.0 * _STEP)) ** 2
     slip, coefficient = np.sqrt(variance)
     return float(slip), float(coefficient)
+
+
+def _knowing(model: FitModel, name: str, change: float) -> FitModel:
+    """The model with a known parameter changed."""
+    value = model.known[name]
+    assert isinstance(value, float)
+    return replace(model, known={**model.known, name: value + change})
 
 
 def _with_reference(

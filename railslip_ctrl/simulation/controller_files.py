@@ -31,7 +31,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains, Record
 from railslip_ctrl.parameters.validation import close_match, file_name, one_line, read_text, read_toml
 from railslip_ctrl.sliding.gains import LawGains
-from railslip_ctrl.units import quantity, shown
+from railslip_ctrl.units import KMH, quantity, shown
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .published import FILTER_TIME, published_reference
@@ -47,8 +47,8 @@ class ControllerKeys(Record):
     reference: ReferenceSlip = published_reference("bristle")
 
     @abstractmethod
-    def made(self, path: Path) -> Controller:
-        """The controller; `path` is that of the file."""
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
+        """The controller; `path` is that of the file, `initial_speed` as of `load_controller`."""
 
     def common(self) -> dict[str, Any]:
         """What every controller takes."""
@@ -82,7 +82,7 @@ class PIKeys(Limited):
     initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
     rule: Rule = Rule.BACKWARD
 
-    def made(self, path: Path) -> Controller:
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `LinearControl`."""
         design = PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
         tracking = self.tracking_time if self.anti_windup else math.inf
@@ -92,7 +92,10 @@ class PIKeys(Limited):
 
 
 class SlidingKeys(Limited):
-    """`kind = "asmc"`: gains of `LawGains`, nominal vehicle, and the adhesion model, the plant's if left out."""
+    """`kind = "asmc"`: gains of `LawGains`, nominal vehicle, and the adhesion model, the plant's if left out.
+
+    A model over the initial speed v0 (`adhesion.load_law`) is taken at that of the run.
+    """
 
     K: float = quantity("N*m", "gain on sgn s", ge=0)
     D: float = quantity("N*m/(m/s)", "gain on s", gt=0)
@@ -109,13 +112,13 @@ class SlidingKeys(Limited):
     knows_rail: bool = True
     adhesion: str | None = None
 
-    def made(self, path: Path) -> Controller:
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `SlidingControl`."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "dead_zone")
         own = ("nominal_mass", "nominal_viscous_friction", "filter_time", "anti_windup", "knows_rail")
         return SlidingControl(
             LawGains(**{name: getattr(self, name) for name in names}),
-            model_law=None if self.adhesion is None else _model(path.parent / self.adhesion),
+            model_law=None if self.adhesion is None else _model(path.parent / self.adhesion, initial_speed),
             **{name: getattr(self, name) for name in own},
             **self.common(),
         )
@@ -129,7 +132,7 @@ class ScheduledKeys(Limited):
     initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
     rule: Rule = Rule.BACKWARD
 
-    def made(self, path: Path) -> Controller:
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `ScheduledControl`."""
         schedule = GainSchedule.from_json(read_text(path.parent / self.schedule))
         return ScheduledControl(
@@ -154,7 +157,7 @@ class SlideProtectionKeys(ControllerKeys):
     torque_high: float = quantity("N*m", "full brake", gt=0, default=SlideProtection.torque_high)
     filter_time: float = quantity("s", "filter of the deceleration", gt=0, default=SlideProtection.filter_time)
 
-    def made(self, path: Path) -> Controller:
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `SlideProtection`."""
         names = SlideProtectionKeys.model_fields.keys() - ControllerKeys.model_fields.keys()
         common = self.common()
@@ -169,7 +172,7 @@ class TorqueProfileKeys(ControllerKeys):
     times: tuple[float, ...]
     torques: tuple[float, ...]
 
-    def made(self, path: Path) -> Controller:
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `TorqueProfile`."""
         return TorqueProfile(self.times, self.torques, **self.common())
 
@@ -183,8 +186,21 @@ KINDS: dict[str, type[ControllerKeys]] = {
 }
 
 
-def load_controller(path: Path) -> Controller:
-    """Read a controller; InputError with one line naming the file, the key, the value and what is allowed."""
+def load_controller(path: Path, *, initial_speed: float | None = None) -> Controller:
+    """Read a controller.
+
+    Parameters
+    ----------
+    path : Path
+        The TOML file; the module says what is in it.
+    initial_speed : float, optional
+        v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
+
+    Raises
+    ------
+    InputError
+        One line naming the file, the key, the value and what is allowed.
+    """
     where = file_name(path)
     content = read_toml(path)
     kind = content.get("kind")
@@ -197,12 +213,12 @@ def load_controller(path: Path) -> Controller:
     except ValidationError as error:
         raise InputError(one_line(error, where, model=KINDS[kind])) from None
     try:
-        return keys.made(path)
+        return keys.made(path, initial_speed)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
 
-def _model(path: Path) -> AdhesionLaw:
+def _model(path: Path, initial_speed: float | None) -> AdhesionLaw:
     if path.suffix.lower() != ".toml":
         raise InputError(f"adhesion: {path.name!r} is not a TOML file; give one with a law and its parameters")
-    return load_law(path)
+    return load_law(path, initial_speed_kmh=None if initial_speed is None else initial_speed / KMH)

@@ -1,0 +1,103 @@
+"""Do the 99 % intervals of an identification hold the truth? Counted over seeded logs of the virtual rig.
+
+Beam and dynamic bristle at the four speeds of [Park2008] Table 1, six tests to a log. At 30 km/h the adhesion hardly
+falls up to half slip: intervals of beta and gamma then often have no upper end, and must not be too short for that.
+
+    python analysis/interval_coverage.py [SEEDS]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+import numpy as np
+
+from railslip_ctrl.identification.fits import Parameter
+from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.units import KMH
+from railslip_ctrl.virtual_rig import RigTest, published_tests, run_tests
+
+LAWS = ("beam", "bristle")
+SEEDS = 100
+TESTS = 6  # a log
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Of one parameter at one speed: the logs, those whose interval holds the truth, and those where it has no end.
+
+    `width` is the median half width over the truth, `bias` the median deviation of the value over the truth.
+    """
+
+    law: str
+    speed_kmh: float
+    parameter: str
+    logs: int
+    held: int
+    endless: int
+    width: float
+    bias: float
+
+
+def identified(test: RigTest, seed: int) -> tuple[Parameter, ...]:
+    """The parameters of the test's own law from a log."""
+    log = run_tests(test, tests=TESTS, seed=seed)
+    options = Options(model=test.law.name, initial_speed=test.initial_speed)
+    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    curve = curve_of(rows, test.vehicle, options, name="virtual rig")
+    return identify_curve(curve, test.vehicle, options).chosen.fit.parameters
+
+
+def coverage(test: RigTest, name: str, found: Iterable[Parameter]) -> Coverage:
+    """Of a parameter as found in each log."""
+    truth, each = getattr(test.law, name), tuple(found)
+    low, high = np.array([p.interval for p in each]).T
+    return Coverage(
+        law=test.law.name,
+        speed_kmh=test.initial_speed / KMH,
+        parameter=name,
+        logs=len(each),
+        held=int(np.sum((low <= truth) & (truth <= high))),
+        endless=int(np.sum(np.isinf(high))),
+        width=float(np.median(high - low)) / (2.0 * truth),
+        bias=float(np.median([p.value for p in each])) / truth - 1.0,
+    )
+
+
+def run(seeds: int = SEEDS, *, workers: int | None = 1) -> tuple[Coverage, ...]:
+    """Every law at every speed, over logs of as many seeds; `workers` processes, as many as processors if None."""
+    tests = [test for law in LAWS for test in published_tests(law)]
+    jobs = [test for test in tests for _ in range(seeds)], list(range(seeds)) * len(tests)
+    if workers == 1:
+        fits = list(map(identified, *jobs))
+    else:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            fits = list(pool.map(identified, *jobs))
+    return tuple(
+        coverage(test, p.name, (fit[i] for fit in fits[k * seeds : (k + 1) * seeds]))
+        for k, test in enumerate(tests)
+        for i, p in enumerate(fits[k * seeds])
+    )
+
+
+def main() -> None:
+    """Print the counts."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS
+    print(f"Of {seeds} logs, those whose 99 % interval holds the truth; its median half width and the values' bias")
+    for c in run(seeds, workers=None):
+        width = "no end" if math.isinf(c.width) else f"{100 * c.width:5.1f} %"
+        print(
+            f"  {c.law:8s} {c.speed_kmh:4.0f} km/h  {c.parameter:7s} {c.held:4d}  {width:>8s} {100 * c.bias:+6.1f} %"
+            + (f"  {c.endless} without an upper end" if c.endless else "")
+        )
+
+
+if __name__ == "__main__":
+    main()
