@@ -117,14 +117,13 @@ def step_text(result: LyapunovCheck) -> str:
 
 def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
     """V over time, both readings."""
-    from matplotlib.figure import Figure
-
     from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import line_style
+    from railslip_ctrl.plots.style import PAGE_WIDTH, SMALL, TEXT, folded, legend_below, line_style, new_figure, panels
 
-    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    figure = new_figure(4.2, "V of (46) along stops of the ASMC of [Park2008], with its adaptation")
     loaded, empty = PARK2008.mass_loaded, PARK2008.mass
-    for axes, (name, result) in zip(figure.subplots(1, 2), (("SI", si), ("as published", published)), strict=True):
+    readings = (("SI", si), ("as published", published))
+    for axes, (name, result) in zip(panels(figure, 1, 2, sharey=True)[0], readings, strict=True):
         lines = [
             (f"{loaded:g} kg, undisturbed", result.ideal),
             (f"{loaded:g} kg, published disturbances", result.disturbed),
@@ -135,17 +134,19 @@ def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
             axes.semilogy(one.time, one.V[:, 0], label=label, **line_style(i))
         axes.axhline(result.plateau(), color="0.4", linewidth=0.8, linestyle=":")
         axes.annotate(
-            "plateau of the undisturbed run: s = 0, theta_hat not theta",
+            folded("plateau of the undisturbed run: s = 0, theta_hat not theta", 0.35 * PAGE_WIDTH, SMALL),
             (0.02, result.plateau()),
             xycoords=("axes fraction", "data"),
             xytext=(0, 3),
             textcoords="offset points",
-            fontsize="x-small",
+            fontsize=SMALL,
         )
-        axes.set(xlabel="time, s", ylabel="V, m²/s²")
-        axes.set_title(f"{name}\nno actuator, law's mass {empty:g} kg, theta_hat from 0", fontsize="medium")
-        axes.set_ylim(top=8.0 * axes.get_ylim()[1])  # room for the legend
-        axes.legend(fontsize="small", loc="upper right")
+        axes.set_xlabel("time (s)")
+        axes.set_title(f"{name}\nno actuator, law's mass {empty:g} kg, theta_hat from 0", fontsize=TEXT)
+        axes.label_outer()
+        legend_below(axes, 0.15)
+        if name == "SI":
+            axes.set_ylabel("V ((m/s)²)")
     folder.mkdir(parents=True, exist_ok=True)
     save_figure(figure, folder / "lyapunov_asmc.png")
 

@@ -58,8 +58,9 @@ def draw(result: MarginMaps, folder: Path) -> None:
     from railslip_ctrl.plots import margin_map_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
+    about = "Worst Ms over mass and actuator ±30 %; kp/ki in N·m/(m/s) and N·m/m"
     for law in ("bristle", "curve", "beam"):
-        figure = margin_map_figure(result.results, law, title=f"Worst Ms over mass and actuator +-30 %, {law}")
+        figure = margin_map_figure(result.results, law, title=f"{about}, {law}")
         save_figure(figure, folder / f"margin_map_{law}.png")
 
 

@@ -103,32 +103,33 @@ def main() -> None:
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
     """K of Table 4 beside the least K of (40), and the gains that do the work instead."""
-    from matplotlib.figure import Figure
-
     from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import line_style
+    from railslip_ctrl.plots.style import SMALL, TEXT, legend_of_figure, line_style, new_figure, panels
 
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-    switching, gains = figure.subplots(1, 2)
-    names = ("K, Table 4", "e = 0, 1 sigma", "e = 0, 3 sigma", "run, 1 sigma", "run, 3 sigma")
-    for i, reading in enumerate(readings):
-        label, color = f"inertia scale {reading.inertia_scale:g}", line_style(i)["color"]
-        bars = (reading.K, *reading.least_K, *reading.least_K_run)
-        switching.barh([j - 0.2 + 0.4 * i for j in range(len(names))], bars, height=0.4, label=label, color=color)
-        work = (reading.from_surface, reading.proportional_gain - reading.from_surface, reading.pi_gain)
-        drawn = gains.barh([j - 0.2 + 0.4 * i for j in range(len(work))], work, height=0.4, label=label, color=color)
-        gains.bar_label(drawn, [f"{value:.4g}" for value in work], padding=3, fontsize="small")
-    switching.set(title="K and what (40) asks of it", xlabel="N·m", yticks=range(len(names)), yticklabels=names)
-    gains.set(
-        title="Gains on the slip velocity error",
-        xlabel="N·m/(m/s)",
-        yticks=range(3),
-        yticklabels=("(J/r) rho", "D", "Kp of the PI"),
+    figure = new_figure(
+        3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and what does the work in its place"
     )
-    gains.margins(x=0.15)  # room for the numbers: D is too short to be seen beside the PI's gain
+    switching, gains = panels(figure, 1, 2)[0]
+    asked = ("at the reference, 1 σ", "at the reference, 3 σ", "whole run, 1 σ", "whole run, 3 σ")
+    for i, reading in enumerate(readings):
+        bars = (reading.K, *reading.least_K, *reading.least_K_run)
+        work = (reading.from_surface, reading.proportional_gain - reading.from_surface, reading.pi_gain)
+        style = {"color": line_style(i)["color"], "edgecolor": "white", "hatch": ("", "///")[i]}
+        for axes, values in ((switching, bars), (gains, work)):
+            places = [j - 0.2 + 0.4 * i for j in range(len(values))]
+            drawn = axes.barh(places, values, height=0.4, label=f"inertia scale {reading.inertia_scale:g}", **style)
+            axes.bar_label(drawn, [f"{value:.4g}" for value in values], padding=3, fontsize=SMALL)
+    switching.set_xlabel("gain of the switching term (N·m)")
+    switching.set_yticks(range(5), ("K, Table 4", *(f"least by (40)\n{name}" for name in asked)))
+    gains.set_xlabel("gain on the slip velocity error (N·m/(m/s))")
+    gains.set_yticks(range(3), ("(J/r) ρ of the ASMC", "D of the ASMC", "Kp of the PI"))
+    switching.set_title("K and what (40) asks of it", fontsize=TEXT)
+    gains.set_title("Gains on the slip velocity error", fontsize=TEXT)
     for axes in (switching, gains):
+        axes.margins(x=0.25)  # room for the numbers: D is too short to be seen beside the PI's gain
+        axes.grid(visible=False, axis="y")
         axes.invert_yaxis()
-        axes.legend()
+    legend_of_figure(figure, gains, columns=2)
     folder.mkdir(parents=True, exist_ok=True)
     save_figure(figure, folder / "asmc_published.png")
 

@@ -163,32 +163,29 @@ def survivors_table(effects: list[ActuatorEffect]) -> str:
 
 def draw(result: dict[str, RobustDesign], folder: Path) -> None:
     """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings, and the setting."""
-    from matplotlib.figure import Figure
-
     from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import line_style
+    from railslip_ctrl.plots.style import SMALL, legend_below, new_figure, panels, rail_style
 
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-    grid = figure.subplots(2, len(result), sharex=True)
+    figure = new_figure(5.6, "Layered law: worst runs, and bounds no disturbance of that size can exceed (thin)")
+    grid = panels(figure, 2, len(result), sharex=True)
     for column, (name, found) in enumerate(result.items()):
-        for i, (rail, one) in enumerate(found.bounds.items()):
+        for rail, one in found.bounds.items():
             point, run = one.plant.point, found.worst[rail]
-            rest, style = one.at_rest, line_style(i)
+            rest, style = one.at_rest, rail_style(rail)
             signals = ((run.sigma - point.sigma, rest.error), (run.command - holding_torque(point), rest.command))
             for axes, (signal, bound) in zip(grid[:, column], signals, strict=True):
                 axes.plot(run.time, signal, label=f"{rail.value}, bound ±{bound:.3g}", **style)
                 for side in (-bound, bound):
-                    axes.axhline(side, color=style["color"], linewidth=0.8, linestyle=":")
-                if rail is Rail.DRY:
-                    axes.set_ylim(-1.2 * bound, 1.9 * bound)  # room for the legend
+                    axes.axhline(side, linewidth=0.7, **style)
         first = found.bounds[Rail.DRY]
         height, at = first.at_rest.disturbance, first.plant.point
         setting = f"{at.speed / KMH:.3g} km/h frozen, {at.vehicle.mass:g} kg, from the reference slip at rest"
-        grid[0, column].set(ylabel="slip velocity error, m/s")
-        grid[0, column].set_title(f"{name}: worst torque within ±{height:g} N·m\n{setting}", fontsize="small")
-        grid[1, column].set(xlabel="time, s", ylabel="torque about the hold, N·m")
-        for axes in grid[:, column]:
-            axes.legend(loc="upper left")
+        grid[0, column].set_title(f"{name}: worst torque within ±{height:g} N·m\n{setting}", fontsize=SMALL)
+        grid[1, column].set_xlabel("time (s)")
+        for axes, drop in zip(grid[:, column], (0.05, 0.2), strict=True):
+            legend_below(axes, drop, columns=2)
+    grid[0, 0].set_ylabel("slip velocity error (m/s)")
+    grid[1, 0].set_ylabel("torque about the hold (N·m)")
     folder.mkdir(parents=True, exist_ok=True)
     save_figure(figure, folder / "asmc_robust.png")
 

@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The table, the limits by rail, and responses of the designs that are plain transfer functions, dry rail."""
+    """The table, the limits by rail; on dry rail the steps of the plain transfer functions, and every gang of four."""
 
     rows: tuple[Row, ...]
     limits: dict[Rail, Limits]
@@ -93,6 +93,18 @@ def fixed_designs(both: list[Rational]) -> dict[str, PIController]:
     }
 
 
+def predictors(plant: Rational, lead: Rational) -> dict[str, Callable[[], Compensator]]:
+    """The compensators of the dead time, each designed when it is called."""
+    tau = ACTUATOR.dead_time
+    return {
+        "Smith predictor": lambda: smith_predictor(plant, tau, lead),
+        "filtered Smith predictor": lambda: filtered_smith_predictor(plant, tau, lead, filter_time=0.1),
+        "observer with prediction": lambda: observer_compensator(
+            plant, tau, feedback_poles=FEEDBACK_POLES, observer_poles=OBSERVER_POLES
+        ),
+    }
+
+
 def rows_for(rail: Rail, plant: Rational, fixed: dict[str, PIController]) -> list[Row]:
     """Every design on one rail."""
     tau = ACTUATOR.dead_time
@@ -101,11 +113,7 @@ def rows_for(rail: Rail, plant: Rational, fixed: dict[str, PIController]) -> lis
     made: dict[str, Callable[[], Compensator | RuleTuning]] = {
         "SIMC rule": lambda: simc_pi(plant, tau),
         "Rotstein-Lewin rule": lambda: rotstein_lewin(plant, tau, closed_loop_time=RULE_TIME),
-        "Smith predictor": lambda: smith_predictor(plant, tau, lead),
-        "filtered Smith predictor": lambda: filtered_smith_predictor(plant, tau, lead, filter_time=0.1),
-        "observer with prediction": lambda: observer_compensator(
-            plant, tau, feedback_poles=FEEDBACK_POLES, observer_poles=OBSERVER_POLES
-        ),
+        **predictors(plant, lead),
     }
     for name, make in made.items():
         rows.append(tried(name, rail, lambda name=name, make=make: made_row(name, rail, plant, make())))
@@ -151,6 +159,8 @@ def run() -> Comparison:
     lag = Rational(np.array([]), np.array([-1 / ACTUATOR.lag]), 1 / ACTUATOR.lag)
     shown = {name: fixed[name].transfer_function for name in ("best PI", "PI-lead")}
     tau = ACTUATOR.dead_time
+    compensators = {name: make() for name, make in predictors(by_rail[Rail.DRY], shown["PI-lead"]).items()}
+    kept = {name: one.controller for name, one in compensators.items() if one.is_stable()}
     return Comparison(
         rows=tuple(rows),
         limits=limits,
@@ -158,7 +168,9 @@ def run() -> Comparison:
         load={
             n: disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, height=100.0) for n, c in shown.items()
         },
-        gangs={n: gang_of_four(c, DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0) for n, c in shown.items()},
+        gangs={
+            n: gang_of_four(c, DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0) for n, c in {**shown, **kept}.items()
+        },
     )
 
 
@@ -203,7 +215,7 @@ def line(row: Row) -> str:
 
 
 def draw(result: Comparison, folder: Path) -> None:
-    """Responses and gang of four of the plain designs, dry rail."""
+    """Responses of the plain designs, and the gang of four of all that hold, dry rail."""
     from railslip_ctrl.plots import gang_of_four_figure, response_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -65,7 +65,7 @@ def run() -> LeadDesign:
         period=period,
         sampled=sampled_margins(SampledController(controller, period), worst, ACTUATOR),
         speed_sweep=sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
-        slip_sweep=sweep_slip(controllers, [0.01 * i for i in range(2, 41)]),
+        slip_sweep=sweep_slip(controllers, [0.004 * i for i in range(5, 101)]),
     )
 
 

@@ -97,7 +97,9 @@ def draw(result: ScheduledDesign, folder: Path) -> None:
         )
         for rail in Rail
     ]
-    figure = sweep_figure(sweeps, title="PI-lead, scheduled for the largest ki with Ms <= 1.8, and one gain set")
+    points = ", ".join(f"{speed:g}" for speed in SPEEDS_KMH)
+    title = f"PI-lead, scheduled for the largest ki with Ms ≤ {MS_MAX:g} at {points} km/h, and one gain set"
+    figure = sweep_figure(sweeps, title=title)
     save_figure(figure, folder / "pi_scheduled_margins.png")
 
 

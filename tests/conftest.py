@@ -9,6 +9,8 @@ import sys
 import pytest
 from hypothesis import settings
 
+from railslip_ctrl.cli import main
+
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
@@ -20,6 +22,36 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+@pytest.fixture
+def railslip(capsys):
+    """Run the command in this process; gives (exit status, standard output, standard error)."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return caught.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture(autouse=True)
+def _figures_without_defects(monkeypatch):
+    """Every PNG that a test saves, by a script or a command, is looked at as `figure_checks` does."""
+    from figure_checks import defects
+
+    from railslip_ctrl.plots import style
+
+    saved = style.figure_bytes
+
+    def looked_at(figure, form):
+        content = saved(figure, form)
+        assert form != "png" or defects(figure) == []  # an SVG is drawn at another size than the figure keeps
+        return content
+
+    monkeypatch.setattr(style, "figure_bytes", looked_at)
 
 
 @pytest.fixture(scope="session")

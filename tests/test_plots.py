@@ -1,10 +1,18 @@
-"""Figures show the records they are given: lines, labels, units; nothing is lost in grey."""
+"""Figures show the records they are given: lines, labels, units; nothing is lost in grey or on paper.
+
+Every figure that a test saves is looked at besides (conftest.py); here are those that no other test saves, and what the
+look itself is worth.
+"""
 
 from __future__ import annotations
 
 import matplotlib.colors
 import numpy as np
 import pytest
+from figure_checks import defects
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
 
 from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
 from railslip_ctrl.design.robustness import OperatingRange, robustness
@@ -27,7 +35,7 @@ from railslip_ctrl.plots import (
     save_figure,
     sweep_figure,
 )
-from railslip_ctrl.plots.style import line_style
+from railslip_ctrl.plots.style import PAGE_WIDTH, folded, line_style, new_figure, panels, plain_log_ticks, rail_style
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 PI = PIController(PIGains(kp=190.0, ki=5.0))
@@ -36,6 +44,22 @@ PI = PIController(PIGains(kp=190.0, ki=5.0))
 @pytest.fixture(scope="module")
 def groups():
     return design_check(PARK2008, [plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail]).groups
+
+
+@pytest.fixture(scope="module")
+def region():
+    plant = Rational(np.array([]), np.array([0.25, -1 / 0.6]), 1 / (4 * 0.6))
+    return stabilizing_pi(plant, dead_time=0.15)
+
+
+@pytest.fixture(scope="module")
+def strips(region):
+    return outline(region)
+
+
+def defects_of(figure):
+    figure.draw_without_rendering()
+    return defects(figure)
 
 
 def labels(figure):
@@ -55,10 +79,11 @@ def test_bode_draws_the_curve_it_is_given(groups):
 
 def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
     figure = nyquist_figure(groups)
-    texts = [t.get_text() for ax in figure.axes for t in ax.texts]
-    assert texts.count("−1") == 2 * len(groups)
-    legend = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
-    assert legend[0] == "dry, 100 km/h: P = 1, N = -1, Z = P − N = 2"
+    critical = [line.get_data() for ax in figure.axes for line in ax.lines if line.get_marker() == "+"]
+    assert critical == [([-0.5], [0])] * len(groups) + [([-1], [0])] * len(groups)
+    assert "+: −1" in figure.get_supxlabel()
+    legend = [t.get_text() for t in figure.axes[len(groups)].get_legend().get_texts()]
+    assert legend[0] == "dry, 100 km/h (unstable)\nP 1, N −1, Z 2"
     arcs = [line for line in figure.axes[0].lines if line.get_linestyle() == ":" and len(line.get_xdata()) == 181]
     assert arcs
     # one turn, drawn: the whole curve of the unstable loop winds once clockwise around -1 (at -1/2 in the picture)
@@ -84,15 +109,14 @@ def test_figures_say_whose_they_are(groups):
 def test_lines_differ_in_dash_and_in_grey():
     styles = [line_style(i) for i in range(30)]
     assert len({(s["color"], str(s["linestyle"])) for s in styles}) == 30
-    grey = [matplotlib.colors.rgb_to_hsv(matplotlib.colors.to_rgb(s["color"]))[2] for s in styles[:5]]
-    assert len({str(s["linestyle"]) for s in styles[:5]}) == 5
-    assert len(set(np.round(grey, 2))) >= 4
+    grey = [np.dot(matplotlib.colors.to_rgb(s["color"]), (0.299, 0.587, 0.114)) for s in styles[:6]]
+    assert len({str(s["linestyle"]) for s in styles[:6]}) == 6
+    assert np.diff(np.sort(grey)).min() > 0.04
+    assert max(grey) < 0.55  # three times as dark as paper ([WCAG] 1.4.11)
+    assert [rail_style(rail) for rail in Rail] == styles[:2]
 
 
-def test_region_figure_outlines_the_set_and_marks_the_choice():
-    plant = Rational(np.array([]), np.array([0.25, -1 / 0.6]), 1 / (4 * 0.6))
-    region = stabilizing_pi(plant, dead_time=0.15)
-    strips = outline(region)
+def test_region_figure_outlines_the_set_and_marks_the_choice(region, strips):
     grid = margin_grid(region, np.linspace(1.1, 20, 25), np.linspace(0.05, 6, 25))
     figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="a region")
     patch = figure.axes[0].patches[0].get_xy()
@@ -103,9 +127,33 @@ def test_region_figure_outlines_the_set_and_marks_the_choice():
     assert np.isfinite(grid.ms[at])
 
 
-def test_margin_grid_equals_the_loops_themselves():
-    plant = Rational(np.array([]), np.array([0.25, -1 / 0.6]), 1 / (4 * 0.6))
-    region = stabilizing_pi(plant, dead_time=0.15)
+def test_contours_run_from_edge_to_edge_where_the_margins_have_their_level(region, strips):
+    low, high = region.kp_range
+    top = max(strip.ki_high.max() for strip in strips)
+    grid = margin_grid(region, np.linspace(low, high, 60), np.linspace(0, top, 40))
+    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="a region")
+
+    def field(index, kp, ki):
+        if not region.contains(kp, max(ki, 0.0)):
+            return 0.0
+        margins = region.loops(kp, max(ki, 0.0))[0].margins()
+        return (1 / margins.ms, margins.phase_deg, margins.delay_s)[index]
+
+    shift = 0.012  # of the picture: half the grid's distance
+    for i, ax in enumerate(figure.axes):
+        (contours,) = [one for one in ax.collections if hasattr(one, "levels")]
+        assert contours.levels.size >= 4
+        for level, path in list(zip(contours.levels, contours.get_paths(), strict=True))[::3]:
+            assert 1 <= np.count_nonzero(path.codes == Outline.MOVETO) <= 2  # one line, open where its number stands
+            assert path.vertices[[0, -1], 1] == pytest.approx(0.0, abs=0.01 * top)
+            for kp, ki in path.vertices[5 :: max(len(path) // 2, 6)]:
+                around = [field(i, kp + a * shift * (high - low), ki + b * shift * top)
+                          for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]  # fmt: skip
+                assert min(around) <= level <= max(around)
+    assert defects_of(figure) == []
+
+
+def test_margin_grid_equals_the_loops_themselves(region):
     grid = margin_grid(region, [0.5, 2.0, 12.0, 30.0], [0.0, 0.5, 3.0])
     for i, kp in enumerate(grid.kp):
         for j, ki in enumerate(grid.ki):
@@ -139,7 +187,7 @@ def test_response_and_gang_of_four_figures(tmp_path):
     drawn = gang_of_four_figure({"P": gang}, title="gang")
     assert any("N·m/(m/s)" in text for text in labels(drawn))
     for path in (tmp_path / "a.png", tmp_path / "b.png"):
-        save_figure(gang_of_four_figure({"P": gang}, title="gang"), path)
+        save_figure(response_figure({"P": response}, {}, title="r", reference_label="a", load_label="b"), path)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -148,7 +196,8 @@ def test_margin_map_figure_writes_the_numbers():
     figure = margin_map_figure({"PI-lead": result}, "bristle", title="map")
     _, _, worst = result.speed_slip_map("bristle", Rail.DRY)
     texts = {t.get_text() for t in figure.axes[0].texts}
-    assert texts == {f"{x:.3g}" for x in worst.ravel()}
+    assert texts == {f"{x:.2f}" for x in worst.ravel()}
+    assert worst.max() < 9.99
 
 
 def test_frequency_curve_contains_its_crossovers():
@@ -160,4 +209,92 @@ def test_frequency_curve_contains_its_crossovers():
 def test_title_names_every_mass_shown(groups):
     loaded = PARK2008.loaded()
     both = (groups[0], design_check(loaded, [plant_at("bristle", loaded, Rail.DRY, 100.0).point]).groups[0])
-    assert "M 3517, 5276 kg" in bode_figure(both).get_suptitle()
+    assert "M\u00a03517, 5276\u00a0kg" in bode_figure(both).get_suptitle()
+
+
+# --- the look itself ------------------------------------------------------------------------------------------------
+
+
+def test_a_command_that_begins_far_above_the_rest_is_cut_off_and_says_so():
+    plant, lag = Rational(np.array([]), np.array([-0.2]), 2.0), Rational(np.array([]), np.array([-1.0]), 1.0)
+    steps = {
+        name: step_response(PIController(PIGains(kp=0.5, ki=0.1), *lead).transfer_function, plant, 0.1,
+                            final_time=30.0, actuator=lag)
+        for name, lead in {"PI": (0.0, 0.0), "PI-lead": (1.0, 0.02)}.items()
+    }  # fmt: skip
+    figure = response_figure(steps, steps, title="r", reference_label="a", load_label="b")
+    highest = steps["PI-lead"].control.max()
+    assert highest == pytest.approx(25.0, rel=1e-6)  # 0.5 times 1/0.02
+    (words,) = figure.axes[2].texts
+    assert words.get_text() == "cut off: begins with up to 25 N·m"
+    assert figure.axes[2].get_ylim()[1] < 2.0
+    assert defects_of(figure) == []
+    alone = response_figure({"PI": steps["PI"]}, {"PI": steps["PI"]}, title="r", reference_label="a", load_label="b")
+    assert not alone.axes[2].texts
+    assert alone.axes[2].get_ylim()[1] > steps["PI"].control.max()
+
+
+@pytest.mark.parametrize(
+    ("span", "shown"),
+    [
+        ((0.25, 0.95), {"0.4", "0.6", "0.8"}),
+        ((0.01, 6.0), {"0.01", "0.2", "5"}),
+        ((1e-6, 1.0), {"$\\mathdefault{10^{-4}}$"}),
+    ],
+)
+def test_ticks_of_a_short_logarithmic_axis_are_plain_numbers(span, shown):
+    ax = panels(new_figure(3.0, "t"))[0, 0]
+    ax.semilogy([0, 1], span)
+    plain_log_ticks(ax.yaxis)
+    ax.figure.draw_without_rendering()
+    assert shown <= {label.get_text() for label in ax.get_yticklabels()}
+
+
+def test_titles_are_folded_where_the_page_ends():
+    title = "Siemens Desiro Classic, quarter car: adhesion bristle, v0 100 km/h, slip dry 0.132, wet 0.092; " * 3
+    assert len(folded(title, PAGE_WIDTH, 8.5).split("\n")) == 3
+    assert folded("a\nb", PAGE_WIDTH) == "a\nb"
+    assert folded("1\u00a0kg " * 4, 0.65) == "\n".join(["1\u00a0kg 1\u00a0kg"] * 2)  # a number keeps its unit
+    assert defects_of(new_figure(2.0, title)) == []
+
+
+def bad(what):
+    figure = Figure(figsize=(PAGE_WIDTH, 3.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.subplots()
+    ax.tick_params(labelsize=8)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("speed" if what == "unit" else "speed (m/s)")
+    ax.plot([0, 1, 2], [0, 1, 2], "-", color="#222222", label="one")
+    ax.plot([0, 1, 2], [2, 1, 0], "-" if what == "grey" else "--", color="#7f1d2d", label="two")
+    ax.plot([0, 1, 2], [1, 2, 1], "-", color="#aaaaaa", label="three")
+    ax.legend(loc="upper left" if what == "legend" else "lower center")
+    if what == "letters":
+        ax.set_title("small", fontsize=6)
+    if what == "outside":
+        ax.text(2.0, 1.0, "it goes on and on and on").set_in_layout(False)
+    if what == "overlap":
+        ax.text(0.5, 0.3, "here")
+        ax.text(0.5, 0.31, "and here")
+    if what == "wide":
+        figure.set_figwidth(12.0)
+    return figure
+
+
+@pytest.mark.parametrize(
+    ("what", "found"),
+    [
+        ("unit", "no unit in ['speed'"),
+        ("grey", "'one' and 'two' look the same in grey"),
+        ("legend", "covers 'two'"),
+        ("letters", "'small' is 6.0 pt"),
+        ("outside", "'it goes on and on and on' leaves"),
+        ("overlap", "'here' lies on 'and here'"),
+        ("wide", "'time (s)' is 5.6 pt"),
+        ("nothing", ""),
+    ],
+)
+def test_the_look_finds_what_is_wrong(what, found):
+    told = defects_of(bad(what))
+    assert bool(told) == (what != "nothing")
+    assert any(found in one for one in told) or what == "nothing"

@@ -14,17 +14,7 @@ from railslip_ctrl.units import KMH
 
 from .designs import gang_of_four_figure, region_figure, response_figure
 from .loops import bode_figure, nyquist_figure
-from .style import legend_below, line_style, new_figure
-
-_WIDTH = 7.2  # inches: a page's text
-_SIZES = {
-    "region": (9.4, 4.0),
-    "bode": (9.4, 6.2),
-    "nyquist": (9.4, 7.8),
-    "gang": (9.4, 6.6),
-    "responses": (9.4, 5.5),
-}
-"""Inches, of figures made for a screen: nearer to a page's width, so that their letters stay readable there."""
+from .style import PAGE_HEIGHT, TEXT, legend_below, line_style, mark_style, new_figure, panels
 
 _COLUMNS = ("speed (km/h)", "slip ratio λ (-)", "brake torque (kN·m)")
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
@@ -53,9 +43,8 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             reference_label="step of 1 km/h of the reference slip velocity",
             load_label=f"step of {loops.load_step:g} N·m of torque at the wheel",
         )
-    for name, size in _SIZES.items():
-        if name in figures:
-            figures[name].set_size_inches(*size)
+    for figure in figures.values():
+        figure.set_figheight(min(figure.get_figheight(), PAGE_HEIGHT))
     return figures
 
 
@@ -70,22 +59,23 @@ def run_figures(report: DesignReport) -> dict[str, Figure]:
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     rails = list(dict.fromkeys(curve.rail for curve in curves))
     speeds = {curve.speed_kmh for curve in curves}
-    figure = new_figure(_WIDTH, 4.6, "Adhesion at rest over slip; dots: operating points, triangles: peaks")
-    axes = figure.subplots(1, len(rails), sharex=True, sharey=True, squeeze=False)[0]
+    figure = new_figure(4.4, "Adhesion at rest over slip; dots: operating points, triangles: peaks")
+    axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
         for i, curve in enumerate(one for one in curves if one.rail is rail):
             style = line_style(i) | {"linewidth": 1.8 if curve.asked else 1.0}
             at = f", {curve.speed_kmh:g} km/h" if len(speeds) > 1 else ""
             ax.plot(curve.slip, curve.coefficient, label=f"{curve.law}{at}", **style)
-            ax.plot(curve.peak.slip, curve.peak.coefficient, marker="^", markersize=5, color=style["color"])
+            ax.plot(
+                curve.peak.slip, curve.peak.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False
+            )
             for point in curve.points:
                 ax.plot(point.slip, point.adhesion_coefficient, marker="o", markersize=6, color=style["color"])
-        ax.set_title(f"{rail} rail", fontsize=9)
+        ax.set_title(f"{rail} rail", fontsize=TEXT)
         ax.set_xlabel("slip ratio λ (-)")
         ax.set_xlim(left=0.0)
         ax.set_ylim(bottom=0.0)
-        ax.grid(True, color="0.88")
-        legend_below(ax, 0.14, columns=2)
+        legend_below(ax, 0.15, columns=2)
     axes[0].set_ylabel("adhesion coefficient μ (-)")
     return figure
 
@@ -96,21 +86,19 @@ def _ran(stop: Stop) -> dict[str, Run]:
 
 def _stop(stop: Stop) -> Figure:
     runs = _ran(stop)
-    figure = new_figure(_WIDTH + 1.6, 0.9 + 1.75 * len(runs), f"{stop.title}; seed {stop.seed}")
-    axes = figure.subplots(len(runs), len(_COLUMNS), sharex=True, sharey="col", squeeze=False)
+    height = min(1.0 + 1.5 * len(runs), PAGE_HEIGHT)
+    figure = new_figure(height, f"{stop.title}; seed {stop.seed}")
+    axes = panels(figure, len(runs), len(_COLUMNS), sharex=True, sharey="col")
     for row, (name, run) in zip(axes, runs.items(), strict=True):
         _speed(row[0], run)
         _slip(row[1], run)
         _torque(row[2], run)
-        row[0].set_ylabel(name, fontsize=9)
+        row[0].set_ylabel(name.replace(", ", ",\n"), fontsize=TEXT)
     for ax, label in zip(axes[0], _COLUMNS, strict=True):
-        ax.set_title(label, fontsize=9)
-    for ax in axes.flat:
-        ax.grid(True, color="0.88")
-        ax.tick_params(labelsize=8)
+        ax.set_title(label, fontsize=TEXT)
     for ax in axes[-1]:
-        ax.set_xlabel("time (s)", fontsize=9)
-        legend_below(ax, 0.3, columns=2)
+        ax.set_xlabel("time (s)")
+        legend_below(ax, 0.45, columns=2)
     highest = max(run.max_torque for run in runs.values())
     axes[0][2].set_ylim(0.0, _ENOUGH_TORQUE * highest / 1000)
     return figure
@@ -146,8 +134,8 @@ def _deviations(comparison: Table5) -> Figure:
         _, column, quantity = row.item.split(" / ")
         error = 100 * row.standard_error / row.published
         groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
-    figure = new_figure(_WIDTH, 3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
-    ax = figure.subplots()
+    figure = new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
+    ax = panels(figure)[0, 0]
     for i, (quantity, found) in enumerate(groups.items()):
         names, deviations, errors = zip(*found, strict=True)
         places = np.arange(len(names)) + 0.16 * (i - 1.5)
@@ -155,16 +143,15 @@ def _deviations(comparison: Table5) -> Figure:
             places,
             deviations,
             yerr=2 * np.array(errors),
-            marker="os^D"[i % 4],
-            color=line_style(i)["color"],
-            linestyle="none",
+            **mark_style(i),
+            markersize=4.5,
             capsize=3,
-            label=quantity.replace("_", " "),
+            label=quantity.removesuffix("_s").removesuffix("_m").replace("_", " "),
         )
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
     ax.axhline(0.0, color="black", linewidth=0.8)
     ax.set_ylabel("deviation (%); grey: tolerance")
-    ax.grid(True, axis="y", color="0.85")
+    ax.grid(visible=False, axis="x")
     legend_below(ax, 0.12, columns=4)
     return figure

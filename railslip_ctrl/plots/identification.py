@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from railslip_ctrl.identification.reference import PeakSlip
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH
 
-from .style import legend_below, line_style, new_figure
+from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style
 
 _MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
 _MODELS_SHOWN = 4
@@ -26,16 +27,20 @@ def adhesion_figure(found: Sequence[Identification]) -> Figure:
     columns = min(len(found), 2)
     rows = -(-len(found) // columns)
     title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
-    figure = new_figure(7.0 * columns, 0.5 + 4.9 * rows, title)
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    figure = new_figure(0.4 + (4.4 if columns == 1 else 3.6) * rows, title)
+    axes = panels(figure, rows, columns, sharey=True).ravel()
+    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
     for ax, each in zip(axes, found, strict=False):
-        _adhesion(ax, each)
+        _adhesion(ax, each, columns)
+    for ax in axes[::columns]:
+        ax.set_ylabel("adhesion coefficient μ (-)")
+    axes[0].set_ylim(bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0))  # a mark is seen whole
     for ax in axes[len(found) :]:
         ax.set_axis_off()
     return figure
 
 
-def _adhesion(ax: Any, found: Identification) -> None:
+def _adhesion(ax: Any, found: Identification, columns: int) -> None:
     bins = found.curve.bins
     for name, mark, label in _MARKS:
         ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
@@ -45,37 +50,37 @@ def _adhesion(ax: Any, found: Identification) -> None:
     along = {score.fit.model.name for score in found.scores if score.fit.followed is not None}
     lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
     for i, line in enumerate(lines):
-        mean = ", mean along the log's slip" if line.name in along else ""
-        label = f"{line.name}{mean} (mean |error| {errors[line.name]:.2g})"
+        mean = "\nmean along the log's slip" if line.name in along else ""
+        taken = ", chosen" if line.name == chosen else ""
+        label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
         ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
     ax.axvline(found.curve.peak_slip, color="0.7", linewidth=0.8)
-    ax.text(found.curve.peak_slip, 0.01, " sliding", fontsize=7, color="0.4", transform=ax.get_xaxis_transform())
     ax.set_xlim(left=0.0)
-    ax.set_ylim(bottom=min(0.0, float(bins.least.min())))
+    late = found.curve.peak_slip > 0.7 * ax.get_xlim()[1]
+    where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
+    ax.text(found.curve.peak_slip, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
     ax.set_title(
-        f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=9
+        f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT
     )
     ax.set_xlabel("slip ratio λ (-)")
-    ax.set_ylabel("adhesion coefficient μ (-)")
-    ax.grid(True, color="0.88")
-    legend_below(ax, 0.13, columns=2)
+    legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
 
 
 def drift_figure(found: Identification) -> Figure:
     """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition."""
     title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
-    figure = new_figure(9.5, 4.6, title)
-    slip, height = figure.subplots(1, 2)
-    for i, rail in enumerate(dict.fromkeys(peak.rail for peak in found.peaks)):
+    figure = new_figure(3.7, title)
+    slip, height = panels(figure, 1, 2)[0]
+    for rail in dict.fromkeys(peak.rail for peak in found.peaks):
         peaks = [peak for peak in found.peaks if peak.rail is rail]
-        _drift(slip, height, peaks, rail, line_style(i))
+        _drift(slip, height, peaks, rail, rail_style(rail))
     slip.set_ylabel("slip ratio λ (-)")
     height.set_ylabel("highest adhesion coefficient μ (-)")
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
-        ax.set_ylim(bottom=0.0)
-        ax.grid(True, color="0.88")
-        legend_below(ax, 0.13, columns=2)
+        if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
+            ax.set_ylim(0.0, 1.08 * ax.dataLim.ymax)
+        legend_below(ax, 0.17, columns=2)
     return figure
 
 
@@ -99,19 +104,22 @@ def coefficients_figure(
     `beside` is a label and other values of all parameters at a speed in km/h, for a second line.
     """
     count, first = len(found.polynomials), found.logs[0].chosen.fit
-    figure = new_figure(3.9 * count, 4.1, f"Parameters of {first.model.name} over the initial speed")
-    axes = figure.subplots(1, count, squeeze=False).ravel()
-    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = new_figure(0.8 + 2.3 * rows, f"Parameters of {first.model.name} over the initial speed v0")
+    axes = panels(figure, rows, columns).ravel()
+    for ax in axes[count:]:
+        ax.set_axis_off()
+    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=False)):
         intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
         reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
-        ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, label="fit, 99 %")
+        ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
         speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
         ax.plot(speeds, [p.at(speed) for speed in speeds], label="polynomial of v0", **line_style(0))
         if beside is not None:
             ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **line_style(1))
         unit = parameter_unit(p.name)
-        ax.set_ylabel(p.name if unit == "1" else f"{p.name} ({unit})")
+        ax.set_ylabel(f"{p.name} (-)" if unit == "1" else f"{p.name} ({unit})")
         ax.set_xlabel("initial speed v0 (km/h)")
-        ax.grid(True, color="0.88")
-        legend_below(ax, 0.15, columns=1)
+    legend_of_figure(figure, axes[0], columns=3)
     return figure

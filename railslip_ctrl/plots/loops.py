@@ -14,10 +14,9 @@ from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve
 
-from .style import legend_below, line_style, new_figure
+from .style import PAGE_WIDTH, SMALL, TEXT, folded, legend_below, line_style, new_figure, panels
 
-_CRITICAL = {"color": "black", "marker": "+", "markersize": 11, "markeredgewidth": 1.8, "linestyle": "none"}
-_COLUMN_WIDTH = 4.1  # inches; three columns fill A4 across
+_CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
@@ -27,15 +26,20 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     return (
-        f"{point.vehicle.name}: adhesion {point.adhesion}{v0}, slip {', '.join(slips)}, M {masses} kg "
+        f"{point.vehicle.name}: adhesion {point.adhesion}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
         f"(railslip_ctrl {__version__})"
     )
 
 
-def _new_figure(groups: tuple[ControllerGroup, ...], height: float) -> Figure:
-    columns = len(groups)
-    height += 0.16 * max(len(group.assessments) for group in groups)
-    return new_figure(max(_COLUMN_WIDTH * columns, 6.0), height, _title(groups))
+def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
+    """`height` without the legends, inches."""
+    height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
+    return new_figure(height, _title(groups))
+
+
+def _column(groups: tuple[ControllerGroup, ...]) -> float:
+    """Inches a column has, with its axis labels."""
+    return (PAGE_WIDTH - 0.3) / max(len(groups), 2)
 
 
 def _label(assessment: Assessment) -> str:
@@ -50,8 +54,8 @@ def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dic
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """Magnitude and continuous phase of L(j omega) of every group, gain crossovers marked."""
-    figure = _new_figure(groups, 6.6)
-    axes = figure.subplots(2, len(groups), sharex="col", sharey="row", squeeze=False)
+    figure = _new_figure(groups, 5.0)
+    axes = panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
         magnitude, phase = axes[0, column], axes[1, column]
         for assessment, curve, style in _lines(group):
@@ -60,22 +64,16 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
             crossovers = assessment.loop.gain_crossovers
             at = np.searchsorted(curve.omega, crossovers)
             at = at[at < curve.omega.size]
-            phase.plot(curve.omega[at], curve.phase_deg[at], "o", markersize=4, color=style["color"])
-            magnitude.plot(curve.omega[at], curve.magnitude_db[at], "o", markersize=4, color=style["color"])
+            phase.plot(curve.omega[at], curve.phase_deg[at], "o", markersize=3.5, color=style["color"])
+            magnitude.plot(curve.omega[at], curve.magnitude_db[at], "o", markersize=3.5, color=style["color"])
         magnitude.axhline(0, color="black", linewidth=0.8)
         _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
-        magnitude.set_title(_wrapped(group.title), fontsize=9)
-        phase.set_xlabel("Frequency ω (rad/s)")
-        legend_below(phase)
-        for ax in (magnitude, phase):
-            ax.grid(True, which="major", color="0.85")
-    axes[0, 0].set_ylabel("Magnitude |L| (dB)")
-    axes[1, 0].set_ylabel("Phase arg L (deg), dead time exact")
+        magnitude.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        phase.set_xlabel("frequency ω (rad/s)")
+        legend_below(phase, 0.22)
+    axes[0, 0].set_ylabel("magnitude |L| (dB)")
+    axes[1, 0].set_ylabel("phase arg L (deg), dead time exact")
     return figure
-
-
-def _wrapped(title: str) -> str:
-    return title.replace(", ", ",\n", 1)
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
@@ -103,21 +101,28 @@ def _critical(low: float, high: float) -> list[float]:
 
 def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """L(j omega), -inf < omega < inf: the whole curve (radius compressed) and the neighbourhood of -1."""
-    figure = _new_figure(groups, 8.6)
-    axes = figure.subplots(2, len(groups), squeeze=False)
+    beside = _column(groups) > 3.0  # what the legend says of a loop fits on one line
+    side = _column(groups) - 0.55  # inches, of the axes
+    figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
+    axes = panels(figure, 2, len(groups))
     for column, group in enumerate(groups):
         whole, near = axes[0, column], axes[1, column]
         for assessment, curve, style in _lines(group):
-            _nyquist_line(whole, _compressed(curve.response), style, label=_encirclements(assessment))
+            _nyquist_line(whole, _compressed(curve.response), style)
             _closing_arc(whole, assessment.loop, curve, style)
-            _nyquist_line(near, curve.response, style, label=_label(assessment))
+            _nyquist_line(near, curve.response, style)
+            near.lines[-2].set_label(_label(assessment) + (": " if beside else "\n") + _encirclements(assessment))
         _decorate_whole(whole)
         _decorate_near(near)
-        whole.set_title(_wrapped(group.title), fontsize=9)
-        legend_below(whole)
-        legend_below(near)
-    axes[0, 0].set_ylabel("Im, radius |L|/(1 + |L|)")
-    axes[1, 0].set_ylabel("Im L")
+        whole.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        legend_below(near, 0.4 / side)
+    figure.supxlabel(
+        "+: −1. Above: rim at infinity; dotted: |L| = 1 and closing arc. Below: dotted: |L| = 1; dash-dotted: Ms = 2.\n"
+        "P: unstable poles of L; N: turns around −1, anticlockwise; Z = P − N: unstable poles of the closed loop.",
+        fontsize=SMALL,
+    )
+    axes[0, 0].set_ylabel("Im, radius |L|/(1 + |L|) (-)")
+    axes[1, 0].set_ylabel("Im L (-)")
     return figure
 
 
@@ -129,15 +134,12 @@ def _compressed(response: Any) -> Any:
 def _encirclements(assessment: Assessment) -> str:
     unstable_open = assessment.loop.open_loop_unstable_poles
     turns = unstable_open - assessment.unstable_poles
-    return (
-        f"{assessment.point.rail}, {assessment.point.speed_kmh:g} km/h: P = {unstable_open}, N = {turns:g}, "
-        f"Z = P − N = {assessment.unstable_poles:g}"
-    )
+    return f"P {unstable_open}, N {turns:g}, Z {assessment.unstable_poles:g}".replace("-", "−")
 
 
-def _nyquist_line(ax: Any, response: Any, style: dict[str, Any], *, label: str) -> None:
+def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
     """Positive frequencies thick, with arrows, negative ones thin."""
-    ax.plot(response.real, response.imag, label=label, linewidth=1.4, **style)
+    ax.plot(response.real, response.imag, linewidth=1.4, **style)
     ax.plot(response.real, -response.imag, linewidth=0.6, **style)
     visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
     if visible.size < 4:
@@ -176,41 +178,32 @@ def _closing_arc(ax: Any, loop: DeadTimeLoop, curve: FrequencyCurve, style: dict
     )
 
 
-def _minus_one(ax: Any, x: float) -> None:
-    """The critical point, labelled clear of the curves."""
-    ax.plot(x, 0, **_CRITICAL)
-    box = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-    ax.annotate("−1", (x, 0), xytext=(-14, -14), textcoords="offset points", fontsize=9, bbox=box)
-
-
 def _decorate_whole(ax: Any) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=0.8)
     ax.plot(0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.8", linewidth=0.8, linestyle=":")
-    _minus_one(ax, -0.5)
     ax.set_xlim(-1.05, 1.05)
     ax.set_ylim(-1.05, 1.05)
+    ax.plot(-0.5, 0, **_CRITICAL)
     ax.set_aspect("equal")
-    ax.set_xlabel("Re, radius |L|/(1 + |L|)\nrim: infinity; dotted: |L| = 1 and closing arc", fontsize=8)
-    ax.grid(True, color="0.92")
+    ax.set_xlabel("Re, radius |L|/(1 + |L|) (-)")
 
 
 def _decorate_near(ax: Any) -> None:
     angle = np.linspace(0, 2 * np.pi, 361)
     ax.plot(np.cos(angle), np.sin(angle), color="0.7", linewidth=0.8, linestyle=":")
     ax.plot(-1 + 0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.5", linewidth=0.8, linestyle="-.")
-    _minus_one(ax, -1.0)
     ax.set_xlim(-3.0, 1.2)
     ax.set_ylim(-2.1, 2.1)
+    ax.plot(-1, 0, **_CRITICAL)
     ax.set_aspect("equal")
-    ax.set_xlabel("Re L\ndotted: |L| = 1; dash-dotted: Ms = 2", fontsize=8)
-    ax.grid(True, color="0.92")
+    ax.set_xlabel("Re L (-)")
 
 
 def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """Magnitude against continuous phase, with the critical points and the Ms = 2 contour around them."""
-    figure = _new_figure(groups, 4.4)
-    axes = figure.subplots(1, len(groups), squeeze=False, sharex=True, sharey=True)
+    figure = _new_figure(groups, 3.7)
+    axes = panels(figure, 1, len(groups), sharex=True, sharey=True)
     low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
     for column, group in enumerate(groups):
         ax = axes[0, column]
@@ -224,10 +217,9 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         ax.axhline(0, color="black", linewidth=0.6)
         ax.set_xlim(low - 30, high + 30)
         ax.set_ylim(-42, 42)
-        ax.xaxis.set_major_locator(MultipleLocator(90))
-        ax.set_title(_wrapped(group.title), fontsize=9)
-        ax.set_xlabel("Phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=8)
-        ax.grid(True, color="0.9")
-        legend_below(ax)
-    axes[0, 0].set_ylabel("Magnitude |L| (dB)")
+        ax.xaxis.set_major_locator(MultipleLocator(90 if _column(groups) > 3.0 else 180))
+        ax.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        ax.set_xlabel("phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=SMALL)
+        legend_below(ax, 0.22)
+    axes[0, 0].set_ylabel("magnitude |L| (dB)")
     return figure

@@ -10,7 +10,7 @@ from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.happenings import happenings
 from railslip_ctrl.units import KMH
 
-from .style import line_style, new_figure
+from .style import PAGE_WIDTH, folded, legend_beside, line_style, new_figure, panels
 
 _ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is cut off in the picture
 
@@ -22,17 +22,18 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     """
     assert run.signals is not None, "the run was recorded"
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
-    figure = new_figure(8.5, 10.0, title or f"{name}, {run.braking_distance:.4g} m")
-    axes = figure.subplots(4, 1, sharex=True)
+    noise = "without noise" if run.seed is None else f"seed {run.seed}"
+    figure = new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
+    axes = panels(figure, 4, sharex=True)[:, 0]
     events = [one for one in happenings(run) if one.reached]
     for ax, draw in zip(axes, (_speeds, _slip, _torque, _adhesion), strict=True):
         draw(ax, run)
         for one in events:
             ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
-        ax.grid(True, color="0.88")
         if len(ax.lines) > 1 and ax.get_legend_handles_labels()[0]:
-            ax.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    axes[-1].set_xlabel("time (s)")
+            legend_beside(ax)
+    told = "\n".join(f"dotted, {one.text}" for one in events)
+    axes[-1].set_xlabel(folded(f"time (s)\n{told}" if told else "time (s)", 0.8 * PAGE_WIDTH))
     axes[-1].set_xlim(0.0, float(run.signals.time[-1]))
     return figure
 
@@ -44,6 +45,7 @@ def _speeds(ax: Any, run: Run) -> None:
     rim = (signals.speed - signals.slip_velocity) / KMH
     ax.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **line_style(1))
     ax.set_ylabel("speed (km/h)")
+    ax.set_ylim(bottom=0.0)
 
 
 def _slip(ax: Any, run: Run) -> None:

@@ -7,13 +7,13 @@ from matplotlib.figure import Figure
 from railslip_ctrl.units import KMH
 from railslip_ctrl.virtual_rig import RigLog
 
-from .style import legend_below, line_style, new_figure
+from .style import legend_below, line_style, new_figure, panels
 
 
 def rig_test_figure(log: RigLog, *, radius: float, title: str) -> Figure:
     """Speeds of train and wheel rim (km/h), slip ratio and brake torque (kN*m) over time; `radius` in m."""
-    figure = new_figure(6.5, 6.5, title)
-    speeds, slip, torque = figure.subplots(3, 1, sharex=True)
+    figure = new_figure(6.0, title)
+    speeds, slip, torque = panels(figure, 3, sharex=True)[:, 0]
     speeds.plot(log.time, log.train_speed / KMH, label="train, v", **line_style(0))
     speeds.plot(log.time, radius * log.wheel_angular_speed / KMH, label="wheel rim, rω", **line_style(1))
     speeds.set_ylabel("speed (km/h)")
@@ -23,6 +23,4 @@ def rig_test_figure(log: RigLog, *, radius: float, title: str) -> Figure:
     torque.plot(log.time, log.brake_torque / 1e3, **line_style(0))
     torque.set_ylabel("brake torque (kN·m)")
     torque.set_xlabel("time (s)")
-    for ax in (speeds, slip, torque):
-        ax.grid(True, color="0.88")
     return figure

@@ -21,7 +21,7 @@ from railslip_ctrl.simulation import (
     SlidingControl,
 )
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
-from railslip_ctrl.simulation.happenings import Happening, happenings
+from railslip_ctrl.simulation.happenings import happenings
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH
 
@@ -181,7 +181,7 @@ def _scenario_facts(run: Run) -> list[tuple[str, str]]:
         ),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
-        *(("Event", _event(one)) for one in happenings(run)),
+        *(("Event", one.text) for one in happenings(run)),
         (
             "Disturbances",
             f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "
@@ -221,18 +221,6 @@ def _measurement(scenario: Scenario) -> str:
             f"filter {sensors.filter_time:g} s",
         )
     )
-
-
-def _event(one: Happening) -> str:
-    event = one.event
-    place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
-    changes = [
-        *([f"{event.rail} rail"] if event.rail is not None else []),
-        *([f"{event.adhesion_factor:g} times the rail's adhesion"] if event.adhesion_factor is not None else []),
-        *([f"M {event.mass:g} kg"] if event.mass is not None else []),
-    ]
-    when = f" (at {one.time:.4g} s)" if event.time is None else ""
-    return f"{place}: {', '.join(changes)}{when if one.reached else ' (NOT REACHED)'}"
 
 
 def _controller_facts(run: Run) -> list[tuple[str, str]]:
