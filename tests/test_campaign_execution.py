@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import socket
@@ -20,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from campaigns import DEAD_TIME, MASS, PI, SHORT, short_campaign, write_campaign
+from project import script
 
 import railslip_ctrl.campaign.execution as execution
 import railslip_ctrl.campaign.statistics as statistics
@@ -28,7 +28,6 @@ from railslip_ctrl.campaign.execution import run_part, run_rows
 from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.campaign.rows import MEASURES, REFUSED
 from railslip_ctrl.campaign.storage import LOCK, MANIFEST, Part, Store
-from railslip_ctrl.cli import main
 from railslip_ctrl.design import PIController
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains
@@ -50,14 +49,6 @@ def rows_of(store: Store) -> pd.DataFrame:
 
 def run_command(*arguments, **options):
     return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
-
-
-def command(capsys, *arguments) -> tuple[int, str, str]:
-    """The command in this process: exit status, standard output, standard error."""
-    with pytest.raises(SystemExit) as ended:
-        main(["campaign", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return ended.value.code, out, err
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +99,7 @@ def test_columns_carry_their_units(finished):
 
 
 def test_a_killed_campaign_loses_and_repeats_nothing(tmp_path):
-    runs = 400
+    runs = 160
     path, out = write_campaign(tmp_path, runs), tmp_path / "out"
     campaign = subprocess.Popen([*COMMAND, str(path), "--out", str(out), "--workers", "2"], stderr=subprocess.PIPE)
     parts = out / "parts"
@@ -121,7 +112,7 @@ def test_a_killed_campaign_loses_and_repeats_nothing(tmp_path):
     campaign.kill()
     campaign.communicate()
     left = {part: part.stat().st_mtime_ns for part in parts.glob("*.parquet")}
-    assert 3 <= len(left) < 100  # it was killed in the middle
+    assert 3 <= len(left) < 40  # it was killed in the middle
     assert len(workers) >= 2
     assert psutil.wait_procs(workers, timeout=20)[1] == []  # they do not outlive it
     (parts / ".incomplete-of-the-kill").write_bytes(b"half a part")
@@ -378,7 +369,7 @@ def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
     assert scatter.axes[0].get_ylabel() == "brake energy (MJ)"
     top = summary.controllers["pi"].worst[0]
     assert scatter.axes[0].texts[0].xy == (top["vehicle.mass"], 1e-6 * top["brake_energy_j"])
-    (energy,) = (ax for ax in distributions.axes if ax.get_xlabel() == "brake energy (MJ)")
+    (energy,) = (ax for ax in distributions.axes if ax.get_xlabel() == "brake energy (MJ)" and ax.lines)
     edges = 1e-6 * summary.controllers["pi"].measures["brake_energy_j"].histogram.edges
     assert energy.lines[0].get_xdata() == pytest.approx(edges)
     corners = {tuple(ax.texts[i].xyann) for ax in scatter.axes for i in range(2)}
@@ -401,14 +392,14 @@ def test_a_sweep_is_told_point_by_point(tmp_path):
 # --- the command ----------------------------------------------------------------------------------------------------
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command(tmp_path, railslip):
     path, out = write_campaign(tmp_path, 8), tmp_path / "out"
-    status, text, errors = command(capsys, path, "--out", out, "--workers", "1")
+    status, text, errors = railslip("campaign", path, "--out", out, "--workers", "1")
     assert (status, text) == (0, (out / "report.txt").read_text())
     assert "second smaller" in text
     assert "8/8" in errors
     assert {"manifest.json", "parts", "report.json", "distributions.png", "scatter.png"} <= set(os.listdir(out))
-    content = json.loads(command(capsys, path, "--out", out, "--replay", "5", "--json")[1])
+    content = json.loads(railslip("campaign", path, "--out", out, "--replay", "5", "--json")[1])
     assert content["stored"] is True
     log = Path(out / "run-5-soft.csv").read_text().splitlines()
     assert log[0].startswith("time,distance,speed,")
@@ -419,7 +410,7 @@ def test_the_command(tmp_path, capsys):
         (("--workers", "0"), "--workers: 0"),
         (("--worst-by", "speed"), "--worst-by: 'speed' is no measure"),
     ):
-        status, text, errors = command(capsys, path, "--out", out, *wrong)
+        status, text, errors = railslip("campaign", path, "--out", out, *wrong)
         assert (status, text) == (2, "")
         assert errors.startswith("railslip: error: ")
         assert words in errors
@@ -428,15 +419,12 @@ def test_the_command(tmp_path, capsys):
 
 def test_the_monte_carlo_script(tmp_path, capsys, monkeypatch):
     """24 of its vehicles; what is said of each vehicle is asserted of each, the rest of the means."""
-    place = Path(__file__).parent.parent / "analysis" / "monte_carlo.py"
-    spec = importlib.util.spec_from_file_location("monte_carlo", place)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    result = script.run(tmp_path, runs=24, workers=1)
+    monte_carlo = script("analysis/monte_carlo.py")
+    result = monte_carlo.run(tmp_path, runs=24, workers=1)
     shorter = {(p.first, p.second): p for p in result.paired if p.measure == "braking_distance_m"}
     assert shorter["pi", "pi-lead"].second_smaller.value == shorter["asmc", "pi-lead"].second_smaller.value == 1.0
     assert shorter["pi", "asmc"].difference.high < 0.0  # beyond its interval
-    pi, asmc, lead = (result.controllers[name] for name in script.CONTROLLERS)
+    pi, asmc, lead = (result.controllers[name] for name in monte_carlo.CONTROLLERS)
     slip = "mean_abs_slip_error"
     assert lead.measures[slip].quantiles[0.5].value < 0.7 * pi.measures[slip].quantiles[0.5].value
     assert asmc.measures[slip].mean.value > pi.measures[slip].mean.value
@@ -444,6 +432,6 @@ def test_the_monte_carlo_script(tmp_path, capsys, monkeypatch):
     locks = pd.concat(pd.read_parquet(part) for part in (tmp_path / "parts").iterdir())["first_lock_s"].dropna()
     assert locks.between(25.0, 27.0).all()  # the rail turns wet at 25 s
     monkeypatch.setattr(sys, "argv", ["monte_carlo.py", str(tmp_path), "24"])
-    script.main()
+    monte_carlo.main()
     assert "pi-lead - pi" in capsys.readouterr().out
     assert len(list(tmp_path.glob("*.png"))) == 2

@@ -10,22 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from railslip_ctrl.cli import main
-
 PUBLISHED_CASE = {"adhesion": "bristle", "rail": "dry", "speed_kmh": 100.0, "slip": 0.132, "mass_kg": 3517.0}
-
-
-@pytest.fixture
-def railslip(capsys):
-    """Run the command in this process; gives (exit status, standard output, standard error)."""
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        return caught.value.code, captured.out, captured.err
-
-    return run
 
 
 def cases(out):

@@ -49,7 +49,7 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assert DelayedLoop.from_dead_time_loop(loop).root_count.right == loop.root_count.right
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 def test_margins_equal_those_of_the_dead_time_loop(loop):
     assume(loop.is_stable() and np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles.real != 0))

@@ -8,18 +8,18 @@ import json
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import sympy as sp
+from project import script
 from sample_laws import ALL_LAWS, sample_law
-from test_scripts import script
 
 import railslip_ctrl
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import law_class, law_names, published_law
-from railslip_ctrl.cli import main
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.numeric import numeric_plant
@@ -340,16 +340,9 @@ def test_every_sign_of_the_statement_counts(tmp_path) -> None:
 
 
 @pytest.fixture
-def railslip(capsys):
-    """Run the command in this process; gives (exit status, standard output, standard error)."""
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(["derive", *map(str, arguments)])
-        captured = capsys.readouterr()
-        return caught.value.code, captured.out, captured.err
-
-    return run
+def railslip(railslip):
+    """`railslip derive` in this process, as the fixture of all commands runs it."""
+    return partial(railslip, "derive")
 
 
 @pytest.mark.parametrize("arguments", [(), ("--reference", "constant", "--adhesion", "bristle")])

@@ -17,19 +17,19 @@ import numpy as np
 import pytest
 import sympy as sp
 import yaml
+from project import ROOT
 
 import railslip_ctrl
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import beam, law_names
 from railslip_ctrl.adhesion.beam import integrated_force
-from railslip_ctrl.cli import _COMMANDS, main
+from railslip_ctrl.cli import _COMMANDS
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sources import SOURCES
 
-ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 
 
@@ -56,7 +56,7 @@ RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" i
 
 
 @pytest.mark.parametrize("page", RUNNING, ids=named)
-def test_pages_run(page, tmp_path, monkeypatch, capsys):
+def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
     """Files are written and commands called in the page's order; then its Python has to give what it shows."""
     monkeypatch.chdir(pages.prepare(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -67,16 +67,16 @@ def test_pages_run(page, tmp_path, monkeypatch, capsys):
         assert block.commands, "a block of commands has some"
         if block.tested:
             (words,) = block.commands
-            assert f'run(capsys, "{words[1]}")' in (ROOT / block.tested).read_text("utf-8")
+            assert f'railslip("{words[1]}")' in (ROOT / block.tested).read_text("utf-8")
             continue
         for program, *words in block.commands:
             if program == "python":
                 runpy.run_path(words[0])
+                assert capsys.readouterr().out
             else:
-                with pytest.raises(SystemExit) as caught:
-                    main(words)
-                assert caught.value.code in (0, 1), capsys.readouterr().err
-            assert capsys.readouterr().out
+                status, out, err = railslip(*words)
+                assert status in (0, 1), err
+                assert out
     for picture in re.findall(r"^:pictures: (.*)$", TEXTS[page], flags=re.M):
         assert all(Path(name).is_file() for name in picture.split())
     assert doctest.testfile(str(page), module_relative=False).failed == 0
@@ -320,14 +320,12 @@ def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch):
     assert run.max_torque <= 6000.0
 
 
-def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, capsys):
+def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, railslip):
     (tmp_path / "downpour.toml").write_text(recipe("downpour.toml"))
     monkeypatch.chdir(tmp_path)
     (line,) = (line for line in CONTRIBUTING.splitlines() if line.startswith("railslip simulate"))
-    with pytest.raises(SystemExit) as caught:
-        main(line.split()[1:])
-    assert caught.value.code == 0
-    out = capsys.readouterr().out
+    status, out, _ = railslip(*line.split()[1:])
+    assert status == 0
     assert "80 to 5 km/h" in out
     assert "wet rail" in out
 

@@ -7,18 +7,15 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from test_scripts import script
+from project import ROOT, script, show
 from test_verification import VERDICTS
 
 from railslip_ctrl import plots
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.reaching_bound import least_gain, reference_set
-
-ROOT = Path(__file__).resolve().parent.parent
 
 PROBE = """
 import json
@@ -80,8 +77,7 @@ def test_asmc_published(tmp_path, capsys, monkeypatch):
         assert reading.least_K_run[0] > reading.least_K[0]
     drawn, save = [], plots.save_figure
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
-    monkeypatch.setattr(sys, "argv", ["asmc_published.py", str(tmp_path)])
-    module.main()
+    show(module, (si, published), tmp_path, monkeypatch)
     assert "far too small to make it slide" in capsys.readouterr().out
     assert (tmp_path / "asmc_published.png").exists()
     # D is no longer than a line beside the PI's gain: the number stands at the bar

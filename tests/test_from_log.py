@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
-from test_scripts import script
+from project import script, show
 
 from railslip_ctrl.adhesion import load_law
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -53,9 +51,7 @@ def test_from_log(tmp_path, capsys, monkeypatch):
         assert run.scenario.adhesion == truth
         assert run.controller.name == "pi-lead"  # as its picture's title says
     # 5. What it prints and writes.
-    monkeypatch.setattr(module, "run", lambda folder=None: result)
-    monkeypatch.setattr(sys, "argv", ["from_log.py", str(tmp_path)])
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert "On the true law the worst Ms is" in capsys.readouterr().out
     assert sorted(p.name for p in tmp_path.glob("*.png")) == ["from_log_adhesion.png", "from_log_stop.png"]
     assert load_law(tmp_path / "model.toml").on(Rail.DRY) == fit.law.model_copy(

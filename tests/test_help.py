@@ -14,6 +14,7 @@ import click
 import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
+from project import ROOT
 from rig_logs import rig_rows, write_log
 
 from railslip_ctrl import __version__
@@ -23,7 +24,6 @@ from railslip_ctrl.cli.options import Quantity
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH
 
-ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 CONTEXT = click.Context(railslip)

@@ -12,7 +12,6 @@ import pytest
 from html_page import LARGEST_BYTES, Page
 
 from railslip_ctrl.assessment import limits_of
-from railslip_ctrl.cli import main
 from railslip_ctrl.design_check import design_check
 from railslip_ctrl.design_report import assemble
 from railslip_ctrl.errors import InputError
@@ -224,11 +223,10 @@ def test_page_checker_sees_what_is_wrong():
         assert word in found
 
 
-def test_no_html_leaves_the_page_out(tmp_path, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["report", "--rail", "wet", "--no-html", "--out", str(tmp_path / "x")])
-    assert caught.value.code == 0
-    assert "report.html" not in capsys.readouterr().err
+def test_no_html_leaves_the_page_out(tmp_path, railslip):
+    status, _, err = railslip("report", "--rail", "wet", "--no-html", "--out", tmp_path / "x")
+    assert status == 0
+    assert "report.html" not in err
     assert not (tmp_path / "x" / "report.html").exists()
 
 

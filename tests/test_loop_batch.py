@@ -79,10 +79,10 @@ def scalar_engine_used(monkeypatch):
 @pytest.mark.parametrize("dead_time", [False, True])
 def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_time, monkeypatch):
     used = scalar_engine_used(monkeypatch)
-    arguments = slip_loops(1500, lead=lead, dead_time=dead_time)
+    arguments = slip_loops(600, lead=lead, dead_time=dead_time)  # more than are worked on together
     found = batch_margins(*arguments)
     assert not used
-    assert len(found) == 1500
+    assert len(found) == 600
     assert 0.2 < found.stable.mean() < 0.9
     assert found.unstable_poles.max() >= 2
     # without dead time some peaks tie with the end of the axis, where rounding decides which frequency is named

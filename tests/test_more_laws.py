@@ -12,7 +12,6 @@ from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names, load_law, 
 from railslip_ctrl.adhesion.burckhardt import SURFACES, Burckhardt
 from railslip_ctrl.adhesion.envelope import curtius_kniffler
 from railslip_ctrl.adhesion.polach import Polach
-from railslip_ctrl.cli import main
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
@@ -268,12 +267,10 @@ def test_linearize_gives_the_pole_of_a_static_law(name: str, rail: Rail) -> None
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_command_linearize_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["linearize", "--adhesion", name, "--slip", "0.05", "--json"])
-    output = capsys.readouterr()
-    assert (caught.value.code, output.err) == (0, "")
-    cases = json.loads(output.out)["cases"]
+def test_command_linearize_json(name: str, railslip) -> None:
+    status, out, err = railslip("linearize", "--adhesion", name, "--slip", "0.05", "--json")
+    assert (status, err) == (0, "")
+    cases = json.loads(out)["cases"]
     assert [case["rail"] for case in cases] == ["dry", "wet"]
     for case in cases:
         law = published_law(name, Rail(case["rail"]))
@@ -285,9 +282,7 @@ def test_command_linearize_json(name: str, capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_command_wants_a_slip(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["linearize", "--adhesion", name])
-    output = capsys.readouterr()
-    assert (caught.value.code, output.out) == (2, "")
-    assert "give --slip X" in output.err
+def test_command_wants_a_slip(name: str, railslip) -> None:
+    status, out, err = railslip("linearize", "--adhesion", name)
+    assert (status, out) == (2, "")
+    assert "give --slip X" in err

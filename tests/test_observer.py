@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 import sympy as sp
+from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
@@ -19,9 +18,6 @@ from railslip_ctrl.sliding import printed as sliding_printed
 
 TAU = 0.08
 S, TAU_SYMBOL = statement.s, statement.tau
-
-# estimates of a few kN*m that are sums of terms of up to 1e5 N*m, over a few thousand steps: 1e5 * 1e-16 * 1e3
-ROUNDING = 1e-8
 
 
 def zero(expression: sp.Expr) -> bool:
@@ -135,21 +131,9 @@ def test_sampled_form_solves_the_filter_exactly(form):
 def test_run_is_step_is_chunks(form):
     t, torque, omega = irregular_log(3001)
     observer = FilterObserver.of(PARK2008, TAU, form)
-    whole = observer.run(t, torque, omega)
-    estimate, state = observer.start(t[0], torque[0], omega[0])
-    steps = [estimate]
-    for row in zip(t[1:], torque[1:], omega[1:], strict=True):
-        estimate, state = observer.step(state, *row)
-        steps.append(estimate)
-    assert steps == pytest.approx(whole.adhesion_torque, abs=ROUNDING)
+    whole, state, after = run_is_step_is_chunks(observer, (t, torque, omega), (1, 2, 1000))
     assert state.filtered == pytest.approx(whole.state.filtered, abs=ROUNDING)
-    chunked, state = [], None
-    for first, last in ((0, 1), (1, 2), (2, 1000), (1000, 3001)):
-        part = observer.run(t[first:last], torque[first:last], omega[first:last], state)
-        chunked.append(part.adhesion_torque)
-        state = part.state
-    assert np.concatenate(chunked) == pytest.approx(whole.adhesion_torque, abs=ROUNDING)
-    assert (state.time, state.torque, state.omega) == (t[-1], torque[-1], omega[-1])
+    assert (after.time, after.torque, after.omega) == (t[-1], torque[-1], omega[-1])
 
 
 @pytest.mark.parametrize("form", Form)
@@ -183,17 +167,8 @@ def test_a_torque_step_is_in_the_printed_estimate_at_once():
 
 
 def test_speed_of_a_run():
-    """The brief: more than 1e6 rows/s regular, 2e5 irregular; seen: 2e7. Three tries, as the machine is shared."""
-    rows = 400_000
-    t, torque, omega = irregular_log(rows)
-    observer = FilterObserver.of(PARK2008, TAU)
-
-    def rate() -> float:
-        begin = time.perf_counter()
-        observer.run(t, torque, omega)
-        return rows / (time.perf_counter() - begin)
-
-    assert max(rate() for _ in range(3)) > 1e6
+    """The brief: more than 1e6 rows/s regular, 2e5 irregular; seen: 2e7."""
+    assert rows_per_second(FilterObserver.of(PARK2008, TAU), irregular_log(400_000)) > 1e6
 
 
 @pytest.mark.parametrize(

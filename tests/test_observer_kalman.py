@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
+from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
 from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
 
 from railslip_ctrl import plant
@@ -25,9 +25,6 @@ PARAMETERS = {
     "torque_variance": 2500.0,
     "walk": 3e6,
 }
-
-# estimates of a few kN*m, over a few thousand steps
-ROUNDING = 1e-8
 
 
 def observer(**changes) -> KalmanObserver:
@@ -199,21 +196,8 @@ def test_run_is_prediction_by_exponentials_and_correction(vibration, gap):
 @pytest.mark.parametrize("vibration", [None, SHAKE])
 def test_run_is_step_is_chunks(vibration):
     k = observer(vibration=vibration)
-    t, torque, omega = irregular_log(1500)
-    whole = k.run(t, torque, omega)
-    estimate, state = k.start(t[0], torque[0], omega[0])
-    steps = [estimate]
-    for row in zip(t[1:], torque[1:], omega[1:], strict=True):
-        estimate, state = k.step(state, *row)
-        steps.append(estimate)
-    assert steps == pytest.approx(whole.adhesion_torque, abs=ROUNDING)
+    whole, state, _ = run_is_step_is_chunks(k, irregular_log(1500), (1, 2, 900))
     assert state.mean == pytest.approx(whole.state.mean, abs=ROUNDING)
-    chunked, state = [], None
-    for first, last in ((0, 1), (1, 2), (2, 900), (900, 1500)):
-        part = k.run(t[first:last], torque[first:last], omega[first:last], state)
-        chunked.append(part.adhesion_torque)
-        state = part.state
-    assert np.concatenate(chunked) == pytest.approx(whole.adhesion_torque, abs=ROUNDING)
 
 
 def test_sampled_form_is_the_run():
@@ -254,17 +238,8 @@ def test_steady_gain_on_jittered_samples_is_near_the_optimal_time_varying_one():
 
 @pytest.mark.parametrize("vibration", [None, SHAKE])
 def test_speed_of_a_run(vibration):
-    """The brief: more than 2e5 rows/s; seen: 1e6 and more. Three tries, as the machine is shared."""
-    rows = 100_000
-    t, torque, omega = irregular_log(rows)
-    k = observer(vibration=vibration)
-
-    def rate() -> float:
-        begin = time.perf_counter()
-        k.run(t, torque, omega)
-        return rows / (time.perf_counter() - begin)
-
-    assert max(rate() for _ in range(3)) > 2e5
+    """The brief: more than 2e5 rows/s; seen: 1e6 and more."""
+    assert rows_per_second(observer(vibration=vibration), irregular_log(100_000)) > 2e5
 
 
 # --- refusals ------------------------------------------------------------------------------------------------------

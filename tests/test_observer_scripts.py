@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).resolve().parent.parent
+from project import script, show
 
 
 @pytest.fixture(scope="module")
 def module():
-    spec = importlib.util.spec_from_file_location("observer_tradeoff", ROOT / "analysis" / "observer_tradeoff.py")
-    loaded = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = loaded  # dataclasses look their module up
-    spec.loader.exec_module(loaded)
-    return loaded
+    return script("analysis/observer_tradeoff.py")
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +54,7 @@ def test_sampling_faster_helps_the_kalman_filter_only(module, result):
 
 
 def test_script_prints_and_draws(module, result, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(module, "run", lambda: result)
-    monkeypatch.setattr(sys, "argv", ["observer_tradeoff.py", str(tmp_path / "pictures")])
-    module.main()
+    show(module, result, tmp_path / "pictures", monkeypatch)
     out = capsys.readouterr().out
     assert "printed (27): 100 % of a step of the brake torque" in out
     assert len(list((tmp_path / "pictures").glob("observer_*.png"))) == 3

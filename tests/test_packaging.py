@@ -7,9 +7,8 @@ import sys
 import sysconfig
 import venv
 import zipfile
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from project import ROOT
 
 
 def test_command_works_from_an_installed_wheel(tmp_path):

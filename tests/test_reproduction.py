@@ -11,7 +11,6 @@ import pytest
 from scipy.stats import sem
 
 from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.cli import main
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -232,28 +231,21 @@ def test_table3_gives_another_improvement_than_it_prints():
 # --- the command ---------------------------------------------------------------------------------------------------
 
 
-def status(arguments: list[str]) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    return int(caught.value.code)
-
-
-def test_command_prints_the_rows_as_json(monkeypatch, capsys, few_seeds, tmp_path):
+def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_path):
     from railslip_ctrl.cli import reproduce
 
     worth = sensitivity(FEW, alternatives=[alternative("k = 2.1e-8 as printed")])
     monkeypatch.setattr(reproduce, "table5", lambda seeds, progress: few_seeds)
     monkeypatch.setattr(reproduce, "sensitivity", lambda seeds, progress: worth)
-    code = status(["reproduce", "--json", "--seeds", str(FEW), "--sensitivity", "--out", str(tmp_path / "out")])
-    assert code == (0 if few_seeds.within else 1)
-    printed = capsys.readouterr()
-    content = json.loads(printed.out)
+    status, out, err = railslip("reproduce", "--json", "--seeds", FEW, "--sensitivity", "--out", tmp_path / "out")
+    assert status == (0 if few_seeds.within else 1)
+    content = json.loads(out)
     keys = {"item", "published", "obtained", "deviation_percent", "tolerance_percent", "within"}
     assert len(content["rows"]) == 16
     assert all(keys <= set(row) and row["tolerance_percent"] == 4 for row in content["rows"])
     assert content["sensitivity"]["rows"][0]["numbers"]["ASMC beam"] == [None] * 4
     assert {one["basis"] for one in content["reading"]} == {"printed", "inferred", "fitted"}
-    assert "railslip: facts" in printed.err
+    assert "railslip: facts" in err
     files = {path.name for path in (tmp_path / "out").iterdir()}
     pictures = {f"{name}.png" for name in reproduce.PICTURES}
     assert files == {"reproduction.txt", "reproduction.json", *pictures}
@@ -263,7 +255,7 @@ def test_command_prints_the_rows_as_json(monkeypatch, capsys, few_seeds, tmp_pat
     assert f"ASMC beam {FEW}/{FEW}" in text  # did not stop
 
 
-def test_command_fails_when_a_row_is_out(monkeypatch, capsys, few_seeds):
+def test_command_fails_when_a_row_is_out(monkeypatch, railslip, few_seeds):
     from railslip_ctrl.cli import reproduce
 
     out = replace(few_seeds.rows[0], obtained=math.nan)
@@ -271,20 +263,20 @@ def test_command_fails_when_a_row_is_out(monkeypatch, capsys, few_seeds):
         reproduce, "table5", lambda seeds, progress: replace(few_seeds, rows=(out, *few_seeds.rows[1:]))
     )
     monkeypatch.setattr(reproduce, "published_facts", lambda progress: ())
-    assert status(["reproduce"]) == 1
-    text = capsys.readouterr().out
+    status, text, _ = railslip("reproduce")
+    assert status == 1
     assert "out of tolerance:" in text
     assert "- Table 5 / PI beam / braking_time_s" in text
-    assert status(["reproduce", "--json"]) == 1
-    row = json.loads(capsys.readouterr().out)["rows"][0]
+    status, text, _ = railslip("reproduce", "--json")
+    assert status == 1
+    row = json.loads(text)["rows"][0]
     assert (row["obtained"], row["deviation_percent"], row["within"]) == (None, None, False)
 
 
 @pytest.mark.parametrize("seeds", ["1", "0", "-3", "many", "2.5", "100001", "9" * 30])
-def test_command_refuses_a_number_of_seeds(seeds, capsys):
-    assert status(["reproduce", f"--seeds={seeds}"]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.startswith("railslip: error: --seeds: ")
-    assert "give a whole number from 2 to 100000" in printed.err
-    assert printed.err.count("\n") == 1
+def test_command_refuses_a_number_of_seeds(seeds, railslip):
+    status, out, err = railslip("reproduce", f"--seeds={seeds}")
+    assert (status, out) == (2, "")
+    assert err.startswith("railslip: error: --seeds: ")
+    assert "give a whole number from 2 to 100000" in err
+    assert err.count("\n") == 1

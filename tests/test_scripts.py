@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from project import script, show
 
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.parameters import Rail
-
-ROOT = Path(__file__).resolve().parent.parent
-
-
-def script(path: str):
-    """Import a script by its path, as a reader would run it."""
-    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_pi_published(tmp_path, capsys, monkeypatch):
@@ -75,9 +63,7 @@ def test_pi_robust(tmp_path, capsys, monkeypatch):
     assert result.robustness.worst.axes["rail"] == "dry"
     assert result.all_laws.stable_share == pytest.approx(0.928, abs=5e-3)
     assert result.all_laws.worst.axes["adhesion"] == "curve"
-    monkeypatch.setattr(sys, "argv", ["pi_robust.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: result)
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert (tmp_path / "pi_robust_region.png").exists()
     assert "fragile at its best" in capsys.readouterr().out
 
@@ -95,9 +81,7 @@ def test_pi_lead(tmp_path, capsys, monkeypatch):
     # through the peak the slip pole changes sign and the lead design does not mind
     assert result.slip_sweep.pole.min() < 0 < result.slip_sweep.pole.max()
     assert result.slip_sweep.margins["PI-lead"].ms.max() < 1.65
-    monkeypatch.setattr(sys, "argv", ["pi_lead.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: result)
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert (tmp_path / "pi_lead_sweeps.png").exists()
     assert len(list(tmp_path.glob("pi_lead_family_*.png"))) == 3
     assert "worst Ms 1.4291" in capsys.readouterr().out
@@ -112,9 +96,7 @@ def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     assert result.single.worst_ms == pytest.approx(1.997, abs=5.1e-4)
     assert (result.lowest_pi, result.lowest_lead) == pytest.approx((14.314, 4.017), abs=1e-3)
     assert result.lowest_lead < result.lowest_single < result.lowest_pi
-    monkeypatch.setattr(sys, "argv", ["pi_scheduled.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: result)
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert GainSchedule.from_json((tmp_path / "pi_scheduled.json").read_text()) == result.schedule
     assert (tmp_path / "pi_scheduled_margins.png").exists()
     assert result.schedule.worst_ms < 1.05 * 1.8
@@ -142,9 +124,7 @@ def test_margin_map(tmp_path, capsys, monkeypatch):
     assert lead.by_axis()["adhesion"]["bristle"] == (1.0, pytest.approx(2.089, abs=5.1e-4))
     assert lead.worst.axes["adhesion"] == "curve"
     assert lead.worst.axes["speed, km/h"] == pytest.approx(5.0)
-    monkeypatch.setattr(sys, "argv", ["margin_map.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: result)
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert len(list(tmp_path.glob("*.png"))) == 3
     assert "worst case" in capsys.readouterr().out
 
@@ -169,9 +149,7 @@ def test_compare_designs(tmp_path, capsys, monkeypatch):
             assert result.row(name, rail).margins.ms < 1.5
     assert result.row("observer with prediction", Rail.DRY).effort.noise_gain < lead.effort.noise_gain
     assert np.abs(result.load["PI-lead"].output).max() < np.abs(result.load["best PI"].output).max()
-    monkeypatch.setattr(sys, "argv", ["compare_designs.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: result)
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     assert len(list(tmp_path.glob("*.png"))) == 2
     out = capsys.readouterr().out
     assert out.count("observer with prediction") == 2

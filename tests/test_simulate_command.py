@@ -7,12 +7,12 @@ import math
 import os
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from railslip_ctrl.cli import main
 from railslip_ctrl.identification.columns import find_columns
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.simulation import Signals, built_in_scenario, simulate
@@ -27,16 +27,9 @@ KEYS = (
 
 
 @pytest.fixture
-def railslip(capsys):
-    """Run the command in this process; gives (exit status, standard output, standard error)."""
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main(["simulate", *(str(a) for a in arguments)])
-        captured = capsys.readouterr()
-        return caught.value.code, captured.out, captured.err
-
-    return run
+def railslip(railslip):
+    """`railslip simulate` in this process, as the fixture of all commands runs it."""
+    return partial(railslip, "simulate")
 
 
 @pytest.fixture

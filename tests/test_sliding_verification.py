@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from railslip_ctrl.cli import main
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
@@ -53,12 +52,6 @@ LAYERED = [
     "holding torque known",
     UNCERTAIN,
 ]
-
-
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as caught:
-        main(["verify", *arguments])
-    return caught.value.code, capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +129,7 @@ def test_as_published_the_wheel_is_spared_but_sliding_does_not_exist(monkeypatch
     assert [one.holds for one in found] == [False, True, True, True]
 
 
-def test_command_prints_the_conditions_and_the_conclusion(capsys, monkeypatch, published):
+def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch, published):
     conditions, effects, told = published
     ideal = Verification("paper", 1.0, 70.0, 5.5, 2008, (Condition("first", "What.", True, "symbolic", "Why."),))
     monkeypatch.setattr("railslip_ctrl.sliding_verification.together.verify", lambda **_: ideal)
@@ -144,10 +137,10 @@ def test_command_prints_the_conditions_and_the_conclusion(capsys, monkeypatch, p
         "railslip_ctrl.sliding_verification.together.published_behind_actuator",
         lambda *_: (tuple(conditions.values()), effects, told),
     )
-    status, out = run(capsys)
+    status, out, _ = railslip("verify")
     assert status == 1
     assert "Conclusion for the brake with its actuator" in out
-    status, out = run(capsys, "--json")
+    status, out, _ = railslip("verify", "--json")
     content = json.loads(out)
     assert (status, content["all_hold"]) == (1, False)
     assert [c["name"] for c in content["conditions"]] == ["first", *ACTUATOR_CONDITIONS]
@@ -165,12 +158,12 @@ def test_the_conclusion_tells_how_near_the_as_published_adaptation_is_to_unstabl
     assert "bristle dry 1.05" in told
 
 
-def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(capsys, monkeypatch):
+def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
     full = verify_with_actuator(law="robust")
     assert [one.name for one in full.verification.failing] == BEHIND
     assert "dry: UNSTABLE, stable up to K = 3.121 N m" in full.verification[BEHIND[0]].evidence
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
-    status, out = run(capsys, "--law", "robust")
+    status, out, _ = railslip("verify", "--law", "robust")
     assert status == 1
     assert "Verdict: 2 of 13 conditions do not hold." in out
     assert "railslip verify --law layered" in " ".join(out.split())
@@ -202,12 +195,12 @@ def layered():
     return verify_with_actuator(law="layered")
 
 
-def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layered, capsys, monkeypatch):
+def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layered, railslip, monkeypatch):
     assert [one.name for one in layered.verification.conditions] == LAYERED
     assert [one.name for one in layered.verification.failing] == [UNCERTAIN]
     assert {one.how for one in layered.verification.conditions} == {"sampled", "simulated"}
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: layered)
-    status, out = run(capsys, "--law", "layered", "--json")
+    status, out, _ = railslip("verify", "--law", "layered", "--json")
     assert (status, json.loads(out)["all_hold"]) == (1, False)
     told = layered.conclusion
     for words in (
@@ -278,8 +271,8 @@ def test_numbers_of_the_layered_law_are_those_of_the_bound(layered):
     assert layered.verification.D is None
 
 
-def test_too_little_authority_fails_and_says_how_much_is_needed(capsys):
-    status, out = run(capsys, "--law", "layered", "--K", "100")
+def test_too_little_authority_fails_and_says_how_much_is_needed(railslip):
+    status, out, _ = railslip("verify", "--law", "layered", "--K", "100")
     assert status == 1
     words = " ".join(out.split())
     assert "authority: DOES NOT HOLD" in words
@@ -291,8 +284,8 @@ def test_too_little_authority_fails_and_says_how_much_is_needed(capsys):
     assert pytest.approx(1.05 * least) == layered_design(PARK2008).K
 
 
-def test_a_light_train_has_no_bound_and_verify_says_so(capsys):
-    status, out = run(capsys, "--law", "layered", "--inertia-scale", "0.5")
+def test_a_light_train_has_no_bound_and_verify_says_so(railslip):
+    status, out, _ = railslip("verify", "--law", "layered", "--inertia-scale", "0.5")
     assert status == 1
     words = " ".join(out.split())
     assert "outgrows the loop" in words

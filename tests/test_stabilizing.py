@@ -172,7 +172,7 @@ def columns(rng, region):
     return found, [e * (1 + side * NEAR) for e in ends for side in (-1, 1)]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     rng = np.random.default_rng(seed)
     points = 0
@@ -232,7 +232,7 @@ def generator_spectrum(plant, dead_time, kp, ki, derivative, points):
 def test_contains_agrees_with_the_discretised_delay_operator():
     rng = np.random.default_rng(2005)
     decided = inside = 0
-    for _ in range(150):
+    for _ in range(60):
         region, derivative = random_region(rng)
         inner, _ = columns(rng, region)
         for kp in inner:
@@ -248,8 +248,8 @@ def test_contains_agrees_with_the_discretised_delay_operator():
                 decided += 1
                 inside += region.contains(kp, ki)
                 assert region.contains(kp, ki) == bool(fine.max() < 0)
-    assert decided > 1000
-    assert inside > 200
+    assert decided > 400
+    assert inside > 80
 
 
 def test_boundaries_put_poles_on_the_axis():

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
-from test_scripts import script
+from project import script, show
 
 from railslip_ctrl import plant, plots
 from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
@@ -384,9 +383,7 @@ def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
         si["bristle wet, inertia x 1"].cycles[0].actual.sigma_amplitude
         > 4 * result["SI"].bounds[Rail.WET].at_rest.error
     )
-    monkeypatch.setattr(module, "run", lambda: result)
-    monkeypatch.setattr(sys, "argv", ["asmc_robust.py", str(tmp_path)])
-    module.main()
+    show(module, result, tmp_path, monkeypatch)
     out = capsys.readouterr().out
     assert "THE LAYERED LAW" in out
     assert f"{result['SI'].bounds[Rail.DRY].at_rest.error:.3f}" in out

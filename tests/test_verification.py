@@ -5,15 +5,13 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from test_scripts import script
+from project import script, show
 
-from railslip_ctrl import cli, plant, plots
+from railslip_ctrl import plant, plots
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.report.verification import verification_text
@@ -69,7 +67,6 @@ from railslip_ctrl.sliding.robust_conditions import (
 )
 from railslip_ctrl.sliding_verification import FullVerification
 
-ROOT = Path(__file__).resolve().parent.parent
 AS_PUBLISHED = PARK2008.model_copy(update={"inertia_scale": 3.6})
 
 VERDICTS = {
@@ -111,13 +108,6 @@ def paper():
 @pytest.fixture(scope="module")
 def as_published():
     return verify(vehicle=AS_PUBLISHED)
-
-
-def run(capsys, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as exit_info:
-        cli.main(list(arguments))
-    out, err = capsys.readouterr()
-    return exit_info.value.code, out, err
 
 
 # --- verdicts -------------------------------------------------------------------------------------------------------
@@ -476,8 +466,8 @@ def test_verify_checks_its_arguments(arguments, word):
 # --- command --------------------------------------------------------------------------------------------------------
 
 
-def test_json_of_the_robust_law(capsys):
-    status, out, err = run(capsys, "verify", "--law", "robust", "--seed", "7", "--json")
+def test_json_of_the_robust_law(railslip):
+    status, out, err = railslip("verify", "--law", "robust", "--seed", "7", "--json")
     assert (status, err) == (1, "")
     content = json.loads(out)
     assert set(content) == {"conditions", "all_hold"}
@@ -488,15 +478,15 @@ def test_json_of_the_robust_law(capsys):
         assert one["holds"] is ("behind the actuator" not in one["name"])
 
 
-def test_the_published_law_exits_with_1(capsys, monkeypatch, paper):
+def test_the_published_law_exits_with_1(railslip, monkeypatch, paper):
     full = FullVerification(paper, (), "")
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
-    status, out, err = run(capsys, "verify", "--json")
+    status, out, err = railslip("verify", "--json")
     assert (status, err) == (1, "")
     content = json.loads(out)
     assert {one["name"]: one["holds"] for one in content["conditions"]} == VERDICTS
     assert content["all_hold"] is False
-    status, out, _err = run(capsys, "verify")
+    status, out, _err = railslip("verify")
     assert status == 1
     assert out.startswith("Conditions of the sliding-mode law")
 
@@ -519,25 +509,25 @@ def test_the_published_law_exits_with_1(capsys, monkeypatch, paper):
         (("--seed", "99999999999999"), ("--seed", "2147483648")),
     ],
 )
-def test_bad_options_are_one_line_and_exit_2(capsys, arguments, words):
-    status, out, err = run(capsys, "verify", *arguments)
+def test_bad_options_are_one_line_and_exit_2(railslip, arguments, words):
+    status, out, err = railslip("verify", *arguments)
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
     for word in words:
         assert word in err
 
 
-def test_help_says_what_is_allowed(capsys):
-    status, out, _ = run(capsys, "verify", "--help")
+def test_help_says_what_is_allowed(railslip):
+    status, out, _ = railslip("verify", "--help")
     words = " ".join(out.split())
     assert status == 0
     for text in ("N*m, 0 to 10000; of the layered law > 0", "N*m/(m/s), 0.1 to 10000", "M, J and B, 0.5 to 10"):
         assert text in words
 
 
-def test_layered_law_without_K_is_refused_before_any_work(capsys, monkeypatch):
+def test_layered_law_without_K_is_refused_before_any_work(railslip, monkeypatch):
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", None)
-    status, out, err = run(capsys, "verify", "--law", "layered", "--K", "0")
+    status, out, err = railslip("verify", "--law", "layered", "--K", "0")
     assert (status, out) == (2, "")
     assert err.startswith("railslip: --K: 0") or "--K: 0" in err
 
@@ -555,9 +545,7 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     drawn = []
     save = plots.save_figure
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
-    monkeypatch.setattr(sys, "argv", ["lyapunov_asmc.py", str(tmp_path)])
-    monkeypatch.setattr(module, "run", lambda: (si, published))
-    module.main()
+    show(module, (si, published), tmp_path, monkeypatch)
     assert (tmp_path / "lyapunov_asmc.png").exists()
     out = capsys.readouterr().out
     assert "Without the actuator 10 of 27 conditions do not hold in SI" in out

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "a36d7af91b407b9bb41f8ea3a2e35972d1dc5a450cb9985201b09be901bb3462"
+SOURCES_SHA256 = "7bef1e030a6ae03530bc69b5d5d48293a6f82ba1c39c537bd8ac2c20a05480bb"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "af1db4cf3abca22dc0343cf5b9d602c1459a575b8696470d2be6013987100220"
+SOURCES_SHA256 = "ecbcdb0f3615da73be285e68c53f6a70bf96d69076ffaf52b1c5ae0060913fbb"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

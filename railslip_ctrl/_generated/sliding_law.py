@@ -125,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "8c5ef03b5983bd0757804411f4c06765756f8ce00ef0e111b9d60927c3ecf8fb"
+SOURCES_SHA256 = "c2383fe114074b5377dcfd6526eac7512c2474ecc8a53bdb2d4458294ff6873b"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
-from railslip_ctrl.parameters import Rail, Record
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Record
 from railslip_ctrl.units import quantity
 
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
@@ -83,6 +83,8 @@ class AdhesionLaw(Record):
     has_state: ClassVar[bool]
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({})
     """Factors that turn the dry parameters into the wet ones."""
+    published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType({})
+    """Published parameters on dry and on wet rail, for any v0, where they are two sets and not one scaled."""
 
     rail: Rail = Rail.DRY
     reference: ReferenceSlip | None = None
@@ -111,6 +113,9 @@ class AdhesionLaw(Record):
         InputError
             v0 outside 30 to 140 km/h, or a wheel load that is not positive.
         """
+        if cls.published_sets:
+            check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
+            return cls.model_validate({**cls.published_sets[rail], "rail": rail})
         raise MissingParametersError(
             f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
             "give them in a TOML file with --adhesion FILE.toml"
@@ -147,9 +152,15 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """The law on wet rail: the dry parameters times `wet_factors`; a wet law is returned as it is."""
+        """The law on wet rail; a wet law is returned as it is.
+
+        The dry one of the `published_sets` becomes the wet one; other parameters are multiplied by `wet_factors`.
+        """
         if self.rail is Rail.WET:
             return self
+        dry = self.published_sets.get(Rail.DRY, {})
+        if dry and all(getattr(self, name) == value for name, value in dry.items()):
+            return self.model_copy(update={**self.published_sets[Rail.WET], "rail": Rail.WET})
         update: dict[str, object] = {name: factor * getattr(self, name) for name, factor in self.wet_factors.items()}
         return self.model_copy(update={**update, "rail": Rail.WET})
 

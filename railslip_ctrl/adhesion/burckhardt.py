@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import ClassVar
 
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail
+from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import quantity
 
-from .base import AdhesionLaw, Statement, check_published_range
+from .base import AdhesionLaw, Statement
 
 SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -21,11 +21,6 @@ SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 """Published sets by road surface. Wet asphalt is rounded; it is printed with one more digit elsewhere."""
 
-PUBLISHED: Mapping[Rail, Mapping[str, float]] = MappingProxyType(
-    {Rail.DRY: SURFACES["dry asphalt"], Rail.WET: SURFACES["wet asphalt"]}
-)
-"""What stands for dry and for wet rail."""
-
 
 class Burckhardt(AdhesionLaw):
     """Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
@@ -34,7 +29,8 @@ class Burckhardt(AdhesionLaw):
     does not depend on the speed. The slope at 0 is c1 c2 - c3 from both sides: no kink.
 
     Wet rail: dry and wet asphalt are two sets, not one scaled, so the first becomes the second. Of other dry
-    parameters `wet_factors` halve c1 and c3, and so mu, at every slip.
+    parameters `wet_factors` halve c1 and c3, and so mu, at every slip. The published sets are for any v0 and have no
+    reference slip.
     """
 
     name: ClassVar[str] = "burckhardt"
@@ -42,25 +38,13 @@ class Burckhardt(AdhesionLaw):
     source: ClassVar[str] = "M. Burckhardt: Fahrwerktechnik: Radschlupf-Regelsysteme. Vogel, Wuerzburg, 1993"
     has_state: ClassVar[bool] = False
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"c1": 0.5, "c3": 0.5})
+    published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType(
+        {Rail.DRY: SURFACES["dry asphalt"], Rail.WET: SURFACES["wet asphalt"]}
+    )
 
     c1: float = quantity("1", "height the curve tends to, without its fall", gt=0)
     c2: float = quantity("1", "rise by slip", gt=0)
     c3: float = quantity("1", "fall by slip", ge=0)
-
-    @classmethod
-    def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """Dry asphalt for dry rail, wet asphalt for wet, for any v0; without a reference slip.
-
-        InputError for a wheel load that is not positive.
-        """
-        check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
-        return cls.model_validate({**PUBLISHED[rail], "rail": rail})
-
-    def wet(self) -> Self:
-        """Wet asphalt for dry asphalt; other parameters times `wet_factors`."""
-        if self.rail is Rail.DRY and all(getattr(self, key) == value for key, value in PUBLISHED[Rail.DRY].items()):
-            return self.model_copy(update={**PUBLISHED[Rail.WET], "rail": Rail.WET})
-        return super().wet()
 
     def domain_limit(self, v: float) -> tuple[float, str]:
         """Slip at which mu vanishes: beyond 1, and so no limit, with every published set."""

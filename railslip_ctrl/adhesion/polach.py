@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import ClassVar
 
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail
+from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import quantity
 
-from .base import AdhesionLaw, Statement, check_published_range
-
-PUBLISHED: Mapping[Rail, Mapping[str, float]] = MappingProxyType(
-    {
-        Rail.DRY: MappingProxyType({"kA": 1.0, "kS": 0.4, "mu0": 0.55, "A": 0.4, "Bw": 0.6}),
-        Rail.WET: MappingProxyType({"kA": 0.3, "kS": 0.1, "mu0": 0.30, "A": 0.4, "Bw": 0.2}),
-    }
-)
-"""The source's sets for dry and wet rail, SI."""
+from .base import AdhesionLaw, Statement
 
 SHEAR_MODULUS = 84e9
 SEMI_AXIS = 6e-3
@@ -32,7 +24,8 @@ class Polach(AdhesionLaw):
     its fourth order on.
 
     Wet rail: dry and wet are two sets, not one scaled, so the published dry set becomes the published wet one. Of
-    other dry parameters `wet_factors` halve mu0, as the peak of the other laws is.
+    other dry parameters `wet_factors` halve mu0, as the peak of the other laws is. The published sets are for any v0
+    and have no reference slip; that the contact ellipse is the same for every wheel load is this project's assumption.
     """
 
     name: ClassVar[str] = "polach"
@@ -43,6 +36,12 @@ class Polach(AdhesionLaw):
     )
     has_state: ClassVar[bool] = False
     wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"mu0": 0.5})
+    published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType(
+        {
+            Rail.DRY: MappingProxyType({"kA": 1.0, "kS": 0.4, "mu0": 0.55, "A": 0.4, "Bw": 0.6}),
+            Rail.WET: MappingProxyType({"kA": 0.3, "kS": 0.1, "mu0": 0.30, "A": 0.4, "Bw": 0.2}),
+        }
+    )
 
     kA: float = quantity("1", "reduction of the stiffness in the area of adhesion", gt=0)
     kS: float = quantity("1", "reduction of the stiffness in the area of slip", gt=0)
@@ -53,22 +52,6 @@ class Polach(AdhesionLaw):
     a: float = quantity("m", "semi-axis of the contact ellipse, along the rail", gt=0, default=SEMI_AXIS)
     b: float = quantity("m", "semi-axis of the contact ellipse, across the rail", gt=0, default=SEMI_AXIS)
     c11: float = quantity("1", "Kalker's coefficient of longitudinal creep", gt=0, default=KALKER_C11)
-
-    @classmethod
-    def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The dry or the wet set, for any v0; without a reference slip.
-
-        This project's assumption: the contact ellipse is the same for every wheel load. InputError for a load that
-        is not positive.
-        """
-        check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
-        return cls.model_validate({**PUBLISHED[rail], "rail": rail})
-
-    def wet(self) -> Self:
-        """The published wet set for the published dry one; other parameters times `wet_factors`."""
-        if self.rail is Rail.DRY and all(getattr(self, key) == value for key, value in PUBLISHED[Rail.DRY].items()):
-            return self.model_copy(update={**PUBLISHED[Rail.WET], "rail": Rail.WET})
-        return super().wet()
 
     @classmethod
     def statement(cls) -> Statement:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from collections.abc import Iterator
 
-import railslip_ctrl.adhesion as package
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
 
@@ -16,10 +16,10 @@ _NOT_LAWS = frozenset({"base", "files", "registry"})
 
 
 def _laws() -> Iterator[type[AdhesionLaw]]:
-    for info in pkgutil.iter_modules(package.__path__):
+    for info in pkgutil.iter_modules(sys.modules[__package__].__path__):
         if info.name in _NOT_LAWS:
             continue
-        module = importlib.import_module(f"{package.__name__}.{info.name}")
+        module = importlib.import_module(f".{info.name}", __package__)
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, AdhesionLaw) and value.__module__ == module.__name__:
                 yield value

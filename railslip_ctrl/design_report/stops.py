@@ -9,7 +9,7 @@ from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PIGains, Rail, Vehicle
-from railslip_ctrl.simulation import LinearControl, Scenario, published_scenario, simulate
+from railslip_ctrl.simulation import LinearControl, Scenario, Simulator, published_scenario
 from railslip_ctrl.simulation.catalogue import controller_named
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import Controller
@@ -29,7 +29,7 @@ CONTROLLERS = {
 """Controllers of the catalogue that are run, and what the report calls them."""
 
 SEED = 0
-_RECORD_EVERY = 50  # steps of 1 ms: a picture needs no more
+_LOG_PERIOD = 0.05  # s: a picture needs no more
 
 
 def stops(points: Sequence[OperatingPoint], given: PIGains | None) -> tuple[Stop, ...]:
@@ -100,7 +100,9 @@ def _run(name: str, scenario: Scenario, controller: Controller | str) -> StopRun
     if isinstance(controller, str):
         return StopRun(name, None, controller)
     try:
-        return StopRun(name, simulate(scenario, controller, seed=SEED, record_every=_RECORD_EVERY), "")
+        simulator = Simulator(scenario, controller)
+        every = max(round(_LOG_PERIOD / simulator.period), 1)  # of the controller's own samples
+        return StopRun(name, simulator.run(SEED, record_every=every), "")
     except RailslipError as error:
         return StopRun(name, None, str(error))
 

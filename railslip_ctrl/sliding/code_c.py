@@ -5,8 +5,8 @@ from __future__ import annotations
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from .code import LARGEST, OPTIONS, SampledLaw, meaning
 from .code_python import HELPERS, ProductPowers, common_parts
+from .sampled_law import LARGEST, OPTIONS, SampledLaw, meaning
 
 
 class _Printer(ProductPowers, C99CodePrinter):  # type: ignore[misc]

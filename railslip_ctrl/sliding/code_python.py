@@ -6,7 +6,7 @@ import sympy as sp
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.pycode import PythonCodePrinter
 
-from .code import LARGEST, OPTIONS, SampledLaw, meaning
+from .sampled_law import LARGEST, OPTIONS, SampledLaw, meaning
 
 HELPERS = ("reciprocal", "exponential")
 """Functions of the generated code that stand for x^-1 and exp where an argument may be anything."""

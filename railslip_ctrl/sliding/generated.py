@@ -15,8 +15,8 @@ LAW_FILE = PACKAGE / "_generated" / "sliding_law.py"
 
 SOURCES = (
     *("plant.py", "notation.py"),
-    *("sliding/adaptation.py", "sliding/code.py", "sliding/code_python.py", "sliding/derivation.py"),
-    *("sliding/identities.py", "sliding/reaching.py", "sliding/statement_steps.py", "sliding/steps.py"),
+    *("sliding/adaptation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/identities.py"),
+    *("sliding/reaching.py", "sliding/sampled_law.py", "sliding/statement_steps.py", "sliding/steps.py"),
     *("sliding/surface.py", "sliding/symbols.py"),
 )
 """What the text follows from."""

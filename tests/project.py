@@ -1,0 +1,30 @@
+"""The project's folder and its scripts, for the tests that run them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def script(path: str) -> ModuleType:
+    """Import a script by its path, as a reader would run it."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def show(module: ModuleType, result: object, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the script prints of `result`, which its `run` gave, and its pictures into the folder."""
+    monkeypatch.setattr(module, "run", lambda *_, **__: result)
+    monkeypatch.setattr(sys, "argv", [f"{module.__name__}.py", str(folder)])
+    module.main()
