@@ -73,6 +73,14 @@ def test_beam_interpolates_table_1(v0: float, mu_max: float) -> None:
     assert law.mu_max == pytest.approx(mu_max, rel=1e-14)
 
 
+def test_a_rail_may_be_named_and_nothing_else_is_taken_for_dry() -> None:
+    assert published_law("bristle", "wet") == published_law("bristle", Rail.WET)
+    assert published_law("bristle", "dry").on("wet") == published_law("bristle", Rail.WET)
+    for wrong in ("icy", "Wet", None, 3):
+        with pytest.raises(InputError, match=r"rail: .* is not a rail condition; choose dry or wet"):
+            published_law("beam", wrong)
+
+
 def test_bristle_coefficients_at_100_kmh() -> None:
     law = published_law("bristle", Rail.DRY)
     assert isinstance(law, Bristle)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_switching import effect_on
+from sliding_cases import ACTUATOR, effect_on
 
 from railslip_ctrl.errors import DomainError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
@@ -29,11 +29,6 @@ from railslip_ctrl.switching import (
 from railslip_ctrl.switching.limit_cycle import layer_describing_function, predict_layer_cycle, tsypkin_locus
 from railslip_ctrl.switching.simulate import measure_oscillation, simulate
 from railslip_ctrl.switching.stepped import PublishedLaw
-
-ACTUATOR = PARK2008.actuator
-IDEAL = Actuator(dead_time=0.0, lag=0.0)
-READINGS = [(rail, scale) for scale in (1.0, 3.6) for rail in Rail]
-
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.parameters import PARK2008, TABLE4_PI, PIGains, Rail
+from railslip_ctrl.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 from railslip_ctrl.scalar_code import adhesion_table
 from railslip_ctrl.simulation import (
     LinearControl,
@@ -192,6 +192,17 @@ def test_the_recommended_pi_lead_is_the_largest_ki_with_ms_2(vehicle):
     assert margins.stable.all()
     assert margins.ms.size == 24
     assert 0.99 * MS_MAX < margins.ms.max() <= MS_MAX
+
+
+def test_the_lead_of_a_vehicle_is_for_its_own_brake():
+    """Lag 0.4 s in place of 0.6 s; and more integral action than behind the published brake's lead."""
+    vehicle = PARK2008.model_copy(
+        update={"mass": 5500.0, "mass_loaded": 7500.0, "actuator": Actuator(dead_time=0.08, lag=0.4)}
+    )
+    control = recommended_pi_lead(vehicle)
+    assert (control.design.lead, control.design.lead_filter) == pytest.approx((0.4, 0.04), rel=1e-12)
+    margins = margins_over_points(control, vehicle)
+    assert 0.999 * MS_MAX < margins.ms.max() <= 1.001 * MS_MAX  # as found, not rounded
 
 
 def test_no_pi_lead_of_ms_2_has_more_ki():

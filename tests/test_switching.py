@@ -9,18 +9,15 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from project import script, show
+from sliding_cases import ACTUATOR, DESIGN, IDEAL, READINGS, effect_on
 
-from railslip_ctrl import plant, plots
+from railslip_ctrl import plant
 from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.notation import symbol
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.sliding_verification.published import stop_loops
 from railslip_ctrl.switching import (
-    TABLE4_SLIDING,
     FeedForward,
-    LayeredDesign,
     SlidingGains,
     actuation,
     actuator_effect,
@@ -43,13 +40,8 @@ from railslip_ctrl.switching import (
 from railslip_ctrl.switching.adaptation import first_limit, survivable_excursion, without_actuator
 from railslip_ctrl.switching.advice import advice_text
 from railslip_ctrl.switching.limit_cycle import predict_layer_cycle
-from railslip_ctrl.switching.simulate import holding_torque, measure_oscillation, simulate
-from railslip_ctrl.switching.stepped import LayeredLaw, PublishedLaw
-
-ACTUATOR = PARK2008.actuator
-IDEAL = Actuator(dead_time=0.0, lag=0.0)
-READINGS = [(rail, scale) for scale in (1.0, 3.6) for rail in Rail]
-
+from railslip_ctrl.switching.simulate import measure_oscillation, simulate
+from railslip_ctrl.switching.stepped import PublishedLaw
 
 # --- the loop around s ---------------------------------------------------------------------------------------------
 
@@ -246,11 +238,6 @@ def test_conclusion_without_adaptation():
 # --- advice that is checked together ---------------------------------------------------------------------------------
 
 
-@cache
-def effect_on(rail):
-    return actuator_effect(published_loop(rail))
-
-
 def _stop(**gains):
     vehicles = {"empty": PARK2008, "loaded": PARK2008.loaded()}
     return {
@@ -336,109 +323,6 @@ def test_effects_where_nothing_cycles():
     assert resting.unstable_actual == 2  # the adaptation does not ask for the relay
     assert "does not carry the 19.4 N*m" in resting.cycle_text
     assert resting.survivors.relay_gain == pytest.approx(15.6, rel=1e-3)
-
-
-# --- the layered design ----------------------------------------------------------------------------------------------
-
-
-def test_induced_gain_of_a_first_order_loop_in_closed_form():
-    # P control, lead = its own filter, ideal actuator, static law: y = b exp(-(kp b - p) t)
-    plant = published_loop(Rail.DRY, adhesion="curve").plant
-    design = LayeredDesign(kp=300.0, ki=0.0, lead=0.1, lead_filter=0.1, K=100.0)
-    rate = 300.0 * plant.gain - float(plant.A[0, 0])
-    gains = induced_gains(design, plant, IDEAL)
-    assert gains.error == pytest.approx(plant.gain / rate, rel=1e-4)  # quadrature
-    assert gains.surface == pytest.approx(gains.error, rel=1e-12)
-    assert gains.command == pytest.approx(300.0 * plant.gain / rate, rel=1e-4)
-
-
-def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
-    module = script("designs/asmc_robust.py")
-    # the table's cycles and limits are tested above: one case a reading is enough here
-    monkeypatch.setattr(module, "ADHESIONS", ("bristle",))
-    result = module.run()
-    drawn, save = [], plots.save_figure
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
-    for found in result.values():
-        for rail in Rail:
-            bound, offset = found.bounds[rail].at_rest, found.bounds[rail].from_offset
-            assert bound.layer_kept
-            assert offset.layer_kept
-            assert offset.command <= found.design.K / 1.05 * (1 + 1e-12)  # the margin of K; rounding
-            plant = found.bounds[rail].plant
-            assert bound.margins.ms == pytest.approx(layer_loop(found.design, plant, ACTUATOR).margins().ms)
-            assert bound.margins.ms < 1.7
-            # every simulated disturbance stays within the bound, and the worst shows that it is not idle
-            for error, command in found.simulated[rail].values():
-                assert error <= bound.error
-                assert command <= bound.command
-            assert found.simulated[rail]["worst case"][0] > 0.8 * bound.error
-            assert np.abs(found.worst[rail].sigma - plant.point.sigma).max() == found.simulated[rail]["worst case"][0]
-            assert bound.slip_error(plant.point.speed) < 0.008
-    si = {effect.name: effect for effect in result["SI"].published}
-    assert si["bristle dry, inertia x 1"].adaptation_hopeless
-    assert not si["bristle dry, inertia x 1"].cycles[0].linear_holds
-    # beside the published law: its own cycle, without any disturbance, against the bound with one
-    assert (
-        si["bristle wet, inertia x 1"].cycles[0].actual.sigma_amplitude
-        > 4 * result["SI"].bounds[Rail.WET].at_rest.error
-    )
-    show(module, result, tmp_path, monkeypatch)
-    out = capsys.readouterr().out
-    assert "THE LAYERED LAW" in out
-    assert f"{result['SI'].bounds[Rail.DRY].at_rest.error:.3f}" in out
-    assert out.count("worst case") == 2
-    assert (tmp_path / "asmc_robust.png").exists()
-    for axes in drawn[0].axes[:2]:
-        assert "100 km/h frozen, 3517 kg, from the reference slip at rest" in axes.get_title()
-    # what it advises is stable at every point of the stop, checked together
-    advice = result["SI"].advice
-    for loop in stop_loops(70.0, TABLE4_SLIDING["bristle"].D, PARK2008).values():
-        assert loop.is_stable(relay_gain=advice.relay_gain, adaptation=advice.k)
-
-
-DESIGN = LayeredDesign(kp=312.3, ki=100.0, lead=0.6, lead_filter=0.06, K=450.0)
-
-
-@pytest.mark.parametrize("offset", [-0.1, 0.1])
-@pytest.mark.parametrize("rail", Rail)
-def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
-    plant = published_loop(rail).plant
-    bound = layer_bound(DESIGN, plant, ACTUATOR, 20.0, offset=0.1)
-    point, hold = plant.point, holding_torque(plant.point)
-    run = simulate(
-        point,
-        LayeredLaw(point.slip, hold, design=DESIGN),
-        ACTUATOR,
-        duration=20.0,
-        step=2e-3,
-        disturbance=lambda t: math.copysign(20.0, math.sin(1.7 * t)),
-        offset=offset,
-    )
-    error = np.abs(run.sigma - point.sigma)
-    assert error.max() <= bound.largest_error
-    assert error[run.time >= bound.reaching_time].max() <= bound.error + 0.01 * 0.1
-    assert np.abs(run.command - hold).max() <= bound.command <= DESIGN.K
-
-
-def test_layered_law_holds_the_slip_while_the_speed_falls():
-    plant = published_loop(Rail.DRY).plant
-    point = plant.point
-    law = LayeredLaw(point.slip, point.brake_torque, design=DESIGN)
-    run = simulate(point, law, ACTUATOR, duration=6.0, step=2e-3, frozen=False)
-    assert run.speed[-1] < 10.0
-    slip = run.sigma / run.speed
-    # not part of the bound, which has the speed frozen: it errs towards less slip, so the wheel is not locked
-    assert slip.max() < point.slip + 0.005
-    assert slip.min() > 0.5 * point.slip
-
-
-def test_static_law_has_its_own_remainder():
-    plant = published_loop(Rail.WET, adhesion="curve").plant
-    small, large = (layer_bound(DESIGN, plant, ACTUATOR, d) for d in (5.0, 10.0))
-    # the remainder is of second order, so it grows about four times when the disturbance doubles
-    assert 3.0 < large.remainder / small.remainder < 8.0
-    assert small.error < large.error
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------

@@ -179,6 +179,7 @@ class AdhesionLaw(Record):
 
     def on(self, rail: Rail) -> Self:
         """The law on a rail condition. InputError when wet parameters were given and dry ones are asked for."""
+        rail = Rail.of(rail)
         if rail is Rail.DRY and self.rail is Rail.WET:
             raise InputError(
                 f"adhesion {self.name!r}: its parameters are for wet rail; dry ones do not follow from them"
@@ -189,7 +190,7 @@ class AdhesionLaw(Record):
         """Reference slip ratio on a rail condition; None where neither source nor user gives one."""
         if self.reference is None:
             return None
-        return self.reference.wet if rail is Rail.WET else self.reference.dry
+        return self.reference.wet if Rail.of(rail) is Rail.WET else self.reference.dry
 
     def domain_limit(self, v: float) -> tuple[float, str]:
         """Slip ratio the law must stay below at speed v (m/s), and why; infinite where there is none."""

@@ -52,7 +52,7 @@ def law_class(name: str) -> type[AdhesionLaw]:
 
 def published_law(
     name: str,
-    rail: Rail,
+    rail: Rail | str,
     initial_speed_kmh: float = INITIAL_SPEED_KMH,
     wheel_load: float = PARK2008.wheel_load,
 ) -> AdhesionLaw:
@@ -62,8 +62,8 @@ def published_law(
     ----------
     name : str
         One of `law_names`.
-    rail : Rail
-        Condition the parameters are for.
+    rail : Rail or str
+        Condition the parameters are for: "dry" or "wet".
     initial_speed_kmh : float
         Speed v0 at which the brake was applied, km/h, 30 to 140.
     wheel_load : float
@@ -72,8 +72,8 @@ def published_law(
     Raises
     ------
     InputError
-        No law of that name, or a number outside its range.
+        No law of that name, no such rail condition, or a number outside its range.
     MissingParametersError
         The source gives no parameters for this law.
     """
-    return law_class(name).published(rail, initial_speed_kmh, wheel_load)
+    return law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)

@@ -22,7 +22,7 @@ from railslip_ctrl.loop.curves import gang_of_four
 from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PIGains, Rail, Vehicle, table4_gains
-from railslip_ctrl.simulation.designed import LEAD, LEAD_FILTER, recommended_pi_lead
+from railslip_ctrl.simulation.designed import lag_lead, recommended_pi_lead
 from railslip_ctrl.units import KMH
 
 from .records import Attempt, GainRegion, LawCurve, LoopDesign, LoopDesigns
@@ -177,7 +177,7 @@ def _candidates(
     else:
         how = f"least worst Ms over these points at an integral time of {check.holding.integral_time:g} s"
         found["holding PI"] = (how, check.holding.controller)
-    lead = (vehicle.actuator.lag, vehicle.actuator.lag / 10) if vehicle.actuator.lag > 0 else (LEAD, LEAD_FILTER)
+    lead = lag_lead(vehicle.actuator)
     made: dict[str, tuple[str, Callable[[], PIController]]] = {
         "PI-lead, most robust": (
             f"least worst Ms over these points, ki ≥ {KI_MIN:g} N·m/m, behind a lead on the brake's lag",

@@ -14,10 +14,18 @@ GRAVITY = 9.80665
 
 
 class Rail(StrEnum):
-    """Rail condition."""
+    """Rail condition: which of the two sets of adhesion parameters holds."""
 
     DRY = "dry"
     WET = "wet"
+
+    @classmethod
+    def of(cls, value: str) -> Rail:
+        """The condition of a name, "dry" or "wet", or a member itself; InputError for anything else."""
+        try:
+            return cls(value)
+        except ValueError:
+            raise InputError(f"rail: {value!r} is not a rail condition; choose dry or wet") from None
 
 
 class Record(BaseModel):

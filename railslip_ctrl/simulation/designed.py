@@ -1,8 +1,9 @@
 """This project's own controllers for braking runs: a lag-compensated PI, a gain schedule, slide protection.
 
 They hold the reference slip without knowing the adhesion curve. Their gains were found with `design.tuning` over the
-operating points of `design_points`: the largest ki with Ms <= `MS_MAX` behind the lead (0.6 s + 1)/(0.06 s + 1). Of the
-published vehicle they are kept here in both readings of the units; for any other vehicle they are tuned when asked for.
+operating points of `design_points`: the largest ki with Ms <= `MS_MAX` behind the lead that `lag_lead` gives. Of the
+published vehicle they are kept here in both readings of the units, and a test tunes them again; for any other vehicle
+they are tuned when asked for.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.errors import InfeasibleDesignError
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, PIGains, Rail, Vehicle
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
 from .controllers import LinearControl, ScheduledControl, SlideProtection
@@ -29,7 +30,7 @@ MS_MAX = 2.0
 """Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
 
 LEAD, LEAD_FILTER = 0.6, 0.06
-"""s: the lead cancels the published brake's lag; its filter is a tenth of that."""
+"""s: what `lag_lead` gives for the published brake."""
 
 TORQUE_LIMIT = 9000.0
 """N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take."""
@@ -81,9 +82,10 @@ def recommended_pi_lead(
     Parameters
     ----------
     vehicle : Vehicle, optional
-        The quarter car; one that is not the published one has gains tuned for it, which takes some seconds.
+        The quarter car; one that is not the published one has a lead for its own brake and gains tuned for it, which
+        takes some seconds.
     gains : PIGains, optional
-        Other gains behind the same lead.
+        Other gains behind the lead for the vehicle's brake.
     reference : ReferenceSlip, optional
         The bristle column's, 0.132 dry and 0.092 wet, if not given.
     period : float, optional
@@ -95,10 +97,11 @@ def recommended_pi_lead(
         No gains with Ms <= `MS_MAX` for that vehicle.
     """
     car = published_vehicle() if vehicle is None else vehicle
+    lead, lead_filter = _lead(car)
     if gains is None:
         gains = _tuned(car) if is_tuned_when_asked("pi-lead", car) else _PI_LEAD[car.inertia_scale]
     return LinearControl(
-        PIController(gains, LEAD, LEAD_FILTER),
+        PIController(gains, lead, lead_filter),
         reference or published_reference("bristle"),
         name="pi-lead",
         period=period,
@@ -160,6 +163,19 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
     return kept is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in kept)
 
 
+def lag_lead(actuator: Actuator) -> tuple[float, float]:
+    """Lead and its filter, s, for a brake: the lead cancels the lag, the filter is a tenth of it.
+
+    Without a lag there is nothing to cancel: the lead of the published brake.
+    """
+    return (actuator.lag, actuator.lag / 10.0) if actuator.lag > 0.0 else (LEAD, LEAD_FILTER)
+
+
+def _lead(vehicle: Vehicle) -> tuple[float, float]:
+    """For the vehicle; the published one keeps its controller where its brake is made to differ."""
+    return (LEAD, LEAD_FILTER) if is_published(vehicle) else lag_lead(vehicle.actuator)
+
+
 def full_brake_torque(vehicle: Vehicle) -> float:
     """The torque limit of the designs, N*m: `TORQUE_LIMIT`, in proportion to wheel load times radius."""
     return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
@@ -208,7 +224,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 def _tuned(vehicle: Vehicle) -> PIGains:
     from railslip_ctrl.design.tuning import tune_pi
 
-    compensator = PIController(PIGains(kp=1.0, ki=0.0), LEAD, LEAD_FILTER).transfer_function
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), *_lead(vehicle)).transfer_function
     plants = [actuated_plant(plant, vehicle.actuator) for plant in design_points(vehicle)]
     try:
         design = tune_pi(plants, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator)
@@ -231,6 +247,7 @@ def _schedule(
 def _tuned_schedule(vehicle: Vehicle) -> GainSchedule:
     from railslip_ctrl.design.schedule import schedule_gains
 
+    lead, lead_filter = _lead(vehicle)
     return schedule_gains(
-        _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER
+        _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
     )

@@ -1,0 +1,20 @@
+"""Actuators, readings of the units and the layered design that the tests of the sliding mode share."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
+from railslip_ctrl.switching import ActuatorEffect, LayeredDesign, actuator_effect, published_loop
+
+ACTUATOR = PARK2008.actuator
+IDEAL = Actuator(dead_time=0.0, lag=0.0)
+AS_PUBLISHED = PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
+READINGS = [(rail, scale) for scale in (1.0, AS_PUBLISHED_INERTIA_SCALE) for rail in Rail]
+DESIGN = LayeredDesign(kp=312.3, ki=100.0, lead=0.6, lead_filter=0.06, K=450.0)
+
+
+@cache
+def effect_on(rail: Rail) -> ActuatorEffect:
+    """What the published actuator does to the published law, SI."""
+    return actuator_effect(published_loop(rail))
