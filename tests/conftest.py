@@ -16,12 +16,21 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
+LONGEST = (
+    *("html report", "test_campaign_execution.py", "test_verification.py", "test_docs.py", "test_derivation.py"),
+    *("test_tuning.py", "test_limit_cycles.py", "test_readme.py", "test_from_log.py", "test_cli.py"),
+)
+"""The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """A file's tests share a worker, so that what its fixtures work out is worked out once."""
     for item in items:
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.path.name))
+    order = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.get_closest_marker("xdist_group").args[0], len(order)))
 
 
 @pytest.fixture

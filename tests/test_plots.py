@@ -35,7 +35,16 @@ from railslip_ctrl.plots import (
     save_figure,
     sweep_figure,
 )
-from railslip_ctrl.plots.style import PAGE_WIDTH, folded, line_style, new_figure, panels, plain_log_ticks, rail_style
+from railslip_ctrl.plots.style import (
+    PAGE_WIDTH,
+    figure_bytes,
+    folded,
+    line_style,
+    new_figure,
+    panels,
+    plain_log_ticks,
+    rail_style,
+)
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 PI = PIController(PIGains(kp=190.0, ki=5.0))
@@ -298,3 +307,12 @@ def test_the_look_finds_what_is_wrong(what, found):
     told = defects_of(bad(what))
     assert bool(told) == (what != "nothing")
     assert any(found in one for one in told) or what == "nothing"
+
+
+def test_the_same_figure_gives_the_same_file():
+    def drawn():
+        figure = new_figure(2.0, "twice")
+        figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
+        return figure_bytes(figure, "svg")
+
+    assert drawn() == drawn()

@@ -60,6 +60,14 @@ def controller_of(tmp_path):
     return read
 
 
+def refusal(read, text, words):
+    """The one line with which a file's text is refused."""
+    with pytest.raises(InputError, match=words) as caught:
+        read(text)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
 def test_the_published_scenario_as_a_file_is_the_built_in_one():
     assert load_scenario(SCENARIOS / "park2008.toml") == built_in_scenario("park2008")
 
@@ -221,10 +229,7 @@ def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
     ],
 )
 def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
-    with pytest.raises(InputError, match=words) as caught:
-        scenario_of(text)
-    assert "\n" not in str(caught.value)
-    assert "mine.toml" in str(caught.value)
+    assert "mine.toml" in refusal(scenario_of, text, words)
 
 
 def test_a_scenario_that_is_neither_a_name_nor_a_file_is_refused():
@@ -322,10 +327,7 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
     ],
 )
 def test_controller_files_are_refused_in_one_line(controller_of, text, words):
-    with pytest.raises(InputError, match=words) as caught:
-        controller_of(text)
-    assert "\n" not in str(caught.value)
-    assert "controller.toml" in str(caught.value)
+    assert "controller.toml" in refusal(controller_of, text, words)
 
 
 def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():

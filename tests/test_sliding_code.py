@@ -21,11 +21,12 @@ from railslip_ctrl.adhesion import law_names, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.sliding import ideal_loop
-from railslip_ctrl.sliding.code import LARGEST, OPTIONS, generate, python_law
+from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
 from railslip_ctrl.sliding.generated import LAW_FILE, SOURCES, generate_law, law_source
 from railslip_ctrl.sliding.ideal_loop import STEP, simulate
+from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 from railslip_ctrl.sliding.symbols import sliding_symbol
 
 COMPILER = shutil.which("cc")

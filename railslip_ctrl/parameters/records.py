@@ -21,7 +21,7 @@ class Rail(StrEnum):
 
     @classmethod
     def of(cls, value: str) -> Rail:
-        """The condition of a name, "dry" or "wet", or a member itself; InputError for anything else."""
+        """The condition of a name, `value`: "dry" or "wet", or a member itself; InputError for anything else."""
         try:
             return cls(value)
         except ValueError:

@@ -194,7 +194,7 @@ def response_figure(
     load_label: str,
 ) -> Figure:
     """Output and control of named designs after a reference step and after a load step, the dead time exact."""
-    figure = new_figure(5.2, title)
+    figure = new_figure(4.6, title)
     axes = panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
         for i, (name, response) in enumerate(responses.items()):
@@ -226,7 +226,7 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
     """|S|, |T|, |PS| and |CS| of named designs."""
-    figure = new_figure(5.4, title)
+    figure = new_figure(4.8, title)
     axes = panels(figure, 2, 2, sharex=True)
     fields = (
         (axes[0, 0], "s", "|S|, sensitivity (-)"),

@@ -54,7 +54,7 @@ def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dic
 
 def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     """Magnitude and continuous phase of L(j omega) of every group, gain crossovers marked."""
-    figure = _new_figure(groups, 5.0)
+    figure = _new_figure(groups, 4.5)
     axes = panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
         magnitude, phase = axes[0, column], axes[1, column]

@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
@@ -134,5 +135,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 def figure_bytes(figure: Figure, form: str) -> bytes:
     """A figure as the content of a file, "png" or "svg"; see `save_figure`."""
     stream = BytesIO()
-    figure.savefig(stream, format=form, dpi="figure", metadata={"Date": None} if form == "svg" else {"Software": None})
+    metadata = {"Date": None} if form == "svg" else {"Software": None}
+    with rc_context({"svg.hashsalt": "railslip"}):  # the same figure gives the same file
+        figure.savefig(stream, format=form, dpi="figure", metadata=metadata)
     return stream.getvalue()
