@@ -17,14 +17,11 @@ from railslip_ctrl.identification.cells import Accumulator
 from railslip_ctrl.identification.comparison import compare, few_for, peak_slip
 from railslip_ctrl.identification.coordinates import FLAT, Coordinates
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit
-from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.models import MODELS, Setting, check_model, check_options, fit_model, shape_of
-from railslip_ctrl.identification.observed import AdhesionStream, Observed, Observer
+from railslip_ctrl.identification.observed import AdhesionStream, Observed
 from railslip_ctrl.identification.polynomials import over_initial_speed
-from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.identification.profile import profile_interval
-from railslip_ctrl.identification.record import Record, Recorder
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -510,93 +507,6 @@ def test_a_log_without_an_end_does_not_pull_a_polynomial():
     assert len(c2.coefficients) == 3
 
 
-# --- observed ------------------------------------------------------------------------------------------------------
-
-
-def ramp_rows(count=2000, interval=0.005, noise=0.0, seed=0):
-    """Slip rising from 0 at 0.02 1/s at constant speed, and the torque that goes with mu = 2 slip."""
-    generator = np.random.default_rng(seed)
-    time = np.cumsum(interval * generator.uniform(0.5, 1.5, count))
-    slip = 0.02 * time
-    radius = PARK2008.wheel.radius
-    omega = V100 * (1 - slip) / radius
-    torque = 2 * slip * LOAD * radius + 0.02 * V100 / radius * PARK2008.wheel.inertia
-    torque = torque - PARK2008.wheel.viscous_friction * omega
-    omega = omega + noise * generator.standard_normal(count)
-    columns = {"time": time, "train_speed": np.full(count, V100), "wheel_angular_speed": omega, "brake_torque": torque}
-    return Rows(np.arange(count) + 2, columns)
-
-
-def test_observed_mu_stands_over_the_slip_it_belongs_to():
-    """The lag of the observer is in mu and in slip alike: a straight line stays the line it is."""
-    stream = AdhesionStream(PARK2008)
-    observed = stream.add(ramp_rows())
-    assert len(observed) > 1500
-    # the start is not known to the observer: exp(-20) of it is left after 20 time constants, and rounding
-    late = observed.time > observed.time[0] + 20 * stream.time_constant
-    assert observed.mu[late] == pytest.approx(2 * observed.slip[late], rel=1e-7)
-    behind = 0.02 * observed.time - observed.slip
-    assert behind == pytest.approx(np.full(len(observed), 0.02 * stream.time_constant), rel=1e-2)  # settled
-    spread = observed.slip2 - observed.slip**2  # of an exponential window: (rate tau)^2
-    # the square is taken to run straight between samples too: (interval/tau)^2 of it
-    assert spread[200:] == pytest.approx(np.full(len(spread) - 200, (0.02 * stream.time_constant) ** 2), rel=1e-2)
-
-
-def test_observed_samples_do_not_depend_on_the_blocks():
-    rows = ramp_rows(noise=0.01)
-    whole = AdhesionStream(PARK2008).add(rows)
-    stream = AdhesionStream(PARK2008)
-    parts = [stream.add(rows.part(start, start + 77)) for start in range(0, len(rows), 77)]
-    for name in ("time", "slip", "slip3", "speed", "mu", "step", "slip_step"):
-        joined = np.concatenate([getattr(part, name) for part in parts])
-        assert joined == pytest.approx(getattr(whole, name), rel=1e-12, abs=1e-14)
-
-
-def test_a_gap_restarts_the_observer_and_is_told():
-    rows = ramp_rows()
-    kept = np.ones(len(rows), dtype=bool)
-    kept[800:1000] = False
-    stream = AdhesionStream(PARK2008)
-    observed = stream.add(rows.where(kept))
-    time = rows.columns["time"]
-    assert stream.survey.gap_count == 1
-    assert stream.survey.gaps == [(1002, pytest.approx(time[1000] - time[799]))]
-    after = observed.time[observed.time > time[999]]
-    assert after[0] >= time[1000] + 5 * stream.time_constant  # what the observer does not know yet is not used
-    assert observed.mu == pytest.approx(2 * observed.slip, rel=0.01)
-    assert stream.survey.runs == 2
-
-
-def test_impossible_rows_are_left_out_when_few_and_refused_when_many():
-    rows = ramp_rows()
-    rows.columns["wheel_angular_speed"][[500, 501]] = 5000.0
-    stream = AdhesionStream(PARK2008)
-    stream.add(rows)
-    stream.check("log")
-    assert stream.survey.implausible == 2
-    assert stream.survey.first_implausible.startswith("line 502: wheel speed 7740 km/h is beyond any train")
-    fast = ramp_rows()
-    fast.columns["wheel_angular_speed"] *= 1.8
-    stream = AdhesionStream(PARK2008)
-    stream.add(fast)
-    with pytest.raises(
-        InputError, match=r"log: line \d+: wheel speed .* far above the train's.*check columns and units"
-    ):
-        stream.check("log")
-
-
-def test_wheel_speed_and_wheel_load_columns_are_used():
-    rows = ramp_rows()
-    columns = dict(rows.columns)
-    columns["wheel_speed"] = columns.pop("wheel_angular_speed") * PARK2008.wheel.radius
-    columns["wheel_load"] = np.full(len(rows), 2 * LOAD)
-    stream = AdhesionStream(PARK2008)
-    observed = stream.add(Rows(rows.line, columns))
-    assert stream.survey.wheel_load == pytest.approx(2 * LOAD)
-    late = observed.time > 2.0  # the start is forgotten by then, up to rounding of differences
-    assert observed.mu[late] == pytest.approx(observed.slip[late], rel=1e-7)
-
-
 # --- files ---------------------------------------------------------------------------------------------------------
 
 
@@ -625,72 +535,3 @@ def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
     path.write_text(text.replace("[0.005]", "0.005"), encoding="utf-8")
     with pytest.raises(InputError, match=r"key 'polynomials.a': 0.005 is not a list of numbers"):
         load_law(path, initial_speed_kmh=80.0)
-
-
-def test_a_kalman_filter_sets_mu_over_the_slip_it_belongs_to():
-    """Slip goes through the filter that the torque goes through: a straight line stays the line it is."""
-    stream = AdhesionStream(PARK2008, observer=Observer.KALMAN)
-    rows = ramp_rows()
-    observed = stream.add(rows)
-    late = observed.time > observed.time[0] + 20 * stream.time_constant  # as above
-    assert observed.mu[late] == pytest.approx(2 * observed.slip[late], rel=1e-6)
-    lag = 0.02 * observed.time[late] - observed.slip[late]
-    # 1/(tau^2 s^2 + sqrt(2) tau s + 1) is sqrt(2) tau late, on average over intervals that are not even
-    assert lag.mean() == pytest.approx(0.02 * math.sqrt(2.0) * stream.time_constant, rel=0.05)
-    blocks = AdhesionStream(PARK2008, observer=Observer.KALMAN)
-    parts = [blocks.add(rows.part(start, start + 77)) for start in range(0, len(rows), 77)]
-    # the nominal interval, which the gain is for, is the first block's median
-    assert np.concatenate([part.mu for part in parts]) == pytest.approx(observed.mu, rel=0.02)
-
-
-# --- along the motion ----------------------------------------------------------------------------------------------
-
-
-def test_a_record_is_whole_runs_however_its_rows_come():
-    generator = np.random.default_rng(5)
-    used = np.repeat(generator.uniform(size=60) < 0.6, 50)
-    rows = np.vstack([np.arange(used.size, dtype=float), np.ones((4, used.size))])
-    apart = np.zeros(used.size, dtype=bool)
-    apart[1234] = True
-    whole, parts = Recorder(700), Recorder(700)
-    whole.add(rows, used, apart)
-    for start in range(0, used.size, 77):
-        at = slice(start, start + 77)
-        parts.add(rows[:, at], used[at], apart[at])
-    record = whole.record()
-    assert 0 < len(record) <= 700
-    assert np.array_equal(record.time, parts.record().time)
-    begins = np.flatnonzero(np.diff(used.astype(int), prepend=0) == 1)
-    kept = record.time.astype(int)
-    for run in np.unique(record.run):
-        of_run = kept[record.run == run]
-        assert np.array_equal(np.diff(of_run), np.ones(of_run.size - 1))
-        assert of_run[0] in begins or apart[of_run[0]]
-        assert of_run[-1] + 1 == used.size or not used[of_run[-1] + 1] or apart[of_run[-1] + 1]
-
-
-def intervals_of(time: np.ndarray, torque: np.ndarray, run: np.ndarray) -> Intervals:
-    one = np.ones(time.size)
-    return Intervals.of(Record(time, one, one, torque, one, run))
-
-
-def test_torques_between_rows_bend_as_their_neighbours_say():
-    """A parabola has its mean exactly, however the rows lie; a brake dying out in 0.05 s has it 10 times better."""
-    generator = np.random.default_rng(7)
-    time = np.cumsum(generator.uniform(0.5, 1.5, 60))
-    run = np.repeat([0.0, 1.0], 30)
-    square = intervals_of(time, 3.0 - 2.0 * time + 0.7 * time**2, run)
-    bent = square.bent()
-    start = np.delete(time[:-1], 29)  # the interval between the runs is none
-    end = start + square.step
-    mean = 3.0 - (end**2 - start**2) / square.step + 0.7 * (end**3 - start**3) / (3.0 * square.step)
-    assert (bent.torque0 + bent.torque1) / 2 == pytest.approx(mean, rel=1e-9)  # rounding of cubes of 60
-    assert bent.torque1 - bent.torque0 == pytest.approx(square.torque1 - square.torque0, rel=1e-9)
-    tau, time = 0.05, 0.01 * np.arange(60)
-    torque = 5000.0 * np.exp(-np.maximum(time - 0.2, 0.0) / tau)
-    held = intervals_of(time, torque, np.zeros(60))
-    mean = torque[:-1] * np.where(time[:-1] < 0.199, 1.0, tau / 0.01 * -math.expm1(-0.01 / tau))
-    straight, bent = ((each.torque0 + each.torque1) / 2 - mean for each in (held, held.bent()))
-    assert bent[:20] == pytest.approx(np.zeros(20), abs=1e-9)  # none goes across the corner at 0.2 s
-    assert np.all(np.abs(bent[20:]) < 0.25 * np.abs(straight[20:]))  # the first knows but the bend of the next
-    assert np.all(np.abs(bent[21:-1]) < 0.12 * np.abs(straight[21:-1]))
