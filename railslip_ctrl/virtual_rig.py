@@ -18,6 +18,7 @@ import numpy as np
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.observer.sensors import Encoder
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.compilation import step_text
@@ -38,6 +39,7 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
 """The rig's own brake, this project's assumption: fast enough that the wheel does not lock after half slip."""
 
+_RECORDS = ("vehicle", "law", "brake", "encoder", "torque_offset")  # of a test: no sizes, and so without a bound
 _HALF_SLIP = ReferenceSlip(dry=0.5, wet=0.5)  # no slip is held on a rig; the record asks for one
 
 
@@ -91,6 +93,10 @@ class RigTest:
         Standard deviation of the random adhesion force, N, drawn anew every interval.
     wheel_noise, speed_noise, torque_noise : float
         Standard deviations of a sample, rad/s, m/s, N*m.
+    encoder : Encoder or None
+        Of the wheel's speed, which is then the mean over the interval before, in counts, with no other noise.
+    torque_offset : float
+        What the torque sensor reads without torque, N*m.
     spread : float
         Standard deviation of the logarithm of the adhesion from test to test.
     brake : Actuator
@@ -112,12 +118,14 @@ class RigTest:
     wheel_noise: float = 0.01
     speed_noise: float = 0.0
     torque_noise: float = 0.0
+    encoder: Encoder | None = None
+    torque_offset: float = 0.0
     spread: float = 0.0
     brake: Actuator = RIG_BRAKE
 
     def __post_init__(self) -> None:
         positive = ("initial_speed", "rate", "release_slip", "interval")
-        for name in (f.name for f in fields(self) if f.name not in ("vehicle", "law", "brake")):
+        for name in (f.name for f in fields(self) if f.name not in _RECORDS):
             value, bound = getattr(self, name), "> 0" if name in positive else ">= 0"
             if not (math.isfinite(value) and (value > 0 if name in positive else value >= 0)):
                 raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound}")
@@ -185,9 +193,14 @@ def _one_test(
     signals = run.signals
     assert signals is not None, "the run was recorded"
     end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
-    torque = signals.torque[:end] + test.torque_noise * generator.standard_normal(end)
+    torque = signals.torque[:end] + test.torque_offset + test.torque_noise * generator.standard_normal(end)
     load = np.full(end, vehicle.wheel_load)
-    return [signals.time[:end], signals.measured_speed[:end], signals.measured_wheel_speed[:end], torque, load]
+    time, speed, omega = signals.time[:end], signals.measured_speed[:end], signals.measured_wheel_speed[:end]
+    if test.encoder is None:
+        return [time, speed, omega, torque, load]
+    true = signals.wheel_speed[:end]
+    angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (true[1:] + true[:-1]) / 2)])
+    return [time[1:], speed[1:], test.encoder.speed(time, angle), torque[1:], load[1:]]
 
 
 def _check_release(test: RigTest, run: Run, released: bool) -> None:

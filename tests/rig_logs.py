@@ -24,14 +24,17 @@ def rig_rows(
     speed_noise: float = 0.01,
     interval: float = 0.01,
     seed: int = 0,
+    loads: tuple[float, ...] = (1.0,),
 ) -> list[Rows]:
     """Logs of `runs` runs each, one for every repetition, all simulated side by side.
 
     Equations (3) and (4) without travelling resistance, by Heun's method in five steps an interval; the random force
-    (N) is white, held for an interval, and the pickup of the wheel's speed has white noise (rad/s).
+    (N) is white, held for an interval, and the pickup of the wheel's speed has white noise (rad/s). `loads` are those
+    of the runs, one after the other and again from the first, by the published; more than one are logged.
     """
     generator, count, steps = np.random.default_rng(seed), repetitions * runs, 5
-    wheel, h, load = PARK2008.wheel, interval / 5, PARK2008.wheel_load
+    wheel, h = PARK2008.wheel, interval / 5
+    load = PARK2008.wheel_load * np.resize(loads, count)
     force, p = numeric_plant(type(law)).force, (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, load, *law.parameters())
     v = np.full(count, initial_speed)
     omega, released = v / wheel.radius, np.zeros(count, dtype=bool)
@@ -59,7 +62,11 @@ def rig_rows(
     time = np.arange(samples * runs) * interval
     columns = record.reshape(3, samples, repetitions, runs).transpose(2, 0, 3, 1).reshape(repetitions, 3, -1)
     names = ("train_speed", "wheel_angular_speed", "brake_torque")
-    return [Rows(np.arange(time.size) + 2, {"time": time, **dict(zip(names, log, strict=True))}) for log in columns]
+    logged = {} if len(loads) == 1 else {"wheel_load": np.repeat(load[:runs], samples)}
+    return [
+        Rows(np.arange(time.size) + 2, {"time": time, **dict(zip(names, log, strict=True)), **logged})
+        for log in columns
+    ]
 
 
 def write_log(path: Path, rows: Rows) -> Path:

@@ -51,7 +51,7 @@ def samples(slip, speed, mu, *, interval=0.01) -> Observed:
     slip, speed, mu = np.broadcast_arrays(np.asarray(slip, float), np.asarray(speed, float), np.asarray(mu, float))
     time = interval * np.arange(slip.size)
     none = np.zeros(slip.size)
-    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, none, none)
+    return Observed(time, slip, slip**2, slip**3, speed, slip * speed, mu, np.full_like(mu, LOAD), none, none)
 
 
 def gathered(observed: Observed, tau: float = TAU) -> Accumulator:

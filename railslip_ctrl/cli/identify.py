@@ -11,12 +11,14 @@ from typing import Any
 import click
 
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.columns import UNITS
 from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify, identify_several
 from railslip_ctrl.identification.log_files import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle
 from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.identification import (
     campaign_json,
     campaign_text,
@@ -25,6 +27,7 @@ from railslip_ctrl.report.identification import (
     identification_text,
     model_toml,
 )
+from railslip_ctrl.report.observed_rows import observed_rows
 from railslip_ctrl.units import KMH, shown, to_unit
 
 from .options import Quantity, from_file
@@ -83,6 +86,19 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     help="Unit of a quantity's column; repeatable.  [default: the header's]",
 )
 @click.option(
+    "--delay",
+    multiple=True,
+    metavar="NAME=S",
+    help="By how much a quantity's column is late, s; half its interval for an encoder's difference of counts; "
+    "repeatable.  [default: none is]",
+)
+@click.option(
+    "--zero",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="What a quantity's column reads where it should read nought, SI or with a unit; repeatable.  [default: 0]",
+)
+@click.option(
     "--fix",
     multiple=True,
     metavar="PARAMETER=VALUE",
@@ -100,9 +116,21 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     metavar="DIR",
     help="Folder for the model's file, reports and pictures.  [default: none]",
 )
+@click.option(
+    "--observed",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake.  [default: none]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
-    logs: tuple[Path, ...], vehicle: Path | None, loaded: bool, out: Path | None, as_json: bool, **given: Any
+    logs: tuple[Path, ...],
+    vehicle: Path | None,
+    loaded: bool,
+    out: Path | None,
+    observed: Path | None,
+    as_json: bool,
+    **given: Any,
 ) -> None:
     """Adhesion-slip curve, fitted models and the slip to hold, from a log. Several logs give the parameters over v0.
 
@@ -119,12 +147,16 @@ def command(
         raise InputError("--initial-speed: is one speed, but there are several logs; leave it to them")
     if sum(str(log) == STANDARD_INPUT for log in logs) > 1:
         raise InputError(f"LOG.csv: {STANDARD_INPUT} is given more than once; standard input can be read once")
+    if observed is not None:
+        if len(logs) > 1:
+            raise InputError(f"--observed: is for one log, but there are {len(logs)}; give them one by one")
+        check_file(observed, "--observed")
     if out is not None:
         check_directory(out, _file_names(len(logs)))
     chosen = _vehicle(vehicle, loaded)
-    with _bar(logs, as_json) as advance:
+    with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
         found: Identification | Campaign = (
-            identify(logs[0], chosen, options, progress=advance)
+            identify(logs[0], chosen, options, progress=advance, observed=sink)
             if len(logs) == 1
             else identify_several(logs, chosen, options, progress=advance)
         )
@@ -155,6 +187,13 @@ def _options(given: Mapping[str, Any]) -> Options:
         observer=Observer(observer),
         columns=_pairs("--column", given["column"]),
         units=_pairs("--unit", given["unit"]),
+        delays={
+            name: to_unit(text, "s", name=f"--delay {name}") for name, text in _pairs("--delay", given["delay"]).items()
+        },
+        zeros={
+            name: to_unit(text, UNITS.get(name, "1"), name=f"--zero {name}")
+            for name, text in _pairs("--zero", given["zero"]).items()
+        },
         fixed={name: _value("--fix", name, text) for name, text in _pairs("--fix", given["fix"]).items()},
         bounds={name: _bounds(name, text) for name, text in _pairs("--bound", given["bound"]).items()},
     )
@@ -206,7 +245,7 @@ def _warn(found: Identification | Campaign) -> None:
     for each in (found,) if isinstance(found, Identification) else found.logs:
         for note in each.curve.notes:
             click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
-        for warning in each.curve.warnings:
+        for warning in each.warnings:
             click.echo(f"railslip: warning: {warning}", err=True)
 
 
@@ -219,7 +258,7 @@ def _model_names(count: int) -> list[str]:
 
 
 def _pictures(count: int) -> tuple[str, ...]:
-    return ("adhesion", "peak") if count == 1 else ("adhesion", "coefficients")
+    return ("adhesion", "peak", "braking") if count == 1 else ("adhesion", "coefficients")
 
 
 def _file_names(count: int) -> list[str]:
@@ -231,10 +270,14 @@ def _file_names(count: int) -> list[str]:
 def _writers(
     found: Identification | Campaign, text: str, content: Mapping[str, Any]
 ) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.plots import adhesion_figure, coefficients_figure, drift_figure, save_figure
+    from railslip_ctrl.plots import adhesion_figure, braking_figure, coefficients_figure, drift_figure, save_figure
 
     logs = (found,) if isinstance(found, Identification) else found.logs
-    second = drift_figure(found) if isinstance(found, Identification) else coefficients_figure(found)
+    more = (
+        (drift_figure(found), braking_figure(found))
+        if isinstance(found, Identification)
+        else (coefficients_figure(found),)
+    )
     texts = {
         **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
         **_over_speed(found),
@@ -244,7 +287,7 @@ def _writers(
     writers: dict[str, Callable[[Path], None]] = {}
     for name, written in texts.items():
         writers[name] = lambda path, written=written: _write_text(path, written)  # type: ignore[misc]
-    for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), second), strict=True):
+    for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), *more), strict=True):
         for suffix in ("png", "svg"):
             writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
     return writers

@@ -60,7 +60,7 @@ class Cells:
     Attributes
     ----------
     count : number of samples.
-    slip, speed : mean slip ratio, and mean speed, m/s.
+    slip, speed, load : mean slip ratio, speed, m/s, and wheel load, N.
     mu, squares : mean of mu, and sum of the squared deviations from it.
     nodes, node_speeds, weights : arrays (2, cells)
         Slip ratios, speeds and weights of the rule that gives the mean of a function over a cell.
@@ -70,6 +70,7 @@ class Cells:
     count: Floats
     slip: Floats
     speed: Floats
+    load: Floats
     mu: Floats
     squares: Floats
     nodes: Floats
@@ -98,7 +99,7 @@ class Stretches:
     total: Floats
 
 
-_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "step", "slip_step")
+_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load", "step", "slip_step")
 
 
 class Accumulator:
@@ -122,7 +123,16 @@ class Accumulator:
             self._origin, self._centre = float(samples.time[0]), float(samples.mu[0])
         cell = _cell(samples)
         mu = samples.mu - self._centre
-        values = (samples.slip, samples.slip2, samples.slip3, samples.speed, samples.slip_speed, mu, mu**2)
+        values = (
+            samples.slip,
+            samples.slip2,
+            samples.slip3,
+            samples.speed,
+            samples.slip_speed,
+            mu,
+            mu**2,
+            samples.load,
+        )
         for row, weights in enumerate((None, *values, samples.step, samples.slip_step)):
             self._sums[row] += np.bincount(cell, weights, minlength=self._sums.shape[1])
         self._add_to_bins(samples, mu)
@@ -169,7 +179,7 @@ class Accumulator:
         """The cells so far."""
         s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
         n = s["count"]
-        mean = {name: s[name] / n for name in _SUMS[1:8]}
+        mean = {name: s[name] / n for name in _SUMS[1:9]}
         nodes, weights = _gauss_rule(mean["slip"], mean["slip2"], mean["slip3"])
         variance = mean["slip2"] - mean["slip"] ** 2
         covariance = mean["slip_speed"] - mean["slip"] * mean["speed"]
@@ -178,6 +188,7 @@ class Accumulator:
             count=n,
             slip=mean["slip"],
             speed=mean["speed"],
+            load=mean["load"],
             mu=mean["mu"] + self._centre,
             squares=np.maximum(s["mu2"] - n * mean["mu"] ** 2, 0.0),
             nodes=nodes,

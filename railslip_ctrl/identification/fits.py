@@ -137,9 +137,9 @@ def fit(
             f"model: {used.sum()} distinct slips are too few for the {len(model.names)} parameters of {model.name!r}; "
             "give a log with more slip"
         )
-    problem = _Problem(model, cells, used, setting.wheel_load)
+    problem = _Problem(model, cells, used)
     x = problem.solve()
-    mean, spread = in_cells(model, problem.coordinates.values(x), cells, setting.wheel_load)
+    mean, spread = in_cells(model, problem.coordinates.values(x), cells)
     variance, freedom = long_run_variance(mean, used, stretches, len(x), tau)
     known = estimate(problem, x, slopes_of(problem, x), variance, freedom, profiles=profiles)
     parameters = _parameters(model, known)
@@ -162,7 +162,7 @@ def refitted(
     found: Fit, model: FitModel, known: Estimate, cells: Cells, setting: Setting, followed: Floats | None = None
 ) -> Fit:
     """A fit with other values: what follows from them, anew; the noise over the cells stays as it was found."""
-    mean, spread = in_cells(model, known.values, cells, setting.wheel_load)
+    mean, spread = in_cells(model, known.values, cells)
     if followed is not None:
         mean = np.interp(cells.slip, *followed)
     parameters = _parameters(model, known)
@@ -201,9 +201,9 @@ def _residual_squares(cells: Cells, mean: Floats, spread: Floats) -> float:
     return float(np.sum(inside + cells.count * (cells.mu - mean) ** 2))
 
 
-def in_cells(model: FitModel, values: Floats, cells: Cells, wheel_load: float) -> tuple[Floats, Floats]:
+def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:
     """The model's mean and variance of mu in every cell."""
-    mu = model.coefficient(values, cells.nodes, cells.node_speeds, wheel_load)
+    mu = model.coefficient(values, cells.nodes, cells.node_speeds, cells.load)
     mean: Floats = np.sum(cells.weights * mu, axis=0)
     return mean, np.sum(cells.weights * (mu - mean) ** 2, axis=0)
 
@@ -211,15 +211,15 @@ def in_cells(model: FitModel, values: Floats, cells: Cells, wheel_load: float) -
 class _Problem:
     """The residuals of the cells used, and their solution by SciPy, in coordinates scaled by the start."""
 
-    def __init__(self, model: FitModel, cells: Cells, used: NDArray[np.bool_], wheel_load: float) -> None:
-        self.model, self.cells, self.used, self.load = model, cells, used, wheel_load
+    def __init__(self, model: FitModel, cells: Cells, used: NDArray[np.bool_]) -> None:
+        self.model, self.cells, self.used = model, cells, used
         self.coordinates = model.coordinates
         self.root = np.sqrt(cells.count[used])
 
     def residuals(self, values: Floats) -> Floats:
         """How far the model's mean of mu lies above that of the samples, in the cells used, by root of the samples."""
         c, at = self.cells, self.used
-        mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], self.load)
+        mu = self.model.coefficient(values, c.nodes[:, at], c.node_speeds[:, at], c.load[at])
         result: Floats = self.root * (np.sum(c.weights[:, at] * mu, axis=0) - c.mu[at])
         return result
 

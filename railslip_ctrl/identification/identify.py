@@ -11,23 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Rail, Vehicle
 
+from .alignment import Alignment, check_corrections
 from .cells import Accumulator, Bins, Cells, Stretches
 from .comparison import Score, compare, peak_slip
 from .fits import Fit, fit
 from .logs import BLOCK_BYTES, Broken, Log
 from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
 from .motion import along_the_motion, is_followed, slip_ramp
-from .observed import AdhesionStream, Observer
+from .observed import AdhesionStream, Observed, Observer
 from .outliers import OutlierFilter
 from .polynomials import ParameterPolynomial, over_initial_speed
 from .record import Record
 from .reference import PeakSlip, drift
 from .rows import Rows
 from .stamps import StampFilter
-from .survey import Survey
+from .survey import Survey, mu_warning
+from .timing import half_interval_late
 
 Floats = NDArray[np.float64]
 
@@ -51,6 +54,8 @@ class Options:
         v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
     columns, units : mapping
         Header and unit of a quantity's column, by quantity.
+    delays, zeros : mapping
+        By how much a quantity's column is late, s, and what it reads where it should read nought, SI; by quantity.
     fixed, bounds : mapping
         Value (SI), or lowest and highest, of a parameter, by name.
     block_bytes : int
@@ -65,6 +70,8 @@ class Options:
     observer: Observer = Observer.CORRECTED
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    delays: Mapping[str, float] = field(default_factory=dict)
+    zeros: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     block_bytes: int = BLOCK_BYTES
@@ -86,6 +93,8 @@ class Curve:
         Rows for the fits along the motion.
     peak_slip : float
         Where the data's mu is highest: the adhesion regime lies below.
+    wheel_column : str
+        The quantity that the wheel's speed was read from.
     adhesion_samples, sliding_samples : int
     broken_lines, outliers : int
         Lines that were no rows; rows left out as outliers, those of time among them.
@@ -101,6 +110,7 @@ class Curve:
     stretches: Stretches
     record: Record
     peak_slip: float
+    wheel_column: str
     adhesion_samples: int
     sliding_samples: int
     broken_lines: int
@@ -140,6 +150,8 @@ class Identification:
         Slips to hold at the initial speed; None without a peak.
     lines : tuple of ModelLine
         The models' curves, in the order of `scores`.
+    warnings : tuple of str
+        What was wrong with the log, and what the fits show to be.
     """
 
     vehicle: Vehicle
@@ -152,13 +164,20 @@ class Identification:
     peaks: tuple[PeakSlip, ...]
     reference: ReferenceSlip | None
     lines: tuple[ModelLine, ...]
+    warnings: tuple[str, ...]
 
 
 def read_curve(
-    path: Path, vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
+    path: Path,
+    vehicle: Vehicle,
+    options: Options,
+    *,
+    progress: Callable[[float], None] | None = None,
+    observed: Callable[[Observed], None] | None = None,
 ) -> Curve:
-    """The adhesion curve of a log; memory does not grow with it. `progress` is told the share read.
+    """The adhesion curve of a log; memory does not grow with it.
 
+    `progress` is told the share read, `observed` is given the samples as they come.
     InputError with one line for a log that cannot be used.
     """
     log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
@@ -171,7 +190,7 @@ def read_curve(
         if progress is not None:
             progress(log.share)
 
-    gathered = _gathered(told(), log.name, vehicle, options)
+    gathered = _gathered(told(), log.name, vehicle, options, observed)
     return _curve(*gathered, log.name, log.broken, log.stamps, log.notes)
 
 
@@ -182,13 +201,20 @@ def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log
 
 
 def _gathered(
-    blocks: Iterator[Rows], name: str, vehicle: Vehicle, options: Options
+    blocks: Iterator[Rows],
+    name: str,
+    vehicle: Vehicle,
+    options: Options,
+    observed: Callable[[Observed], None] | None = None,
 ) -> tuple[OutlierFilter, AdhesionStream, Accumulator]:
     outliers = OutlierFilter()
+    aligned = Alignment(options.delays, options.zeros, name)
     stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
     sums: Accumulator | None = None
-    for rows in _kept(blocks, outliers):
+    for rows in aligned.rows(_kept(blocks, outliers)):
         samples = stream.add(rows)
+        if observed is not None:
+            observed(samples)
         sums = sums or (Accumulator(stream.time_constant) if len(rows) else None)
         if sums is not None:
             sums.add(samples)
@@ -220,6 +246,7 @@ def _curve(
     notes: tuple[str, ...],
 ) -> Curve:
     cells, bins = sums.cells(), sums.bins()
+    strange = mu_warning(bins.mean)
     peak = peak_slip(cells)
     below = cells.slip < peak
     return Curve(
@@ -231,11 +258,15 @@ def _curve(
         stretches=sums.stretches(),
         record=stream.recorder.record(),
         peak_slip=peak,
+        wheel_column=stream.wheel_column,
         adhesion_samples=int(cells.count[below].sum()),
         sliding_samples=int(cells.count[~below].sum()),
         broken_lines=broken.count,
         outliers=outliers.count + stamps.count,
-        warnings=_warnings(name, broken, stamps, outliers, stream),
+        warnings=(
+            *_warnings(name, broken, stamps, outliers, stream),
+            *(() if strange is None else (f"{name}: {strange}",)),
+        ),
         notes=notes,
     )
 
@@ -256,12 +287,17 @@ def _warnings(
 
 
 def identify(
-    path: Path, vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
+    path: Path,
+    vehicle: Vehicle,
+    options: Options,
+    *,
+    progress: Callable[[float], None] | None = None,
+    observed: Callable[[Observed], None] | None = None,
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
     The CSV at `path` is as `railslip identify --help` says; `vehicle` gives wheel and load, `options` the rest;
-    `progress` is told the share that is read, 0 to 1.
+    `progress` is told the share that is read, 0 to 1; `observed` is given the observed samples as they come.
 
     Raises
     ------
@@ -269,13 +305,15 @@ def identify(
         A log or an option that cannot be used, in one line.
     """
     _model_names(options)  # before a large log is read
-    return identify_curve(read_curve(path, vehicle, options, progress=progress), vehicle, options)
+    curve = read_curve(path, vehicle, options, progress=progress, observed=observed)
+    return identify_curve(curve, vehicle, options)
 
 
 def _model_names(options: Options) -> tuple[str, ...]:
     names = CANDIDATES if options.model == "best" else (options.model,)
     check_model(options.model)
     check_options(names, options.fixed, options.bounds)
+    check_corrections(options.delays, options.zeros)
     return names
 
 
@@ -285,11 +323,11 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     setting = setting_of(curve, vehicle, options)
     fits, failures = _fits(names, curve, vehicle, setting)
     if not fits:
-        raise InputError(failures[0])
+        raise InputError("; ".join([failures[0], *(text for text in curve.warnings if "free rolling" in text)]))
     scores = compare(fits, curve.cells, curve.peak_slip)
     # the table follows any curve: it shows what a formula leaves, and is taken where it is asked for
     chosen = next((score for score in scores if score.fit.model.name != "table"), scores[0])
-    peaks = _peaks(chosen, setting)
+    peaks = _peaks(chosen, setting, curve.cells)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -301,11 +339,30 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         peaks=peaks,
         reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
+        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting)),
     )
 
 
-def _peaks(score: Score, setting: Setting) -> tuple[PeakSlip, ...]:
-    return drift(score.fit, [share * setting.initial_speed for share in _DRIFT_SPEEDS], setting.wheel_load)
+def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting) -> tuple[str, ...]:
+    """A sentence where the motion shows that the columns are out of step."""
+    late = half_interval_late(fit, curve.record, vehicle, setting.wheel_load)
+    if late is None:
+        return ()
+    remedy = f"if it is a difference of counts, give --delay {curve.wheel_column}={late:.3g}"
+    if late < 0.0:
+        remedy = "if torque or train speed are filtered, give their --delay"
+    return (
+        f"{curve.name}: the wheel's speed seems to be half an interval ({abs(late):.3g} s) or so "
+        f"{'late' if late > 0 else 'early'} beside the other columns, which falsifies the fits; {remedy}",
+    )
+
+
+def _peaks(score: Score, setting: Setting, cells: Cells) -> tuple[PeakSlip, ...]:
+    """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
+    speeds = [share * setting.initial_speed for share in _DRIFT_SPEEDS]
+    peaks = drift(score.fit, speeds, setting.wheel_load)
+    seen = float(cells.slip.max())
+    return tuple(peak.without_reference() if peak.slip > seen else peak for peak in peaks)
 
 
 def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
@@ -343,10 +400,26 @@ def _fits(names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting
             profiles = not is_followed(model, curve.record)
             known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
             first = fit(model, *known, profiles=profiles)
-            fits.append(along_the_motion(first, curve.record, vehicle, curve.cells, setting))
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+                found = along_the_motion(first, curve.record, vehicle, curve.cells, setting)
+                _check_peaks(found, setting)
+                fits.append(found)
         except InputError as error:
             failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
     return fits, tuple(failures)
+
+
+def _check_peaks(found: Fit, setting: Setting) -> None:
+    """InputError for a fitted law whose force is nowhere one that brakes, at the highest or the lowest speed."""
+    for share in (_DRIFT_SPEEDS[0], _DRIFT_SPEEDS[-1]):
+        law = found.model.make_force_law(found.values, found.law.rail)
+        try:
+            peak(law, share * setting.initial_speed, setting.wheel_load)
+        except DomainError:
+            raise InputError(
+                "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load "
+                "(--vehicle)"
+            ) from None
 
 
 def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
@@ -371,6 +444,12 @@ def identify_several(
 
     `vehicle`, `options`, `progress` and InputError as of `identify`.
     """
+    whole = [path.resolve() for path in paths]
+    for i, path in enumerate(whole):
+        if path in whole[:i]:
+            raise InputError(
+                f"LOG.csv: {paths[i]} is given twice; give each log once, as each counts as a test of its own"
+            )
     done = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))
@@ -396,5 +475,5 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
 
 def _choosing(identification: Identification, name: str) -> Identification:
     chosen = next(s for s in identification.scores if s.fit.model.name == name)
-    peaks = _peaks(chosen, identification.setting)
+    peaks = _peaks(chosen, identification.setting, identification.curve.cells)
     return replace(identification, chosen=chosen, peaks=peaks, reference=_reference(peaks, identification.setting.rail))

@@ -117,8 +117,8 @@ class FitModel:
     sliding_only: bool = False
     notes: tuple[str, ...] = ()
 
-    def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float) -> Floats:
-        """mu for parameter values, at slip ratios and speeds of one shape; 0 beyond the law's domain."""
+    def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
+        """mu for parameter values, at slip ratios, speeds and wheel loads of one shape; 0 beyond the law's domain."""
         functions = numeric_plant(self.force_law)
         p = (*_NO_VEHICLE, wheel_load, *self._flat(values))
         sigma = slip * speed

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.adhesion.curve import SLIP_ACCELERATION
+from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Vehicle
 
@@ -31,10 +32,24 @@ def is_followed(model: FitModel, record: Record) -> bool:
 
 
 def along_the_motion(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
-    """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no."""
-    model = found.model
-    if not is_followed(model, record):
+    """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no.
+
+    InputError for a log whose wheel the model cannot follow.
+    """
+    if not is_followed(found.model, record):
         return found
+    try:
+        return _along(found, record, vehicle, cells, setting)
+    except RailslipError:
+        raise
+    except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
+        raise InputError(
+            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (--vehicle)"
+        ) from error
+
+
+def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
+    model = found.model
     problem = Along(model, record, vehicle, setting.wheel_load)
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
     starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * found.values for f in factors]

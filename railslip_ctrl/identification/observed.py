@@ -47,6 +47,7 @@ _GAP_INTERVALS = 5.0
 _BRIDGED = 1.0
 
 _SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
+_RECOVERY = 3.0  # s after a release, in which the wheel comes back to the train's speed
 _LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not applied
 
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
@@ -85,6 +86,7 @@ class Observed:
     speed : filtered train speed, m/s.
     slip_speed : filtered product of both, m/s.
     mu : observed adhesion coefficient.
+    load : filtered wheel load, N.
     step, slip_step : time and change of the filtered slip since the row before; 0 after a row that is not used.
     """
 
@@ -95,6 +97,7 @@ class Observed:
     speed: Floats
     slip_speed: Floats
     mu: Floats
+    load: Floats
     step: Floats
     slip_step: Floats
 
@@ -131,6 +134,7 @@ class AdhesionStream:
         self.survey = Survey()
         self.recorder = Recorder()
         self.free = FreeRolling()
+        self.wheel_column = ""
         self._tau = time_constant
         self._observer: TorqueObserver | None = None
         self._state: Any = None
@@ -141,6 +145,7 @@ class AdhesionStream:
         self._last_used = False
         self._last_slip = 0.0
         self._last_run = -math.inf
+        self._last_braked = -math.inf
         if time_constant is not None:
             self._start_with(time_constant)
 
@@ -207,21 +212,23 @@ class AdhesionStream:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was wrong so far, a sentence each."""
-        return self.survey.warnings(self.free, self.vehicle.wheel.radius)
+        return self.survey.warnings(self.free, self.vehicle.wheel)
 
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
         """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
         radius = self.vehicle.wheel.radius
         angular = rows.columns.get("wheel_angular_speed")
+        self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
-        v, torque = rows.columns["train_speed"], rows.columns["brake_torque"]
+        v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
         wheel = radius * omega
         # a wheel let go overshoots, as its contact is a spring
-        least = np.where(self._braked(torque, self._load(rows)), _LEAST_SLIP, _LEAST_FREE_SLIP)
+        least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
         checks = (
             (np.abs(v) > _FASTEST, v / KMH, "train speed", "km/h is beyond any train"),
             (np.abs(wheel) > _FASTEST, wheel / KMH, "wheel speed", "km/h is beyond any train"),
             (np.abs(torque) > _LARGEST_TORQUE, torque, "brake torque", "N*m is beyond any wheel"),
+            (load <= 0.0, load, "wheel load", "N does not press on the rail"),
             (
                 (v - wheel < least * v) & (v > LOWEST_SPEED),
                 wheel / KMH,
@@ -271,7 +278,7 @@ class AdhesionStream:
         if fresh or self._filtered is None:
             self._state, self._filtered, self._input, self._states = None, None, None, None
             self._settled = time[0] + _SETTLING * self.time_constant
-            self._last_used = False
+            self._last_used, self._last_braked = False, -math.inf
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
         load = self._load(rows)
@@ -290,7 +297,10 @@ class AdhesionStream:
         sliding = _in_range(filtered)
         self.survey.lost += int((braked & sliding & ~settled).sum())
         self.survey.reversed += int((reverse & sliding).sum())
-        self.free.add(filtered[0][~braked & ~reverse & settled & (filtered[3] > LOWEST_SPEED)])
+        applied = np.maximum.accumulate(np.where(braked | reverse, time, self._last_braked))
+        self._last_braked = float(applied[-1])
+        free = (time - applied > _RECOVERY) & settled & (filtered[3] > LOWEST_SPEED)
+        self.free.add(filtered[0][free], torque[free] / (self.vehicle.wheel.radius * load[free]))
 
     def _as_torques(self, time: Floats, channels: Floats) -> Floats:
         """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
@@ -330,17 +340,18 @@ class AdhesionStream:
         slip_step = np.where(follows, np.diff(slip, prepend=self._last_slip), 0.0)
         self._last_used, self._last_slip = bool(used[-1]), float(slip[-1])
         mu = adhesion_torque / (radius * np.where(load > 0.0, load, np.inf))
-        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, step, slip_step).where(used)
+        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, load, step, slip_step).where(used)
         self.survey.load_sum += float(load[used].sum())
-        self._count_runs(found.time)
+        self._count_runs(found)
         return found
 
-    def _count_runs(self, time: Floats) -> None:
-        if len(time):
-            apart = np.diff(time, prepend=self._last_run) > _SETTLING * self.time_constant
+    def _count_runs(self, found: Observed) -> None:
+        if len(found):
+            apart = np.diff(found.time, prepend=self._last_run) > _SETTLING * self.time_constant
             self.survey.runs += int(apart.sum())
-            self.survey.used += len(time)
-            self._last_run = float(time[-1])
+            self.survey.note_starts(found.speed[apart])
+            self.survey.used += len(found)
+            self._last_run = float(found.time[-1])
 
 
 def _in_range(filtered: Floats) -> NDArray[np.bool_]:

@@ -141,11 +141,11 @@ class Along:
 
     def _force(self, values: Floats, sigma: Floats, v: Floats) -> Floats:
         slip = np.minimum(np.abs(sigma) / v, _LARGEST_SLIP)
-        if self.model.name == "curve":  # an integral for every value, of the slip alone
-            mu = self._curve(tuple(values))(np.sqrt(slip))
+        if self.model.name == "curve":  # an integral for every value, of the slip alone; a force, whatever the load
+            force = self._curve(tuple(values))(np.sqrt(slip)) * self.wheel_load
         else:
-            mu = self.model.coefficient(values, slip, v, self.wheel_load)
-        result: Floats = np.sign(sigma) * mu * self.intervals.load
+            force = self.model.coefficient(values, slip, v, self.intervals.load) * self.intervals.load
+        result: Floats = np.sign(sigma) * force
         return result
 
     def _curve(self, values: tuple[float, ...]) -> Any:
@@ -302,6 +302,12 @@ class Along:
                 break
         self.set_variances(values(found))
         return found, self.residuals(values(found))
+
+    def deviance(self, starts: Sequence[Floats]) -> float:
+        """-2 log likelihood of the best parameters from some starts, but for a constant."""
+        self.solve(starts)  # the factor has the scale in it: the whitened errors' squares are as many as there are
+        assert self._factor is not None
+        return 2.0 * float(np.sum(np.log(self._factor[0])))
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
         from scipy.optimize import least_squares

@@ -41,7 +41,8 @@ class PeakSlip:
         NaN where that is not known.
     reference : float
         The slip to hold: as near to the peak as its 99 % interval allows without passing it, as beyond the peak the
-        wheel is unstable, but giving away no more than `LARGEST_LOSS`; NaN without a peak.
+        wheel is unstable, but giving away no more than `LARGEST_LOSS`; NaN without a peak, and for a law that has
+        less than that to rise.
     reference_coefficient : float
         mu there.
     """
@@ -54,6 +55,10 @@ class PeakSlip:
     coefficient_stderr: float
     reference: float
     reference_coefficient: float
+
+    def without_reference(self) -> PeakSlip:
+        """The same peak, with no slip to hold."""
+        return replace(self, reference=math.nan, reference_coefficient=math.nan)
 
 
 def peak_of_law(law: AdhesionLaw, speed: float, wheel_load: float) -> PeakSlip:
@@ -102,6 +107,8 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     Of the coordinates of the search, in which the parameters are not bound to each other, and of what else is known but
     not exactly.
     """
+    if fit.model.name == "table":
+        return _stderrs_of_table(fit)
     coordinates, covariance = fit.coordinates, fit.coordinate_covariance
     known = [i for i, variance in enumerate(np.diag(covariance)) if math.isfinite(variance)]
     if not known:
@@ -124,6 +131,21 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     return float(slip), float(coefficient)
 
 
+def _stderrs_of_table(fit: Fit) -> tuple[float, float]:
+    """Of a table's peak, which lies on a knot whatever the values: it may be at any knot as high within 99 %.
+
+    And up to the knots next to these, as between knots a table knows nothing.
+    """
+    knots = fit.model.known["slip"]
+    assert isinstance(knots, tuple)
+    slips, mu, deviation = np.array(knots), fit.values, np.sqrt(np.diag(fit.covariance))
+    top = int(np.argmax(mu))
+    lower = mu + NORMAL_QUANTILE * np.hypot(deviation, deviation[top]) < mu[top]  # not where a deviation is unknown
+    near = np.flatnonzero(~lower)
+    low, high = slips[max(near[0] - 1, 0)], slips[min(near[-1] + 1, len(slips) - 1)]
+    return float(max(slips[top] - low, high - slips[top])) / NORMAL_QUANTILE, float(deviation[top])
+
+
 def _knowing(model: FitModel, name: str, change: float) -> FitModel:
     """The model with a known parameter changed."""
     value = model.known[name]
@@ -137,10 +159,14 @@ def _with_reference(
     slip, coefficient = found
     if slip <= _LOWEST_SLIP:
         return PeakSlip(speed, law.rail, math.nan, math.nan, coefficient, stderrs[1], math.nan, math.nan)
+    found_peak = PeakSlip(speed, law.rail, slip, stderrs[0], coefficient, stderrs[1], math.nan, math.nan)
+    lowest = _rising_slip(law, speed, wheel_load, slip, (1.0 - LARGEST_LOSS) * coefficient)
+    if lowest <= _LOWEST_SLIP:
+        return found_peak
     margin = NORMAL_QUANTILE * stderrs[0] if math.isfinite(stderrs[0]) else math.inf
-    reference = max(slip - margin, _rising_slip(law, speed, wheel_load, slip, (1.0 - LARGEST_LOSS) * coefficient))
+    reference = max(slip - margin, lowest)
     held = float(adhesion_coefficient(law, speed, reference, wheel_load))
-    return PeakSlip(speed, law.rail, slip, stderrs[0], coefficient, stderrs[1], reference, held)
+    return replace(found_peak, reference=reference, reference_coefficient=held)
 
 
 def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, coefficient: float) -> float:

@@ -1,7 +1,7 @@
 """Figures: records in, matplotlib figures out. The only user of matplotlib; computes nothing."""
 
 from .designs import gang_of_four_figure, margin_map_figure, region_figure, response_figure, sweep_figure
-from .identification import adhesion_figure, coefficients_figure, drift_figure
+from .identification import adhesion_figure, braking_figure, coefficients_figure, drift_figure
 from .loops import bode_figure, nichols_figure, nyquist_figure
 from .lyapunov_runs import adaptation_figure, lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
@@ -13,6 +13,7 @@ __all__ = [
     "adaptation_figure",
     "adhesion_figure",
     "bode_figure",
+    "braking_figure",
     "coefficients_figure",
     "drift_figure",
     "estimates_figure",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.models import parameter_unit
@@ -94,6 +95,27 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip], rail: Rail, style:
     slip.errorbar(speed, values, NORMAL_QUANTILE * np.nan_to_num(errors), label=f"peak, {rail} rail", **width, **style)
     slip.plot(speed, reference, "s", color=style["color"], fillstyle="none", label=f"reference, {rail} rail")
     height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail", **width, **style)
+
+
+def braking_figure(found: Identification) -> Figure:
+    """The log's longest braking over time: speeds, brake torque and observed adhesion torque, slip."""
+    course = course_of(found.curve.record, found.vehicle, found.curve.time_constant)
+    figure = new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
+    speed, torque, slip = panels(figure, 3, 1, sharex=True)[:, 0]
+    if course is not None:
+        speed.plot(course.time, course.train_speed / KMH, label="train", **line_style(0))
+        speed.plot(course.time, course.wheel_speed / KMH, label="wheel's circumference", **line_style(1))
+        torque.plot(course.time, course.brake_torque / 1e3, label="brake torque", **line_style(0))
+        label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
+        torque.plot(course.time, course.adhesion_torque / 1e3, label=label, **line_style(1))
+        slip.plot(course.time, course.slip, **line_style(0))
+        for ax in (speed, torque):
+            ax.legend(fontsize=SMALL)
+    speed.set_ylabel("speed (km/h)")
+    torque.set_ylabel("torque at the\nwheel (kN·m)")
+    slip.set_ylabel("slip ratio λ (-)")
+    slip.set_xlabel("time from the brake's application (s)")
+    return figure
 
 
 def coefficients_figure(

@@ -11,11 +11,11 @@ from rich.text import Text
 from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.identification.comparison import Score, few_for
-from railslip_ctrl.identification.fits import Fit, Parameter
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Curve, Identification
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
-from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.identification.reference import LARGEST_LOSS, PeakSlip
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
@@ -161,7 +161,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "gaps": survey.gap_count,
         "outliers": curve.outliers,
         "broken_lines": curve.broken_lines,
-        "warnings": list(curve.warnings),
+        "warnings": list(found.warnings),
     }
 
 
@@ -308,11 +308,40 @@ def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
 
 def _verdict(found: Identification) -> str:
     if found.reference is None:
-        return "Reference: this model falls from the start and has no peak; take the slip to hold from another model"
+        return f"Reference: none; {_no_reference(found)}"
     held = f"{found.reference.wet:.4g} (wet)"
     if found.setting.rail.value == "dry":
-        held = f"{found.reference.dry:.4g} (dry), {held}"
-    return f"Reference: hold slip {held}"
+        by_rule = "not from this log but from the dry law by the model's own rule"
+        held = f"{found.reference.dry:.4g} (dry), {found.reference.wet:.4g} (wet, {by_rule})"
+    return f"Reference: hold slip {held}{_doubt(found)}"
+
+
+def _own_peak(found: Identification) -> PeakSlip:
+    """At the initial speed, on the log's own rail."""
+    return [each for each in found.peaks if each.rail is found.setting.rail][-1]
+
+
+def _doubt(found: Identification) -> str:
+    """What the uncertainty of the peak leaves open."""
+    peak = _own_peak(found)
+    low = peak.slip - NORMAL_QUANTILE * peak.slip_stderr
+    if peak.reference <= low * (1.0 + 1e-9):
+        return ""
+    known = f"only from slip {max(low, 0.0):.3g} up" if math.isfinite(low) else "without an interval"
+    return (
+        f"; the peak is known {known} (99 %), so that what is held, {100 * LARGEST_LOSS:.0f} % below the highest mu, "
+        "may lie beyond it: a log with more slip about the peak tells it better"
+    )
+
+
+def _no_reference(found: Identification) -> str:
+    peak, seen = _own_peak(found), float(found.curve.cells.slip.max())
+    if peak.slip > seen:
+        return (
+            f"the slip of this log goes up to {seen:.3g}, and the model's peak lies beyond; give a log that goes past "
+            "the peak"
+        )
+    return "this model falls from the start, or nearly so; take the slip to hold from another model"
 
 
 # --- the model's file ----------------------------------------------------------------------------------------------
