@@ -9,11 +9,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from .arguments import checked, number
 from .design import PIController, actuated_plant, wheel_slip_loop
 from .design.limits import Limits, fundamental_limits
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
+from .loop.deadtime import MOST_POLES
 from .parameters import Actuator
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
@@ -83,6 +85,7 @@ def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
     return fundamental_limits(actuated_plant(plant, actuator), actuator.dead_time, lag=actuator.lag)
 
 
+@checked
 def assess(
     plant: LinearPlant, controller: PIController, actuator: Actuator, *, label: str = "", poles: int = 6
 ) -> Assessment:
@@ -98,13 +101,19 @@ def assess(
     label : str
         Name of the controller in reports; its structure unless given.
     poles : int
-        Number of rightmost closed-loop poles to find.
+        Number of rightmost closed-loop poles to find, 1 to 1000.
 
     Returns
     -------
     Assessment
         Limits, poles, margins (None of an unstable loop), Pade rows and verdict.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a number of poles out of its range.
     """
+    number("poles", poles, ge=1, le=MOST_POLES)
     loop = wheel_slip_loop(plant, controller, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
@@ -128,9 +137,9 @@ def assess(
 
 def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
     """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one."""
-    for number in range(count, 0, -1):
+    for asked in range(count, 0, -1):
         try:
-            return loop.closed_loop_poles(number)
+            return loop.closed_loop_poles(asked)
         except (SpectrumError, InputError):
             continue
     return np.array([], dtype=np.complex128)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .adhesion import AdhesionLaw
+from .arguments import checked, number
 from .errors import DomainError, KinkError
 from .numeric import NumericPlant, numeric_plant, plant_parameters
 from .parameters import Rail, Vehicle
@@ -94,6 +95,7 @@ class OperatingPoint:
         return self.adhesion_force / self.vehicle.wheel_load
 
 
+@checked
 def operating_point(
     law: AdhesionLaw,
     vehicle: Vehicle,
@@ -121,11 +123,15 @@ def operating_point(
 
     Raises
     ------
+    InputError
+        An argument of another kind.
     DomainError
         The speed is not finite and positive, the slip is outside 0 <= lambda < 1, or the law does not hold there.
     KinkError
         Slip 0 with a dynamic law, whose rest state is undefined there.
     """
+    if initial_speed_kmh is not None:
+        number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
     if not (math.isfinite(slip) and 0.0 <= slip < 1.0):
         reason = "a locked wheel does not roll, so there is no torque that holds it; " if slip == 1.0 else ""
         raise DomainError(f"slip: {slip:g} is not allowed; {reason}give 0 <= slip < 1")
@@ -246,6 +252,7 @@ def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
 
 
+@checked
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
     """Linearise at an operating point, by the analytic Jacobian of the statement.
 
@@ -262,6 +269,8 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
 
     Raises
     ------
+    InputError
+        An argument of another kind.
     KinkError
         The law has no unique derivative there (within 1e-9 of the slip).
     """
@@ -313,6 +322,7 @@ NONLINEAR_INPUTS = ("brake_torque", "disturbance_torque", "random_adhesion_torqu
 NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
 
 
+@checked
 def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
     """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
 
@@ -321,27 +331,34 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     law : AdhesionLaw
     vehicle : Vehicle
     reference_slip : float
-        lambda_d, a ratio, of the output error = reference_slip v - sigma.
+        lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 
     Returns
     -------
     control.NonlinearIOSystem
         Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s),
         omega (rad/s). [Park2008] (1)-(4).
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a reference slip out of its range.
     """
     return _io_system(law, vehicle, None, reference_slip)
 
 
+@checked
 def frozen_speed_plant(
     law: AdhesionLaw, vehicle: Vehicle, speed: float, *, reference_slip: float
 ) -> control.NonlinearIOSystem:
     """As `nonlinear_plant`, with v held at `speed` (m/s) wherever it appears: no state v."""
-    return _io_system(law, vehicle, speed, reference_slip)
+    return _io_system(law, vehicle, number("speed", speed, "m/s", gt=0), reference_slip)
 
 
 def _io_system(law: AdhesionLaw, vehicle: Vehicle, speed: float | None, reference_slip: float) -> Any:
     import control
 
+    reference_slip = number("reference_slip", reference_slip, ge=0, lt=1)
     functions = numeric_plant(type(law))
     p = plant_parameters(law, vehicle)
     radius = vehicle.wheel.radius

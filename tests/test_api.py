@@ -19,6 +19,7 @@ import railslip_ctrl
 from railslip_ctrl import errors
 from railslip_ctrl.campaign.sampling import Distribution
 from railslip_ctrl.observer import AdhesionObserver
+from railslip_ctrl.parameters import Record
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.sources import SOURCES
 
@@ -44,6 +45,9 @@ UNIT = re.compile(
     r"|\b(?:[Rr]atios?|share|[Ff]actors?|[Nn]umber of|dimensionless|units?|as printed)\b"
 )
 """A unit, or a word that says that there is none or where it is given."""
+
+BOUNDS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+"""Of a record's JSON schema, and how a docstring says them."""
 
 SHAPE = re.compile(r"\d-D|\bshape|of one length|array,? \([\w, ]+\)|\b[a-z] by [a-z0-9]\b")
 
@@ -111,6 +115,17 @@ def test_every_field_of_a_public_record_is_documented(name: str) -> None:
     assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
 
 
+@pytest.mark.parametrize("name", [name for name, thing in CLASSES.items() if issubclass(thing, Record)])
+def test_the_help_of_a_record_has_what_its_fields_are_checked_for(name: str) -> None:
+    """Unit and bounds, by the checker's own text of what it refuses."""
+    for field, schema in CLASSES[name].model_json_schema()["properties"].items():
+        said, unit = entry(inspect.getdoc(CLASSES[name]) or "", field), schema.get("unit", "")
+        assert ("dimensionless" if unit == "1" else unit) in said, f"{name}.{field}: no unit in {said!r}"
+        for one in (schema, *schema.get("anyOf", ())):
+            for key, sign in BOUNDS.items():
+                assert key not in one or f"{sign} {one[key]:g}" in said, f"{name}.{field}: no bound in {said!r}"
+
+
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_every_number_taken_by_a_public_function_has_its_unit_and_shape(name: str) -> None:
     text, parameters = inspect.getdoc(FUNCTIONS[name]) or "", inspect.signature(FUNCTIONS[name]).parameters
@@ -173,9 +188,9 @@ def documentation(thing: type) -> str:
 
 
 def fields_of(thing: type) -> dict[str, str]:
-    """Fields and their types; those of a model that `units.quantity` or `Field` describes are documented there."""
+    """Fields and their types."""
     if issubclass(thing, pydantic.BaseModel):
-        return {field: str(info.annotation) for field, info in thing.model_fields.items() if not info.description}
+        return {field: str(info.annotation) for field, info in thing.model_fields.items()}
     if dataclasses.is_dataclass(thing):
         return {field.name: str(field.type) for field in dataclasses.fields(thing) if not field.name.startswith("_")}
     return {field: str(thing.__annotations__[field]) for field in getattr(thing, "_fields", ())}

@@ -95,9 +95,9 @@ def test_loaded_vehicle_uses_the_loaded_mass_and_wheel_load() -> None:
 
 
 def test_records_are_immutable_and_refuse_a_load_that_lightens() -> None:
-    with pytest.raises(ValidationError, match="frozen"):
+    with pytest.raises(InputError, match="Vehicle: mass: cannot be set"):
         PARK2008.mass = 1.0  # type: ignore[misc]
-    with pytest.raises(ValidationError, match="mass_loaded: 3000 is not allowed; give a value >= mass = 3517"):
+    with pytest.raises(InputError, match="mass_loaded: 3000 is not allowed; give a value >= mass = 3517"):
         Vehicle.model_validate({**PARK2008.model_dump(), "mass_loaded": 3000.0})
 
 
@@ -428,7 +428,7 @@ _KEYS = st.sampled_from(sorted(VehicleKeys.model_fields)) | st.text(max_size=5)
 def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -> None:
     lines = []
     try:
-        VehicleKeys.model_validate(values)
+        VehicleKeys.__pydantic_validator__.validate_python(values)  # below what makes its error one of the package
     except ValidationError as error:
         lines = [one_line(error, "v.toml", model=VehicleKeys), one_line(error, "v.toml")]
     assert all(line.startswith("v.toml: ") and line.isprintable() for line in lines)
@@ -436,7 +436,7 @@ def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -
 
 def test_line_without_a_record_still_names_key_value_and_bound() -> None:
     with pytest.raises(ValidationError) as caught:
-        VehicleKeys.model_validate({"wheel": {"radius": -0.4}})
+        VehicleKeys.__pydantic_validator__.validate_python({"wheel": {"radius": -0.4}})
     assert one_line(caught.value, "law.toml") == "law.toml: wheel.radius: -0.4 is not allowed; give a value > 0"
 
 

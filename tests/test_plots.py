@@ -169,7 +169,7 @@ def test_margin_grid_equals_the_loops_themselves(region):
             assert np.isfinite(grid.ms[i, j]) == region.contains(kp, ki)
             if region.contains(kp, ki):
                 assert grid.ms[i, j] == pytest.approx(region.loops(kp, ki)[0].margins().ms, rel=1e-7)
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="give a finite value"):
         margin_grid(region, [np.nan], [1.0])
 
 

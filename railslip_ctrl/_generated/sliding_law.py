@@ -125,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "c2383fe114074b5377dcfd6526eac7512c2474ecc8a53bdb2d4458294ff6873b"
+SOURCES_SHA256 = "2896ad3f61d9272d3c05cfe4b2963d6f7b53cfeae7f77a5f72dca2a5198476d2"

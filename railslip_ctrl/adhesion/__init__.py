@@ -4,7 +4,7 @@ To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itse
 """
 
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
-from .files import law_name_in, load_law
+from .files import load_law, wheel_load_in
 from .registry import law_class, law_classes, law_names, published_law
 
 __all__ = [
@@ -16,8 +16,8 @@ __all__ = [
     "Statement",
     "law_class",
     "law_classes",
-    "law_name_in",
     "law_names",
     "load_law",
     "published_law",
+    "wheel_load_in",
 ]

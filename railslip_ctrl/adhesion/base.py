@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +12,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
+from railslip_ctrl.arguments import number, real, reals
 from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Record
 from railslip_ctrl.units import quantity
@@ -68,13 +71,6 @@ class AdhesionLaw(Record):
 
     Sign convention: sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma|
     where the source's form would diverge for sigma < 0.
-
-    Attributes
-    ----------
-    rail : Rail
-        Condition the parameters are for.
-    reference : ReferenceSlip or None
-        Slip ratios to be held, where the source or the user gives them.
     """
 
     name: ClassVar[str]
@@ -86,8 +82,10 @@ class AdhesionLaw(Record):
     published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType({})
     """Published parameters on dry and on wet rail, for any v0, where they are two sets and not one scaled."""
 
-    rail: Rail = Rail.DRY
-    reference: ReferenceSlip | None = None
+    rail: Rail = Field(Rail.DRY, description="condition the parameters are for")
+    reference: ReferenceSlip | None = Field(
+        None, description="slip ratios to be held, where the source or the user gives them"
+    )
 
     @classmethod
     @abstractmethod
@@ -115,7 +113,7 @@ class AdhesionLaw(Record):
         """
         if cls.published_sets:
             check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
-            return cls.model_validate({**cls.published_sets[rail], "rail": rail})
+            return cls.model_validate({**cls.published_sets[Rail.of(rail)], "rail": rail})
         raise MissingParametersError(
             f"adhesion {cls.name!r}: {cls.source} gives no parameters for it; "
             "give them in a TOML file with --adhesion FILE.toml"
@@ -129,6 +127,12 @@ class AdhesionLaw(Record):
             for name, info in cls.model_fields.items()
             if isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra
         )
+
+    @classmethod
+    def has_forces(cls) -> bool:
+        """Whether a parameter is, or has in it, a force or a pressure: then mu at another wheel load is another."""
+        units = (cls.model_fields[name].json_schema_extra for name in cls.parameter_names())
+        return any(re.search(r"\b(N|Pa)\b", str(each["unit"])) for each in units if isinstance(each, dict))
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
@@ -169,8 +173,7 @@ class AdhesionLaw(Record):
 
         InputError for a law that has none, or a factor that is not positive and finite.
         """
-        if not (math.isfinite(factor) and factor > 0):
-            raise InputError(f"adhesion factor: {factor:g} is not allowed; give a finite value > 0")
+        number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
             raise InputError(f"adhesion {self.name!r}: nothing says how its parameters change with less adhesion")
         halvings = math.log(factor) / math.log(0.5)
@@ -205,9 +208,9 @@ class AdhesionLaw(Record):
 
         v in m/s; sigma in m/s, of any shape (the first value outside is named).
         """
-        if not (math.isfinite(v) and v > 0.0):
+        if not (math.isfinite(real("speed", v)) and v > 0.0):
             raise DomainError(f"speed: {v:g} m/s is outside the domain of slip; give a finite speed > 0")
-        slip = np.atleast_1d(np.asarray(sigma, dtype=float)) / v
+        slip = np.atleast_1d(reals("slip velocity", sigma)) / v
         outside = ~((slip >= 0.0) & (slip <= 1.0))
         if outside.any():
             raise DomainError(f"slip: {slip[outside][0]:g} is outside 0 to 1")
@@ -227,13 +230,12 @@ REST_STATE_UNDEFINED = Kink(0.0, "without slip every deflection is at rest, so t
 def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
     """Raise InputError unless the published parameters cover the initial speed (km/h) and the wheel load (N)."""
     low, high = INITIAL_SPEED_RANGE_KMH
-    if not low <= initial_speed_kmh <= high:
+    if not low <= real("initial speed", initial_speed_kmh) <= high:
         raise InputError(
             f"initial speed: {initial_speed_kmh:g} km/h is outside {low:g} to {high:g} km/h, "
             "the range of the published adhesion parameters"
         )
-    if not (math.isfinite(wheel_load) and wheel_load > 0.0):
-        raise InputError(f"wheel load: {wheel_load:g} N is not allowed; give a finite load > 0")
+    number("wheel load", wheel_load, "N", gt=0)
 
 
 def _is_positive(metadata: list[Any]) -> bool:

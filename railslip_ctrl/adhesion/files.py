@@ -11,52 +11,65 @@
     dry = 0.13
     wet = 0.09
 
+    [reference_slip]             # or over the initial speed v0 in km/h, straight between and level beyond
+    initial_speed = [30, 140]
+    dry = [0.25, 0.13]
+    wet = [0.17, 0.09]
+
     [polynomials]                # optional; parameters over the initial speed v0 in km/h, here 0.4 - 0.001 v0
     mu_max = [0.4, -0.001]
 
     initial_speed_range = [30, 140]   # optional, above the tables; km/h, for which the polynomials hold
+    wheel_load = 34500                # optional, above the tables; N, at which the parameters were found
 
 Left-out parameters take the law's defaults, where it has any. Wet parameters follow from dry ones by `AdhesionLaw.wet`.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from pydantic import ValidationError
+import numpy as np
 
+from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import Rail, Record
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.parameters.validation import file_name, given_path, read_toml, validated
 
 from .base import AdhesionLaw, ReferenceSlip
 from .registry import law_class
 
-_R = TypeVar("_R", bound=Record)
-_KEYS = frozenset({"law", "condition", "parameters", "polynomials", "initial_speed_range", "reference_slip"})
+_KEYS = frozenset(
+    {"law", "condition", "parameters", "polynomials", "initial_speed_range", "reference_slip", "wheel_load"}
+)
 
 _ROUNDING = 1e-6  # relative: a speed that went from km/h to m/s and back is in its range still
 
 
+@checked
 def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
     """Read an adhesion law and its parameters from a TOML file.
 
     Parameters
     ----------
     path : str or Path
-        Keys `law`, `condition`, `parameters`, `polynomials`, `initial_speed_range` and `reference_slip`; numbers SI,
-        or text with a unit.
+        Keys `law`, `condition`, `parameters`, `polynomials`, `initial_speed_range`, `reference_slip` and
+        `wheel_load`; numbers SI, or text with a unit.
     initial_speed_kmh : float or None
-        v0, km/h, at which polynomials are taken; not needed without.
+        v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
 
     Raises
     ------
     InputError
         The file cannot be read, or one line naming file, key, value and bound.
     """
-    content = _read(Path(path))
+    path = given_path(path)
+    if initial_speed_kmh is not None:
+        number("initial speed", initial_speed_kmh, "km/h", gt=0)
+    content = read_toml(path)
     unknown = sorted(content.keys() - _KEYS)
     if unknown:
         raise InputError(f"{path}: unknown key {unknown[0]!r}; allowed are {', '.join(sorted(_KEYS))}")
@@ -73,15 +86,42 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
         parameters = parameters | {k: _polynomial(c, v0, path, k) for k, c in polynomials.items()}
     reference = None
     if "reference_slip" in content:
-        slips = _table(content, "reference_slip", path)
-        _check_names(slips, tuple(ReferenceSlip.model_fields), path, "reference_slip")
-        reference = _validated(ReferenceSlip, slips, path, "reference_slip")
-    return _validated(cls, {**parameters, "rail": Rail(condition), "reference": reference}, path, "parameters")
+        slips = _reference(_table(content, "reference_slip", path), path, initial_speed_kmh)
+        reference = validated(ReferenceSlip, slips, f"{file_name(path)}: reference_slip")
+    values = {**parameters, "rail": Rail(condition), "reference": reference}
+    return validated(cls, values, f"{file_name(path)}: parameters")
 
 
-def law_name_in(path: str | Path) -> str:
-    """The name of the law in the file at a path, whatever its parameters. InputError as `load_law`."""
-    return _class(_read(Path(path)), path).name
+@checked
+def wheel_load_in(path: str | Path) -> float | None:
+    """The wheel load, N, at which the law in the file at a path was found; None where the file has none.
+
+    Forces of bristles, and a beam's stiffness, are those of that load and do not scale with another.
+    InputError as `load_law`.
+    """
+    path = given_path(path)
+    load = read_toml(path).get("wheel_load")
+    if load is None:
+        return None
+    if type(load) not in (int, float) or not (math.isfinite(load) and load > 0):
+        raise InputError(f"{path}: key 'wheel_load': {load!r} is not allowed; give a finite number > 0 (N)")
+    return float(load)
+
+
+def _reference(slips: dict[str, Any], path: str | Path, speed: float | None) -> dict[str, Any]:
+    """The reference slips, those over the initial speed taken at v0 in km/h."""
+    _check_names(slips, (*ReferenceSlip.model_fields, "initial_speed"), path, "reference_slip")
+    if "initial_speed" not in slips:
+        return slips
+    if speed is None:
+        raise InputError(f"{path}: its reference slips are over the initial speed; give --initial-speed (km/h)")
+    speeds = slips["initial_speed"]
+    if not (_numbers(speeds) and speeds and all(a < b for a, b in itertools.pairwise(speeds))):
+        raise InputError(f"{path}: key 'reference_slip.initial_speed': give a list of growing speeds (km/h)")
+    for name in ReferenceSlip.model_fields:
+        if not (_numbers(slips.get(name)) and len(slips[name]) == len(speeds)):
+            raise InputError(f"{path}: key 'reference_slip.{name}': give as many slips as speeds, {len(speeds)}")
+    return {name: float(np.interp(speed, speeds, slips[name])) for name in ReferenceSlip.model_fields}
 
 
 def _class(content: dict[str, Any], path: str | Path) -> type[AdhesionLaw]:
@@ -123,22 +163,6 @@ def _polynomial(coefficients: Any, speed: float, path: str | Path, name: str) ->
     return float(sum(c * speed**k for k, c in enumerate(coefficients)))
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file in UTF-8") from None
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not a TOML file: {' '.join(str(error).split())}") from None
-    if not content:
-        raise InputError(f"{path}: empty; it must name a law and give its parameters")
-    return content
-
-
 def _table(content: dict[str, Any], key: str, path: str | Path) -> dict[str, Any]:
     table = content.get(key, {})
     if not isinstance(table, dict):
@@ -150,16 +174,3 @@ def _check_names(table: dict[str, Any], allowed: tuple[str, ...], path: str | Pa
     unknown = [name for name in table if name not in allowed]
     if unknown:
         raise InputError(f"{path}: unknown key '{key}.{unknown[0]}'; allowed are {', '.join(allowed)}")
-
-
-def _validated(cls: type[_R], values: dict[str, Any], path: str | Path, key: str) -> _R:
-    try:
-        return cls(**values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        if first["type"] == "missing":
-            raise InputError(f"{path}: key '{key}.{name}' is missing") from None
-        message = first["msg"].removeprefix("Value error, ").removeprefix(f"{name}: ")
-        shown = "" if repr(first["input"]) in message else f"{first['input']!r}: "
-        raise InputError(f"{path}: key '{key}.{name}': {shown}{message}") from None

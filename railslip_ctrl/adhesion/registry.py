@@ -7,8 +7,10 @@ import pkgutil
 import sys
 from collections.abc import Iterator
 
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
+from railslip_ctrl.units import shown
 
 from .base import AdhesionLaw
 
@@ -35,6 +37,7 @@ def law_names() -> tuple[str, ...]:
     return tuple(law_classes())
 
 
+@checked
 def law_class(name: str) -> type[AdhesionLaw]:
     """The law of a name, hyphen or underscore ("tyre-lugre" is "tyre_lugre").
 
@@ -46,10 +49,11 @@ def law_class(name: str) -> type[AdhesionLaw]:
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
-        raise InputError(f"adhesion: {name!r} is not a law; choose one of {', '.join(laws)}")
+        raise InputError(f"adhesion: {shown(name)} is not a law; choose one of {', '.join(laws)}")
     return laws[key]
 
 
+@checked
 def published_law(
     name: str,
     rail: Rail | str,

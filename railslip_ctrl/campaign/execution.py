@@ -48,7 +48,7 @@ def execute(
     workers : int, optional
         Processes; left out, as many as there are cores to use. One runs in this process.
     scheduler : str, optional
-        Address of a Dask scheduler ("tcp://host:8786") whose workers run the campaign in their place; they need
+        Address of a Dask scheduler (``tcp://host:8786``) whose workers run the campaign in their place; they need
         this package in the same version, and no common file system.
     part_runs : int, optional
         Runs from one checkpoint to the next; left out, by the number of runs.

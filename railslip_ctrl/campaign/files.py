@@ -11,12 +11,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.parameters.records import Record
-from railslip_ctrl.parameters.validation import close_match, file_name, one_line, read_toml
+from railslip_ctrl.parameters.validation import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.simulation.catalogue import controller_named
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
@@ -87,7 +87,7 @@ class CampaignKeys(BaseModel):
     quantity: list[QuantityKeys] = []
 
 
-def load_campaign(path: Path) -> Campaign:
+def load_campaign(path: str | Path) -> Campaign:
     """The campaign a file describes.
 
     Raises
@@ -95,11 +95,9 @@ def load_campaign(path: Path) -> Campaign:
     InputError
         One line with the file, the key, the value and what is allowed.
     """
+    path = given_path(path)
     where = file_name(path)
-    try:
-        keys = CampaignKeys.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise InputError(one_line(error, where, model=CampaignKeys)) from None
+    keys = validated(CampaignKeys, read_toml(path), where)
     if keys.sampling not in tuple(Sampling):
         near = close_match(keys.sampling, [sampling.value for sampling in Sampling])
         raise InputError(

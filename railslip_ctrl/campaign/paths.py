@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters.validation import one_line
+from railslip_ctrl.parameters.validation import validated
 
 
 class Place(NamedTuple):
@@ -74,8 +73,5 @@ def _replaced(record: Any, changes: Mapping[str, float], where: str) -> Any:
         # a field that is None was left out, and stays so
         given = {name: getattr(record, name) for name in type(record).model_fields}
         kept = {name: value for name, value in given.items() if value is not None}
-        try:
-            return type(record).model_validate({**kept, **new})
-        except ValidationError as error:
-            raise InputError(one_line(error, where.rstrip(".") or "campaign", model=type(record))) from None
+        return validated(type(record), {**kept, **new}, where.rstrip(".") or "campaign")
     return replace(record, **new)

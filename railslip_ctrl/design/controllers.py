@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Rational
@@ -25,13 +26,17 @@ class PIController:
     ----------
     gains : PIGains
         kp in N*m/(m/s), ki in N*m/m.
-    lead, lead_filter : float
-        s, >= 0; both 0 is a plain PI. A lead needs a filter time constant > 0, or C is not proper.
+    lead : float
+        Time constant of the lead (lead s + 1), s, >= 0; 0: none. It adds phase: one equal to the actuator's lag cancels
+        that.
+    lead_filter : float
+        Time constant of the lag (lead_filter s + 1) that bounds the lead's gain at high frequency, s, >= 0; > 0 with a
+        lead, or C is not proper. Without a lead it filters the error.
 
     Raises
     ------
     InputError
-        A negative or non-finite time constant, or a lead without a filter.
+        A field of another kind, a negative or non-finite time constant, or a lead without a filter.
     """
 
     gains: PIGains
@@ -39,9 +44,9 @@ class PIController:
     lead_filter: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in (("lead", self.lead), ("lead filter", self.lead_filter)):
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name}: {value} s is not allowed; give a finite value >= 0")
+        check_fields(self)
+        number("lead", self.lead, "s", ge=0)
+        number("lead filter", self.lead_filter, "s", ge=0)
         if self.lead > 0 and self.lead_filter == 0:
             raise InputError(f"lead filter: 0 s with a lead of {self.lead:g} s is not proper; give a value > 0")
 
@@ -70,6 +75,7 @@ def _first_order(lead: float, lag: float) -> Rational:
     return Rational(zeros, poles, (lead or 1.0) / (lag or 1.0))
 
 
+@checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """From commanded torque (N*m) to -e (m/s) without the dead time: lag of the `actuator` and wheel of the `plant`."""
     if plant.speed_state:
@@ -79,6 +85,7 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     return _first_order(0.0, actuator.lag) * wheel
 
 
+@checked
 def wheel_slip_loop(plant: LinearPlant, controller: PIController, actuator: Actuator) -> DeadTimeLoop:
     """L(s) = C(s) Ga(s) P(s), the dead time exact.
 
@@ -90,5 +97,10 @@ def wheel_slip_loop(plant: LinearPlant, controller: PIController, actuator: Actu
         C, N*m/(m/s).
     actuator : Actuator
         Ga, dead time and lag, s. [Park2008] p. 55.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind.
     """
     return DeadTimeLoop(controller.transfer_function * actuated_plant(plant, actuator), actuator.dead_time)

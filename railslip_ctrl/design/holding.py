@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Rational
@@ -41,6 +42,7 @@ class HoldingDesign:
     gain_range: tuple[float, float]
 
 
+@checked
 def holding_gains(plants: Sequence[LinearPlant], actuator: Actuator) -> HoldingDesign:
     """The kp that minimises the worst Ms over `plants`, at an integral time of 50 (dead time + lag) of the `actuator`.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number, numbers
 from railslip_ctrl.errors import InputError
 
 from .families import family_margins
@@ -57,6 +58,7 @@ class MarginGrid:
     delay_s: Floats
 
 
+@checked
 def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tuple[Strip, ...]:
     """The region as strips over kp, each between two continuous boundaries; exact in every column.
 
@@ -77,7 +79,8 @@ def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tu
     A strip's ends are refined only where the number of intervals changes between columns; what appears and
     vanishes between two of them is not seen. `Region.contains` is what decides.
     """
-    columns = _columns(region, count) if kp is None else np.asarray(kp, dtype=float)
+    number("count", count, ge=2)
+    columns = _columns(region, count) if kp is None else np.atleast_1d(numbers("kp", kp))
     if columns.size == 0:
         return ()
     found = [region.ki_intervals(float(x)) for x in columns]
@@ -90,12 +93,13 @@ def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tu
         _extend(groups[-1], (float(x1), after))
     strips = []
     for xs, intervals in groups:
-        for number in range(len(intervals[0])):
-            ends = np.array([column[number] for column in intervals])
+        for index in range(len(intervals[0])):
+            ends = np.array([column[index] for column in intervals])
             strips.append(Strip(np.array(xs), ends[:, 0], ends[:, 1]))
     return tuple(strips)
 
 
+@checked
 def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     """Exact margins at each pair of gains inside a region; see `MarginGrid`.
 
@@ -110,9 +114,7 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     InputError
         A gain is not finite.
     """
-    columns, rows = np.atleast_1d(np.asarray(kp, dtype=float)), np.atleast_1d(np.asarray(ki, dtype=float))
-    if not (np.isfinite(columns).all() and np.isfinite(rows).all()):
-        raise InputError("margin grid: a gain is not finite; give finite kp and ki")
+    columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]
     shape = (columns.size, rows.size, len(members[0]) if members else 1)
     margins = family_margins([loop for loops in members for loop in loops])

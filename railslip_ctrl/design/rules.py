@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.parameters import PIGains
@@ -78,6 +79,7 @@ class RuleTuning:
         return Rational.from_polynomials(num, [tf, 1.0, 0.0])
 
 
+@checked
 def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
     """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
 
@@ -135,6 +137,7 @@ def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
     return FirstOrderModel(kind, float(gain), time_constant, theta)
 
 
+@checked
 def simc_pi(plant: Rational, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
     """SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
 
@@ -168,6 +171,7 @@ def simc_pi(plant: Rational, dead_time: float, *, closed_loop_time: float | None
     return RuleTuning("SIMC PI", PIGains(kp=kp, ki=kp / integral_time), 0.0, model, tau_c)
 
 
+@checked
 def rotstein_lewin(
     plant: Rational, dead_time: float, *, closed_loop_time: float, derivative: bool = False
 ) -> RuleTuning:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
@@ -98,10 +99,8 @@ class SampledController:
     _step: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         h, filter_time = check_period(self.period), self.design.lead_filter
-        if self.rule not in tuple(Rule):
-            raise InputError(f"rule: {self.rule!r} is not allowed; give {' or '.join(Rule)}")
-        object.__setattr__(self, "rule", Rule(self.rule))
         if self.rule is Rule.TUSTIN and 0 < filter_time < h / 2:
             raise InputError(
                 f"period: {h:g} s is not allowed with a lead filter of {filter_time:g} s; give a value <= "
@@ -255,6 +254,7 @@ class SampledMargins:
     exact: Margins | None
 
 
+@checked
 def sampled_loop(
     controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledLoop:
@@ -265,6 +265,7 @@ def sampled_loop(
     )
 
 
+@checked
 def continuous_equivalent(
     controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
 ) -> DeadTimeLoop:
@@ -276,6 +277,7 @@ def continuous_equivalent(
     return DeadTimeLoop(controller.design.transfer_function * actuated_plant(plant, actuator), delay)
 
 
+@checked
 def sampled_margins(
     controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
 ) -> SampledMargins:
@@ -292,6 +294,7 @@ def sampled_margins(
     )
 
 
+@checked
 def suggested_period(margins: Margins, *, share: float = 0.1, computation: float = 0.0) -> float:
     """The period, s, at which hold and computing take `share` of the delay margin: h/2 + computation = share delay_s.
 
@@ -319,6 +322,4 @@ def suggested_period(margins: Margins, *, share: float = 0.1, computation: float
 
 
 def _computation(time: float) -> float:
-    if not (math.isfinite(time) and time >= 0):
-        raise InputError(f"computation: {time} s is not allowed; give a finite value >= 0")
-    return time
+    return number("computation", time, "s", ge=0)

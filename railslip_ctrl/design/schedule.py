@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import ValidationError
 
 from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.arguments import check_fields, checked
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.parameters.validation import one_line
+from railslip_ctrl.parameters.validation import validated
 from railslip_ctrl.units import KMH
 
 from .controllers import PIController, actuated_plant, wheel_slip_loop
@@ -57,6 +57,7 @@ class GainSchedule:
     worst_ms: float
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not self.entries:
             raise InputError("gain schedule: it has no entries; give at least one speed")
         seen = set()
@@ -118,7 +119,7 @@ class GainSchedule:
                 ScheduleEntry(
                     Rail(e["rail"]),
                     float(e["speed_kmh"]),
-                    PIGains(kp=e["kp_si"], ki=e["ki_si"]),
+                    validated(PIGains, {"kp": e["kp_si"], "ki": e["ki_si"]}, "gain schedule"),
                     float(e["worst_ms"]),
                 )
                 for e in content["entries"]
@@ -126,13 +127,14 @@ class GainSchedule:
             lead, lead_filter, lowest, worst = (
                 float(content[k]) for k in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")
             )
-        except ValidationError as error:
-            raise InputError(one_line(error, "gain schedule", model=PIGains)) from None
+        except InputError:
+            raise
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
         return cls(entries, lead, lead_filter, lowest, worst)
 
 
+@checked
 def plant_at(
     law: str, vehicle: Vehicle, rail: Rail, speed_kmh: float, initial_speed_kmh: float = INITIAL_SPEED_KMH
 ) -> LinearPlant:
@@ -144,6 +146,7 @@ def plant_at(
     return linearize(operating_point(adhesion, vehicle, speed_kmh * KMH, slip, rail=rail))
 
 
+@checked
 def schedule_gains(
     speeds_kmh: Sequence[float],
     *,

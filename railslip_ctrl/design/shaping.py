@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import frequency_curve
 from railslip_ctrl.loop.rootfinding import bracketed_roots
 
 
+@checked
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Where a loop has most phase.
 
@@ -32,6 +34,7 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     return omega, float(loop.phase(omega))
 
 
+@checked
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     """Factor on the gain of a `loop` that makes |L(j omega)| = 1 at `omega`, rad/s, > 0.
 
@@ -40,6 +43,5 @@ def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
     InputError
         omega is not finite and positive.
     """
-    if not (np.isfinite(omega) and omega > 0):
-        raise InputError(f"crossover: {omega} rad/s is not allowed; give a finite frequency > 0")
+    number("crossover", omega, "rad/s", gt=0)
     return float(1 / np.abs(loop.frequency_response(omega)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from railslip_ctrl.arguments import check_fields
 from railslip_ctrl.errors import InputError
 
 
@@ -26,7 +27,7 @@ class Specification:
     Raises
     ------
     InputError
-        A value out of its range.
+        A value of another kind or out of its range.
     """
 
     ms_max: float | None = None
@@ -35,6 +36,7 @@ class Specification:
     crossover: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.ms_max is not None and not (math.isfinite(self.ms_max) and self.ms_max > 1):
             raise InputError(f"ms_max: {self.ms_max} is not allowed; give a finite value > 1")
         for name, value in (("phase_min_deg", self.phase_min_deg), ("delay_min_s", self.delay_min_s)):

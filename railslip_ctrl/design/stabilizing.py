@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.stability import RootCount, count_right_of
@@ -68,7 +69,7 @@ class Region(ABC):
 
     @abstractmethod
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
-        """The loop of each plant with these gains, stable or not."""
+        """The loop of each plant with these gains, stable or not. InputError for a gain that is not finite."""
 
     @property
     @abstractmethod
@@ -111,10 +112,11 @@ class StabilizingRegion(Region):
         return self.decomposition.dead_time
 
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
-        return (DeadTimeLoop(self.decomposition.controller(kp, ki) * self.plant, self.dead_time),)
+        controller = self.decomposition.controller(number("kp", kp), number("ki", ki))
+        return (DeadTimeLoop(controller * self.plant, self.dead_time),)
 
     def contains(self, kp: float, ki: float) -> bool:
-        kp, ki = _finite("kp", kp), _finite("ki", ki)
+        kp, ki = number("kp", kp), number("ki", ki)
         return ki >= 0 and self._count(kp, ki).stable
 
     @property
@@ -139,7 +141,7 @@ class StabilizingRegion(Region):
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
-        kp = _finite("kp", kp)
+        kp = number("kp", kp)
         if self._hidden.size or not self._integral_allowed(kp) or abs(kp) >= self.decomposition.largest_kp:
             return ()
         critical = self.decomposition.integral_gains(kp)
@@ -306,6 +308,7 @@ class IntersectionRegion(Region):
         return f"no kp stabilises all plants with small ki ({told}); schedule the gains"
 
 
+@checked
 def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     """All (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
 
@@ -324,6 +327,7 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     return _region(plant, dead_time)
 
 
+@checked
 def stabilizing_pid(
     plant: Any,
     dead_time: float = 0.0,
@@ -352,16 +356,17 @@ def stabilizing_pid(
     """
     if (derivative_time is None) == (derivative_gain is None):
         raise InputError("PID: give either derivative_time (s) or derivative_gain, not both and not neither")
-    lag = _finite("derivative filter", derivative_filter)
+    lag = number("derivative filter", derivative_filter)
     if lag <= 0:
         raise InputError(f"derivative filter: {lag} s is not allowed; give a value > 0, or the PID is not proper")
-    time = _finite("derivative time", derivative_time or 0.0)
+    time = number("derivative time", derivative_time or 0.0)
     if time < 0:
         raise InputError(f"derivative time: {time} s is not allowed; give a value >= 0")
-    gain = _finite("derivative gain", derivative_gain or 0.0)
+    gain = number("derivative gain", derivative_gain or 0.0)
     return _region(plant, dead_time, derivative_time=time, derivative_gain=gain, derivative_filter=lag)
 
 
+@checked
 def intersection(regions: Sequence[Region]) -> IntersectionRegion:
     """The gains that lie in every one of `regions`, intervals and all.
 
@@ -384,10 +389,3 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
             "the actuator's lag"
         )
     return StabilizingRegion(Decomposition(loop.system, loop.dead_time, **derivative))
-
-
-def _finite(name: str, value: float) -> float:
-    value = float(value)
-    if not math.isfinite(value):
-        raise InputError(f"{name}: {value} is not allowed; give a finite number")
-    return value

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number, numbers
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 
@@ -33,6 +34,7 @@ class PIDesign:
     specification: Specification
 
 
+@checked
 def tune_pi(
     plants: Any,
     dead_time: float | Sequence[float] = 0.0,
@@ -73,13 +75,14 @@ def tune_pi(
     InfeasibleDesignError
         No PI meets the specification; the message gives the best that can be achieved.
     InputError
-        No plants, or a specification that contradicts itself.
+        No plants, an argument of another kind, or a specification that contradicts itself.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     family = Family(_systems(plants, compensator), _dead_times(plants, dead_time), compensator is not None)
     if minimise_ms:
-        if ki_min is None or not (math.isfinite(ki_min) and ki_min > 0):
-            raise InputError(f"ki_min: {ki_min} is not allowed with minimise_ms; give a least ki > 0")
+        if ki_min is None:
+            raise InputError("ki_min: None is not allowed with minimise_ms; give a least ki > 0")
+        number("ki_min", ki_min, gt=0)
         kp, ki = least_ms(family, specification, ki_min)
     else:
         if ms_max is None and phase_min_deg is None and delay_min_s is None:
@@ -93,6 +96,7 @@ def tune_pi(
     return PIDesign(kp, ki, worst, tuple(loop.margins() for loop in loops), specification)
 
 
+@checked
 def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margin_deg: float) -> tuple[float, float]:
     """(kp, ki) with |L(j crossover)| = 1 and arg L = -180 deg + phase margin there, exactly.
 
@@ -141,8 +145,9 @@ def _systems(plants: Any, compensator: Rational | None) -> list[Rational]:
 
 
 def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
+    given: list[float]
     count = len(plants) if isinstance(plants, (list, tuple)) else 1
-    given = [float(d) for d in np.atleast_1d(np.asarray(dead_time, dtype=float))]
+    given = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
     if len(given) not in (1, count):
         raise InputError(f"dead_time: {len(given)} values for {count} plants; give one, or one each")
     return given * count if len(given) == 1 else given

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.arguments import checked, number
+
 from .deadtime import DeadTimeLoop
 
 _POINTS = 4000  # a smooth line in print, the turns of the dead time included
@@ -28,8 +30,13 @@ class FrequencyCurve:
         return np.asarray(20 * np.log10(np.abs(self.response)))
 
 
+@checked
 def frequency_curve(loop: DeadTimeLoop, low: float, high: float) -> FrequencyCurve:
-    """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points."""
+    """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points.
+
+    InputError unless 0 < low < high.
+    """
+    _check_band(low, high)
     crossovers = loop.gain_crossovers
     inside = crossovers[(crossovers > low) & (crossovers < high)]
     omega = np.union1d(np.geomspace(low, high, _POINTS), inside)
@@ -50,9 +57,20 @@ class GangOfFour:
     cs: NDArray[np.complex128]
 
 
+@checked
 def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
-    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact."""
+    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact.
+
+    InputError unless 0 < low < high.
+    """
+    _check_band(low, high)
     omega = np.geomspace(low, high, _POINTS)
     p, c = plant.frequency_response(omega), controller(1j * omega)
     s = 1 / (1 + c * p)
     return GangOfFour(omega, np.asarray(s), np.asarray(c * p * s), np.asarray(p * s), np.asarray(c * s))
+
+
+def _check_band(low: float, high: float) -> None:
+    """Of frequencies, rad/s."""
+    number("low", low, "rad/s", gt=0)
+    number("high", high, "rad/s", gt=low)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number, numbers
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
 from .crossings import SMALLEST_LISTED, Response, frequency_nodes, gain_crossovers, phase_crossovers
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
+
+MOST_POLES = 1000
+"""Closed-loop poles that are looked for; a few dozen show what a loop does."""
 
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
@@ -41,7 +45,7 @@ class DeadTimeLoop:
     Raises
     ------
     InputError
-        `system` is not of this form, or the dead time is negative or not finite.
+        `system` is not of this form, or the dead time is negative, not finite or no number.
 
     Notes
     -----
@@ -52,13 +56,8 @@ class DeadTimeLoop:
     """
 
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
-        if isinstance(dead_time, bool) or not isinstance(dead_time, (int, float, np.integer, np.floating)):
-            raise InputError(f"dead time: {dead_time!r} is not a number; give a finite value >= 0, in s")
-        dead_time = float(dead_time)
-        if not (math.isfinite(dead_time) and dead_time >= 0):
-            raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+        self._dead_time = number("dead time", dead_time, "s", ge=0)
         self._system = Rational.from_control(system)
-        self._dead_time = dead_time
 
     @property
     def system(self) -> Rational:
@@ -75,41 +74,44 @@ class DeadTimeLoop:
         return f"DeadTimeLoop(order {order}, relative degree {self._system.relative_degree}, {self._dead_time:g} s)"
 
     def scaled(self, factor: float) -> DeadTimeLoop:
-        """The loop with its gain multiplied by `factor`."""
-        return DeadTimeLoop(self._system * factor, self._dead_time)
+        """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
+        return DeadTimeLoop(self._system * number("gain factor", factor), self._dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
-        """The loop with `extra` more dead time, s (the sum must not be negative)."""
-        return DeadTimeLoop(self._system, self._dead_time + extra)
+        """The loop with `extra` more dead time, s. InputError for one that is not finite, or a sum below 0."""
+        return DeadTimeLoop(self._system, self._dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
         """The loop with a diagonal Pade approximation of some `order` in place of its dead time; for comparison only.
 
-        Raises InputError for an order < 1.
+        Raises InputError for an order that is not an integer from 1 to 100.
         """
         return DeadTimeLoop(self._system * pade(self._dead_time, order), 0.0)
 
     # -- frequency response -------------------------------------------------------------------------------
 
     def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """L(j omega), complex, of the shape of `omega` (rad/s)."""
-        return self._response(np.asarray(omega, dtype=float))
+        """L(j omega), complex, of the shape of `omega` (rad/s). InputError for a frequency that is not finite."""
+        return self._response(numbers("omega", omega, "rad/s"))
 
     def sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """S(j omega) = 1/(1 + L), complex, of the shape of `omega` (rad/s)."""
+        """S(j omega) = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
         return np.asarray(1 / (1 + self.frequency_response(omega)))
 
     def complementary_sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """T(j omega) = L/(1 + L), complex, of the shape of `omega` (rad/s)."""
+        """T(j omega) = L/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
         return np.asarray(1 - self.sensitivity(omega))
 
     def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape."""
-        return self._response.phase(np.asarray(omega, dtype=float))[0]
+        """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape.
+
+        InputError for a frequency that is not finite and positive.
+        """
+        return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase_slope(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape."""
-        return self._response.phase(np.asarray(omega, dtype=float))[1]
+        """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape; InputError for another."""
+        return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[1]
 
     def feature_band(self) -> tuple[float, float]:
         """Frequencies, rad/s, between which everything about L happens; for plots."""
@@ -147,14 +149,15 @@ class DeadTimeLoop:
         """Poles of G with positive real part."""
         return int(np.count_nonzero(self._system.poles.real > 0))
 
+    @checked
     def closed_loop_poles(self, count: int = 6) -> NDArray[np.complex128]:
         """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
 
         Without dead time there are as many as G has poles. Raises SpectrumError if the exact root count does
-        not confirm them, InputError for a count < 1 or an unstable neutral loop, which has no rightmost pole.
+        not confirm them, InputError for a count that is not 1 to 1000, or an unstable neutral loop, which has no
+        rightmost pole.
         """
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise InputError(f"count: {count!r} is not allowed; ask for a whole number of poles, at least one")
+        number("count", count, ge=1, le=MOST_POLES)
         if not self.is_well_posed:
             raise InputError(f"closed-loop poles: {_ILL_POSED}")
         if self._dead_time > 0 and abs(self._system.feedthrough) >= 1:

@@ -8,10 +8,12 @@ polynomials lose digits, gives the phase of G(j omega) as a *continuous* functio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import complexes, number, real, reals
 from railslip_ctrl.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +48,7 @@ class Rational:
     Raises
     ------
     InputError
-        More zeros than poles (not proper), or a number that is not finite.
+        More zeros than poles (not proper), or something that is not a finite number.
     """
 
     zeros: Complexes
@@ -54,9 +56,9 @@ class Rational:
     gain: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "zeros", np.atleast_1d(np.asarray(self.zeros, dtype=complex)))
-        object.__setattr__(self, "poles", np.atleast_1d(np.asarray(self.poles, dtype=complex)))
-        object.__setattr__(self, "gain", float(self.gain))
+        object.__setattr__(self, "zeros", np.atleast_1d(complexes("zeros", self.zeros)))
+        object.__setattr__(self, "poles", np.atleast_1d(complexes("poles", self.poles)))
+        object.__setattr__(self, "gain", real("gain", self.gain))
         if self.zeros.size > self.poles.size:
             raise InputError(
                 f"transfer function with {self.zeros.size} zeros and {self.poles.size} poles is not proper; "
@@ -68,9 +70,14 @@ class Rational:
 
     @classmethod
     def from_polynomials(cls, num: ArrayLike, den: ArrayLike) -> Rational:
-        """From coefficients `num` and `den`, 1-D, in descending powers of s, whose unit is rad/s."""
-        numerator = np.trim_zeros(np.atleast_1d(np.asarray(num, dtype=float)), "f")
-        denominator = np.trim_zeros(np.atleast_1d(np.asarray(den, dtype=float)), "f")
+        """From coefficients `num` and `den`, 1-D, in descending powers of s, whose unit is rad/s.
+
+        InputError for what are no finite numbers, a denominator 0, or a higher power in `num` than in `den`.
+        """
+        numerator, denominator = (np.atleast_1d(reals(name, x)) for name, x in (("num", num), ("den", den)))
+        if numerator.ndim > 1 or denominator.ndim > 1:
+            raise InputError("transfer function: num and den are not 1-D; give the coefficients of one polynomial each")
+        numerator, denominator = np.trim_zeros(numerator, "f"), np.trim_zeros(denominator, "f")
         if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
         if denominator.size == 0:
@@ -92,10 +99,17 @@ class Rational:
         Raises
         ------
         InputError
-            The factored form does not reproduce the realisation's frequency response.
+            Entries that are no finite numbers, shapes that do not fit, or a factored form that does not reproduce the
+            realisation's frequency response.
         """
-        a, b = np.atleast_2d(np.asarray(a, dtype=float)), np.asarray(b, dtype=float).reshape(-1, 1)
-        c, d = np.asarray(c, dtype=float).reshape(1, -1), float(np.asarray(d, dtype=float).reshape(()))
+        a, b = np.atleast_2d(reals("a", a)), reals("b", b).reshape(-1, 1)
+        c, d = reals("c", c).reshape(1, -1), reals("d", d)
+        if d.size != 1 or not (a.size == b.size**2 == c.size**2) or (b.size and a.shape != (b.size, b.size)):
+            raise InputError(
+                f"state-space system: shapes {a.shape}, {b.shape}, {c.shape} and {d.shape} do not fit; give n by n, "
+                "n by 1, 1 by n and 1 by 1"
+            )
+        d = float(d.reshape(()))
         if b.size == 0:
             return cls(np.array([]), np.array([]), d)
         if not all(np.isfinite(m).all() for m in (a, b, c, np.array(d))):
@@ -113,8 +127,8 @@ class Rational:
         """
         if isinstance(system, Rational):
             return system
-        if isinstance(system, (int, float, np.integer, np.floating)):
-            return cls(np.array([]), np.array([]), float(system))
+        if isinstance(system, (int, float, np.integer, np.floating)) and not isinstance(system, bool):
+            return cls(np.array([]), np.array([]), real("system", system))
         if not (hasattr(system, "A") or hasattr(system, "num")):
             raise InputError(
                 f"loop: {type(system).__name__} is not a linear system; give a python-control "
@@ -139,12 +153,15 @@ class Rational:
                 np.concatenate([self.poles, other.poles]),
                 self.gain * other.gain,
             )
+        if isinstance(other, (bool, str)) or not isinstance(other, Real):
+            return NotImplemented
         return Rational(self.zeros, self.poles, self.gain * other)
 
     __rmul__ = __mul__
 
     def shifted(self, c: float) -> Rational:
-        """G(s + c) as a function of s."""
+        """G(s + c) as a function of s; `c` is real, rad/s. InputError for one that is not finite."""
+        number("c", c, "rad/s")
         return Rational(self.zeros - c, self.poles - c, self.gain)
 
     @property
@@ -170,8 +187,8 @@ class Rational:
         return float((self.gain * np.prod(-self.zeros) / np.prod(-self.poles)).real)
 
     def __call__(self, s: ArrayLike) -> Complexes:
-        """G at complex s, any shape; infinite at a pole."""
-        s = np.asarray(s, dtype=complex)[..., None]
+        """G at complex s, any shape; infinite at a pole. InputError for what are no numbers."""
+        s = complexes("s", s)[..., None]
         # zeros and poles are interleaved so that the running product stays in range for high orders
         paired = self.zeros.size
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

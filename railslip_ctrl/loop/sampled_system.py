@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from railslip_ctrl.arguments import number
 from railslip_ctrl.errors import InputError
 
 from .rational import Rational
@@ -219,6 +220,4 @@ class SampledSystem:
 
 def check_period(period: float) -> float:
     """Return a sampling period, s; InputError unless finite and > 0."""
-    if not (math.isfinite(period) and period > 0):
-        raise InputError(f"period: {period} s is not allowed; give a finite value > 0")
-    return period
+    return number("period", period, "s", gt=0)

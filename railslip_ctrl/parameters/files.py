@@ -10,14 +10,14 @@ from copy import copy
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from railslip_ctrl.errors import InputError
 
 from .published import PARK2008
 from .railtoolkit import RESISTANCE_COEFFICIENTS, RollingStock, read_rolling_stock
 from .records import GRAVITY, Actuator, Record, Resistance, Vehicle, Wheel
-from .validation import file_name, one_line, read_toml
+from .validation import file_name, given_path, read_toml, validated
 
 DEFAULT_AXLES = 4
 """Axles of a railtoolkit vehicle whose number nobody gives: two bogies of two, as in [Park2008] Fig. 2."""
@@ -74,12 +74,12 @@ class VehicleKeys(Record):
     actuator: ActuatorKeys = ActuatorKeys()
 
 
-def load_vehicle(path: Path) -> Vehicle:
+def load_vehicle(path: str | Path) -> Vehicle:
     """Return the quarter car described by a file.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
         vehicle, which takes the published wheel and brake and four axles.
 
@@ -93,6 +93,7 @@ def load_vehicle(path: Path) -> Vehicle:
     InputError
         One line with the file, the key, the value and what is allowed.
     """
+    path = given_path(path)
     suffix = path.suffix.lower()
     if suffix == ".toml":
         return _from_toml(path)
@@ -108,10 +109,7 @@ def _from_toml(path: Path) -> Vehicle:
 
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
     """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
-    try:
-        keys = VehicleKeys.model_validate(content)
-    except ValidationError as error:
-        raise InputError(one_line(error, where, model=VehicleKeys)) from None
+    keys = validated(VehicleKeys, content, where)
     if keys.rolling_stock is None:
         _refuse_incomplete(keys, where)
         return _vehicle(keys, None, where=where, source=path.name)
@@ -135,28 +133,26 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
     notes: list[str] = []
     mass, mass_loaded = _masses(keys, stock, notes)
     wheel_load = _first(keys.wheel_load, mass * GRAVITY)
-    try:
-        wheel = Wheel(**_or_published("wheel", keys.wheel, PARK2008.wheel, notes))
-        resistance = _resistance(keys.resistance, stock, mass, notes)
-        actuator = Actuator(**_or_published("actuator", keys.actuator, PARK2008.actuator, notes))
-        if stock is not None and stock.rotation_mass is not None:
-            notes.append(_rotation_note(stock.rotation_mass, mass, wheel))
-        return Vehicle(
-            name=" ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
-            mass=mass,
-            mass_loaded=mass_loaded,
-            wheel_load=wheel_load,
-            # a load presses on the rail in proportion to the mass, unless the file says otherwise
-            wheel_load_loaded=_first(keys.wheel_load_loaded, wheel_load * (mass_loaded / mass)),
-            wheel=wheel,
-            resistance=resistance,
-            actuator=actuator,
-            inertia_scale=_first(keys.inertia_scale, 1.0),
-            source=source,
-            notes=tuple(notes),
-        )
-    except ValidationError as error:
-        raise InputError(one_line(error, where, model=Vehicle)) from None
+    wheel = validated(Wheel, _or_published("wheel", keys.wheel, PARK2008.wheel, notes), where)
+    resistance = validated(Resistance, _resistance(keys.resistance, stock, mass, notes), where)
+    actuator = validated(Actuator, _or_published("actuator", keys.actuator, PARK2008.actuator, notes), where)
+    if stock is not None and stock.rotation_mass is not None:
+        notes.append(_rotation_note(stock.rotation_mass, mass, wheel))
+    values = {
+        "name": " ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
+        "mass": mass,
+        "mass_loaded": mass_loaded,
+        "wheel_load": wheel_load,
+        # a load presses on the rail in proportion to the mass, unless the file says otherwise
+        "wheel_load_loaded": _first(keys.wheel_load_loaded, wheel_load * (mass_loaded / mass)),
+        "wheel": wheel,
+        "resistance": resistance,
+        "actuator": actuator,
+        "inertia_scale": _first(keys.inertia_scale, 1.0),
+        "source": source,
+        "notes": tuple(notes),
+    }
+    return validated(Vehicle, values, where)
 
 
 def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> tuple[float, float]:
@@ -177,19 +173,19 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
     return mass, mass + (load or 0.0)
 
 
-def _resistance(keys: ResistanceKeys, stock: RollingStock | None, mass: float, notes: list[str]) -> Resistance:
-    given = keys.model_dump(exclude_none=True)
+def _resistance(keys: ResistanceKeys, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
+    given: dict[str, float] = keys.model_dump(exclude_none=True)
     if stock is None:
         if not given:
             notes.append("No travelling resistance is given: it is taken as 0.")
-        return Resistance(**given)
+        return given
     if len(given) < len(ResistanceKeys.model_fields):
         notes.append("The running resistance per weight is that of the empty mass, also when loaded.")
     of_key = dict(zip(ResistanceKeys.model_fields, RESISTANCE_COEFFICIENTS, strict=True))
     absent = [name for key, name in of_key.items() if getattr(stock, name) is None and key not in given]
     if absent:
         notes.append(f"{' and '.join(absent)} of the running resistance not given: taken as 0.")
-    return Resistance(**{**stock.resistance(mass).model_dump(), **given})
+    return {**stock.resistance(mass).model_dump(), **given}
 
 
 def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:

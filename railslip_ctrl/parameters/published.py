@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import NamedTuple
 
+from railslip_ctrl.arguments import checked
+
 from .records import Actuator, PIGains, Resistance, Vehicle, Wheel
 
 INITIAL_SPEED_KMH = 100.0
@@ -61,6 +63,7 @@ TABLE4_PI = MappingProxyType(
 """Table 4's PI gains by column, in SI (N*m/(m/s) and N*m/m)."""
 
 
+@checked
 def table4_gains(adhesion: str) -> PIGains:
     """Table 4's PI gains, SI, for an `adhesion` law by name: the beam's own column, else the bristle column."""
     return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]

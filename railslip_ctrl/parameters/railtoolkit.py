@@ -8,13 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, ValidationError
+from pydantic import ConfigDict
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.units import KMH, quantity, shown
 
 from .records import GRAVITY, Record, Resistance
-from .validation import close_match, file_name, one_line, read_text
+from .validation import close_match, file_name, read_text, validated
 
 _DEEPEST = 20
 """Levels of nesting; the schema has four, and libyaml's recursive composer overruns its stack on thousands."""
@@ -80,10 +80,7 @@ def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str 
     chosen = _choose(vehicles, vehicle_id, where)
     # an empty value in YAML is null, and means the same as no key
     given = {key: value for key, value in chosen.items() if isinstance(key, str) and value is not None}
-    try:
-        return RollingStock.model_validate(given)
-    except ValidationError as error:
-        raise InputError(one_line(error, f"{where}: vehicle {shown(given.get('id'))}", model=RollingStock)) from None
+    return validated(RollingStock, given, f"{where}: vehicle {shown(given.get('id'))}")
 
 
 def _parse(text: str, where: str) -> Any:

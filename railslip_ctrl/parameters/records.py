@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.units import quantity, to_unit
+from railslip_ctrl.units import quantity, shown, to_unit
+
+from .docstrings import documented
+from .validation import one_line, unknown_key
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
@@ -25,7 +38,7 @@ class Rail(StrEnum):
         try:
             return cls(value)
         except ValueError:
-            raise InputError(f"rail: {value!r} is not a rail condition; choose dry or wet") from None
+            raise InputError(f"rail: {shown(value)} is not a rail condition; choose dry or wet") from None
 
 
 class Record(BaseModel):
@@ -35,12 +48,51 @@ class Record(BaseModel):
 
     Raises
     ------
-    pydantic.ValidationError
-        A value of another dimension or out of its range; it is a ValueError. What reads a record from a file raises
-        InputError in its place.
+    InputError
+        An unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is set
+        after the record was made.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __init__(self, /, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(one_line(error, type(self).__name__, model=type(self))) from None
+
+    # As pydantic's own: a record within a record is then checked with it, and errors name the whole way to a key.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.__doc__ = documented(cls)
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """The record that `obj`, a mapping of its keys, makes; `options` are pydantic's. Errors as of a new record."""
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InputError(one_line(error, cls.__name__, model=cls)) from None
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """The record with the fields in `update` as given, unchecked: also outside its range, to see what follows.
+
+        `deep` copies what it holds. InputError for a name that is no field.
+        """
+        unknown = (update or {}).keys() - type(self).model_fields.keys()
+        if unknown:
+            key = min(unknown)
+            raise InputError(f"{type(self).__name__}: {key}: {unknown_key(key, type(self))}")
+        return super().model_copy(update=update, deep=deep)
+
+    if not TYPE_CHECKING:  # to a type checker the fields are frozen already
+
+        def __setattr__(self, name: str, value: object) -> None:
+            raise InputError(
+                f"{type(self).__name__}: {name}: cannot be set; make another with model_copy(update={{{name!r}: ...}})"
+            )
 
     @field_validator("*", mode="before")
     @classmethod
@@ -63,7 +115,10 @@ class Wheel(Record):
 
 
 class Resistance(Record):
-    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s."""
+    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s.
+
+    [Park2008] Table 1 has the quadratic term alone.
+    """
 
     constant: float = quantity("N", "constant term", ge=0, default=0.0)
     linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
@@ -78,7 +133,7 @@ class Actuator(Record):
 
 
 class PIGains(Record):
-    """Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m."""
+    """Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m ([Park2008] Table 4); of either sign."""
 
     kp: float = quantity("N*m/(m/s)", "proportional gain")
     ki: float = quantity("N*m/m", "integral gain")
@@ -90,35 +145,25 @@ class Vehicle(Record):
     `inertia_scale` multiplies mass, wheel inertia and viscous friction, and nothing else: 1 is SI, 3.6 is the
     as-published reading (speeds integrated in km/h with forces in N). Use `effective_mass`,
     `effective_inertia` and `effective_viscous_friction` in equations of motion. `wheel_load` is a quantity of
-    its own: in the published vehicle it does not follow the mass.
+    its own: in the published vehicle it does not follow the mass. `PARK2008` is the published one.
 
-    Attributes
-    ----------
-    name : str
-        For reports.
-    wheel : Wheel
-        The braked wheelset.
-    resistance : Resistance
-        Travelling resistance of the quarter car.
-    actuator : Actuator
-        The brake.
-    source : str
-        Where the numbers are from.
-    notes : tuple of str
-        One sentence for each thing that was assumed.
+    Raises
+    ------
+    InputError
+        As of any `Record`, and a loaded mass below the empty one.
     """
 
-    name: str
+    name: str = Field(description="for reports")
     mass: float = quantity("kg", "quarter-car mass M, empty", gt=0)
     mass_loaded: float = quantity("kg", "quarter-car mass M, loaded", gt=0)
     wheel_load: float = quantity("N", "wheel load N, empty", gt=0)
     wheel_load_loaded: float = quantity("N", "wheel load N, loaded", gt=0)
-    wheel: Wheel
-    resistance: Resistance
-    actuator: Actuator
+    wheel: Wheel = Field(description="the braked wheelset")
+    resistance: Resistance = Field(description="travelling resistance of the quarter car")
+    actuator: Actuator = Field(description="the brake")
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
-    source: str = ""
-    notes: tuple[str, ...] = ()
+    source: str = Field("", description="where the numbers are from")
+    notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
 
     @model_validator(mode="after")
     def _load_adds(self) -> Vehicle:

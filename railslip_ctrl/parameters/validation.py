@@ -5,18 +5,20 @@ A message reads `file: key: value is not allowed; remedy`, whatever was wrong wi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.units import shown
 
 if TYPE_CHECKING:
-    from pydantic import ValidationError
     from pydantic_core import ErrorDetails
+
+_M = TypeVar("_M", bound=BaseModel)
 
 LARGEST_FILE = 1_000_000
 """Bytes; a parameter file has a few thousand, and a parser should not be handed a disk image."""
@@ -40,6 +42,13 @@ _KINDS = {
     "tuple_type": "a list",
     "bool_type": "true or false",
 }
+
+
+def given_path(value: object, name: str = "path") -> Path:
+    """Return a path given as text or as a `Path`; InputError, which begins with `name`, for anything else."""
+    if isinstance(value, (str, os.PathLike)) and value:
+        return Path(value)
+    raise InputError(f"{name}: {shown(value)} is not a path; give the name of a file, as text or a Path")
 
 
 def read_text(path: Path, *, where: str = "") -> str:
@@ -89,6 +98,30 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{file_name(path)}: not valid TOML: {_flat(error)}") from None
 
 
+def validated(model: type[_M], values: object, where: str) -> _M:
+    """Return the record that `values` make.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+        The record's class.
+    values : mapping
+        Its keys, or a record of the class.
+    where : str
+        What an error begins with: the file (and, in a file of several things, the thing).
+
+    Raises
+    ------
+    InputError
+        What the record refuses, as `one_line` says it.
+    """
+    try:
+        # not model_validate, in which a record calls itself by the name of its class
+        return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
+    except ValidationError as error:
+        raise InputError(one_line(error, where, model=model)) from None
+
+
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
     """Return a pydantic error as one line for the user: `where: key: value is not allowed; remedy`.
 
@@ -107,7 +140,15 @@ def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | Non
     key = ".".join(_key(part) for part in first["loc"])
     start = f"{where}: {key}: " if key else f"{where}: "
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
-    return f"{start}{_reason(first, owner, field)}{more}"
+    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # a check may name its key itself
+    return f"{start}{reason}{more}"
+
+
+def unknown_key(key: str, owner: type[BaseModel] | None) -> str:
+    """Return the complaint about a key that its record, where that is known, does not have."""
+    if owner is None:
+        return "unknown key; remove it"
+    return f"unknown key; {close_match(key, owner.model_fields)}allowed: {', '.join(owner.model_fields)}"
 
 
 def close_match(given: str, allowed: Iterable[str]) -> str:
@@ -156,7 +197,9 @@ def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) 
         meaning = getattr(field, "description", None)
         return f"missing; give it{in_unit}" + (f": {meaning}" if meaning else "")
     if kind == "extra_forbidden":
-        return _unknown(str(complaint["loc"][-1]), owner)
+        return unknown_key(str(complaint["loc"][-1]), owner)
+    if kind == "is_instance_of":
+        return f"{shown(value)} is not allowed; give an instance of {context['class']}"
     if kind in _KINDS:
         return f"{shown(value)} is not allowed; give {_KINDS[kind]}"
     return f"{shown(value)} is not allowed; {_flat(complaint['msg'])}"
@@ -165,12 +208,6 @@ def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) 
 def _number(value: object) -> str:
     """A number as a user writes it: converted already, it is a float, and 0 should not read 0.0."""
     return f"{value:g}" if isinstance(value, float) else shown(value)
-
-
-def _unknown(key: str, owner: type[BaseModel] | None) -> str:
-    if owner is None:
-        return "unknown key; remove it"
-    return f"unknown key; {close_match(key, owner.model_fields)}allowed: {', '.join(owner.model_fields)}"
 
 
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:

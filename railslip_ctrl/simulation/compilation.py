@@ -106,9 +106,7 @@ def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) ->
         return module
     path = _stored(name, text)
     if not any(path.parent.glob(f"__pycache__/{name}.run-*.nbi")):
-        logger.warning(
-            "compiling the simulation for adhesion law %s (once; the result is kept in %s)", law.name, path.parent
-        )
+        _tell_of_compiling(path.parent)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None, "a path that ends in .py has a specification"
     assert spec.loader is not None, "and a loader"
@@ -116,6 +114,12 @@ def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) ->
     sys.modules[name] = module  # numba finds the functions of a cached module by its name
     spec.loader.exec_module(module)
     return module
+
+
+@cache
+def _tell_of_compiling(folder: Path) -> None:
+    """Say it, once in a process however many pairs of law and controller it compiles."""
+    logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
 
 
 def cache_folder() -> Path:

@@ -21,15 +21,14 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, load_law
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains, Record
-from railslip_ctrl.parameters.validation import close_match, file_name, one_line, read_text, read_toml
+from railslip_ctrl.parameters.validation import close_match, file_name, given_path, read_text, read_toml, validated
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH, quantity, shown
 
@@ -186,12 +185,13 @@ KINDS: dict[str, type[ControllerKeys]] = {
 }
 
 
-def load_controller(path: Path, *, initial_speed: float | None = None) -> Controller:
+@checked
+def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Controller:
     """Read a controller.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The TOML file; the module says what is in it.
     initial_speed : float, optional
         v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
@@ -201,6 +201,7 @@ def load_controller(path: Path, *, initial_speed: float | None = None) -> Contro
     InputError
         One line naming the file, the key, the value and what is allowed.
     """
+    path = given_path(path)
     where = file_name(path)
     content = read_toml(path)
     kind = content.get("kind")
@@ -208,10 +209,7 @@ def load_controller(path: Path, *, initial_speed: float | None = None) -> Contro
         given = "missing" if kind is None else f"{shown(kind)} is not one"
         near = close_match(kind, KINDS) if isinstance(kind, str) else ""
         raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
-    try:
-        keys = KINDS[kind].model_validate(content)
-    except ValidationError as error:
-        raise InputError(one_line(error, where, model=KINDS[kind])) from None
+    keys = validated(KINDS[kind], content, where)
     try:
         return keys.made(path, initial_speed)
     except InputError as error:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.arguments import check_fields, number
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.sampled import Rule, SampledController
 from railslip_ctrl.design.schedule import GainSchedule
@@ -37,6 +38,7 @@ class Situation:
     period: float
 
 
+@runtime_checkable
 class Controller(Protocol):
     """What the simulation needs of a controller.
 
@@ -121,7 +123,8 @@ class LinearControl:
     states = ("integral", "error", "filtered_error", "unlimited_torque")
 
     def __post_init__(self) -> None:
-        _check_initial(self.initial_torque)
+        check_fields(self)
+        number("initial torque", self.initial_torque, "N*m")
 
     def sampled(self, period: float) -> SampledController:
         """The difference equations at a period, s."""
@@ -168,7 +171,8 @@ class ScheduledControl:
     states = LinearControl.states
 
     def __post_init__(self) -> None:
-        _check_initial(self.initial_torque)
+        check_fields(self)
+        number("initial torque", self.initial_torque, "N*m")
 
     def sampled(self, speed: float, rail: Rail, period: float) -> SampledController:
         """The difference equations at a speed, m/s, on a rail, and a period, s."""
@@ -302,6 +306,7 @@ class TorqueProfile:
     states = ()
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not self.times or len(self.times) != len(self.torques):
             raise InputError(
                 f"torque profile: {len(self.times)} times and {len(self.torques)} torques; give as many of each"
@@ -357,6 +362,7 @@ class SlideProtection:
     states = ("torque_asked", "filtered_rim_speed", "started", "valve")
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not 0 < self.fill_slip < self.dump_slip < 1:
             raise InputError(
                 f"slide protection: slips {self.fill_slip:g} and {self.dump_slip:g} are not allowed; give "
@@ -380,11 +386,6 @@ class SlideProtection:
     def start(self, speed: float) -> tuple[float, ...]:
         """Brake released; the wheel's speed is taken at the first sample."""
         return (0.0, 0.0, 0.0, 1.0)
-
-
-def _check_initial(torque: float) -> None:
-    if not math.isfinite(torque):
-        raise InputError(f"initial torque: {torque:g} N*m is not allowed; give a finite value")
 
 
 def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:

@@ -21,13 +21,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from railslip_ctrl.adhesion import AdhesionLaw, load_law
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError, MissingParametersError
 from railslip_ctrl.parameters import PARK2008, Vehicle, load_vehicle
 from railslip_ctrl.parameters.files import vehicle_from_keys
-from railslip_ctrl.parameters.validation import file_name, one_line, read_toml
+from railslip_ctrl.parameters.validation import file_name, given_path, read_toml, validated
 from railslip_ctrl.units import KMH, quantity, shown, to_unit
 
 from .scenario import BUILT_IN, Scenario, built_in_scenario, named_law
@@ -45,6 +44,7 @@ class _Keys(Scenario):
     inertia_scale: float | None = quantity("1", "factor on M, J and B", gt=0, default=None)
 
 
+@checked
 def load_scenario(source: str | Path) -> Scenario:
     """A built-in scenario by name, or one from a TOML file.
 
@@ -53,9 +53,9 @@ def load_scenario(source: str | Path) -> Scenario:
     InputError
         One line with the file, the key, the value and what is allowed.
     """
+    path = given_path(source, "scenario")
     if str(source) in BUILT_IN:
         return built_in_scenario(str(source))
-    path = Path(source)
     if path.suffix.lower() != ".toml":
         return built_in_scenario(str(source))  # refuses, listing the names
     return _from_file(path, ())
@@ -74,10 +74,7 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
         if table in keys:
             content[table] = _table(keys[table], getattr(base, table, None), f"{where}: {table}")
     content |= _vehicle_and_law(keys, base, path)
-    try:
-        read = _Keys.model_validate(content)
-    except ValidationError as error:
-        raise InputError(one_line(error, where, model=_Keys)) from None
+    read = validated(_Keys, content, where)
     return Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
 
 

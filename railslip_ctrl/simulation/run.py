@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.scalar_code import WORKS
+from railslip_ctrl.units import shown
 
 from . import kernel as layout
 from .compilation import kernel
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+
+LARGEST_SPACING = 2**31
+"""Samples between rows of a record; more than any run has."""
 
 
 class Outcome(StrEnum):
@@ -153,6 +159,7 @@ class Run:
         return self.energies.works["brake"]
 
 
+@checked
 def simulate(
     scenario: Scenario,
     controller: Controller,
@@ -188,6 +195,7 @@ class Simulator:
     InputError as of `simulate`.
     """
 
+    @checked
     def __init__(self, scenario: Scenario, controller: Controller, *, compiled: bool = True) -> None:
         self.scenario, self.controller, self._compiled = scenario, controller, compiled
         self.period = scenario.step if controller.period is None else controller.period
@@ -199,12 +207,11 @@ class Simulator:
     def _kernel(self) -> Any:
         return kernel(type(self.scenario.adhesion), self.controller.source(), compiled=self._compiled)
 
+    @checked
     def run(self, seed: int | np.random.SeedSequence | None = 0, *, record_every: int | None = None) -> Run:
         """One run; `seed` and `record_every` as of `simulate`. InputError for one out of range."""
-        if record_every is not None and record_every < 1:
-            raise InputError(
-                f"record_every: {record_every} is not allowed; give an integer >= 1, or None for no record"
-            )
+        if record_every is not None:
+            number("record_every", record_every, ge=1, le=LARGEST_SPACING)
         plan, kernel_ = self._plan, self._kernel
         forces, noise, hold = self._draw(seed)
         every = record_every or 0
@@ -302,6 +309,6 @@ def _signals(log: Floats, scenario: Scenario) -> Signals:
 
 
 def _checked_seed(seed: int) -> int:
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise InputError(f"seed: {seed!r} is not allowed; give an integer from 0 to 2^63 - 1")
+    if not 0 <= seed < 2**63:
+        raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
     return seed

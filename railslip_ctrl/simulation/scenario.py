@@ -6,12 +6,13 @@ import math
 from types import MappingProxyType
 from typing import Any, Self
 
-from pydantic import Field, SerializeAsAny, ValidationError, model_validator
+from pydantic import Field, InstanceOf, SerializeAsAny, model_validator
 
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError, MissingParametersError
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
-from railslip_ctrl.parameters.validation import one_line
+from railslip_ctrl.parameters.validation import validated
 from railslip_ctrl.units import KMH, quantity
 
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
@@ -34,7 +35,7 @@ class Event(Record):
 
     time: float | None = quantity("s", "time of the event", ge=0, default=None)
     distance: float | None = quantity("m", "distance of the event from where the brake is applied", ge=0, default=None)
-    rail: Rail | None = None
+    rail: Rail | None = Field(None, description="rail condition from then on")
     adhesion_factor: float | None = quantity("1", "factor on the rail's adhesion", gt=0, default=None)
     mass: float | None = quantity("kg", "quarter-car mass M", gt=0, default=None)
 
@@ -104,43 +105,33 @@ class Scenario(Record):
     """A braking run from `initial_speed`, free rolling, to `final_speed`.
 
     The viscous coefficient is the vehicle's plus `viscous_rate` t, times the inertia scale, and at least
-    `viscous_least`.
+    `viscous_least`. The published run ([Park2008] p. 55) is `published_scenario`.
 
-    Attributes
-    ----------
-    name : str
-        For reports.
-    vehicle : Vehicle
-    adhesion : AdhesionLaw
-        The law on dry rail where it has one.
-    rail : Rail
-        The condition at the start.
-    events : tuple of Event
-        Changes of rail and mass on the way.
-    disturbances : Disturbances
-        What acts on the wheel besides.
-    measurement : Measurement
-        What the controller sees of the speeds.
-    limits : BrakeLimits
-        What the actuator cannot do.
+    Raises
+    ------
+    InputError
+        As of any `Record`; a final speed that is not below the initial one, events whose order is open, or limits
+        that need a lag the actuator does not have.
     """
 
-    name: str
-    vehicle: Vehicle
-    adhesion: SerializeAsAny[AdhesionLaw]
-    rail: Rail = Rail.DRY
+    name: str = Field(description="for reports")
+    vehicle: Vehicle = Field(description="the quarter car")
+    adhesion: SerializeAsAny[InstanceOf[AdhesionLaw]] = Field(description="the law on dry rail where it has one")
+    rail: Rail = Field(Rail.DRY, description="the condition at the start")
     adhesion_factor: float = quantity("1", "factor on the rail's adhesion at the start", gt=0, default=1.0)
     initial_speed: float = quantity("m/s", "speed at which the brake is applied", gt=0)
     final_speed: float = quantity("m/s", "speed at which the run ends", gt=0, default=5.0 * KMH)
     longest_time: float = quantity("s", "time after which the run is given up", gt=0, le=36_000.0, default=180.0)
-    events: tuple[Event, ...] = ()
-    disturbances: Disturbances = Disturbances()
-    measurement: Measurement = Measurement()
-    limits: BrakeLimits = BrakeLimits()
+    events: tuple[Event, ...] = Field((), description="changes of rail, adhesion and mass on the way")
+    disturbances: Disturbances = Field(Disturbances(), description="what acts on the wheel besides")
+    measurement: Measurement = Field(Measurement(), description="what the controller sees of the speeds")
+    limits: BrakeLimits = Field(BrakeLimits(), description="what the actuator cannot do")
     viscous_rate: float = quantity("N*m", "rate of change of the viscous torque coefficient", default=0.0)
     viscous_least: float | None = quantity("N*m*s", "least viscous torque coefficient; none: as it comes", default=None)
     step: float = quantity("s", "largest step of the integration", ge=LEAST_STEP, le=LARGEST_STEP, default=1e-3)
-    published_reference: bool = Field(False, description="compare slip with [Park2008]'s 0.132/0.092 as well")
+    published_reference: bool = Field(
+        False, strict=True, description="compare slip with [Park2008]'s 0.132/0.092 as well"
+    )
 
     @model_validator(mode="after")
     def _speeds(self) -> Self:
@@ -193,10 +184,7 @@ class Scenario(Record):
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
         given = self.given() | changes
-        try:
-            return type(self).model_validate({name: value for name, value in given.items() if value is not None})
-        except ValidationError as error:
-            raise InputError(one_line(error, self.name, model=type(self))) from None
+        return validated(type(self), {name: value for name, value in given.items() if value is not None}, self.name)
 
     def given(self) -> dict[str, Any]:
         """The fields that say something, by name: None is what is left out."""
@@ -210,6 +198,7 @@ _SWITCH_TIME = 25.0  # s, [Park2008] p. 55
 _VISCOUS_RATE = -0.01  # N*m, [Park2008] p. 55: B = 0.25 - 0.01 t
 
 
+@checked
 def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_KMH * KMH) -> AdhesionLaw:
     """A published adhesion law on dry rail for a vehicle's wheel load; initial speed in m/s, 30 to 140 km/h.
 
@@ -223,6 +212,7 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
     return law
 
 
+@checked
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
     """The run of [Park2008] p. 55: the mass rises and the rail turns wet at 25 s, from 100 to 5 km/h.
 
@@ -248,6 +238,7 @@ BUILT_IN = ("park2008", "park2008-si")
 """Names of the scenarios that come with the package."""
 
 
+@checked
 def built_in_scenario(name: str) -> Scenario:
     """A built-in scenario by `name`, one of `BUILT_IN`.
 

@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 from typing import Literal, get_args
 
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Vehicle
 
@@ -36,6 +37,7 @@ INERTIA_SCALES = (0.5, 10.0)
 LARGEST_SEED = 2**31
 
 
+@checked
 def verify(
     *,
     law: LawName = "paper",
@@ -79,6 +81,7 @@ def verify(
     return Verification(law, vehicle.inertia_scale, own.K, own.D, seed, conditions)
 
 
+@checked
 def check_arguments(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
     """InputError for a gain, inertia scale or seed outside the range that `verify` takes."""
     for name, value, low, high in (

@@ -15,6 +15,7 @@ import sympy as sp
 
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.sources import cite
 
 from .adaptation import PHI, Adaptation, derive_adaptation
@@ -109,6 +110,7 @@ class Derivation:
         return all(one.checked for one in self.steps)
 
 
+@checked
 @cache
 def derive(*, reference: Reference = "proportional", law: str | None = None) -> Derivation:
     """Derive the sliding-mode law; takes a few seconds, and the result is kept. [Park2008] (33)-(45).

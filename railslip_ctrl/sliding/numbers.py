@@ -1,0 +1,84 @@
+"""An adhesion law's own numbers in the derived law and in its code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import sympy as sp
+
+from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import Rail
+
+from .code import LawCode
+from .derivation import Derivation
+from .sampled_law import PREFIX
+
+_DIGITS = 6
+"""Significant digits of a number in a formula; the code has all of them."""
+
+
+@dataclass(frozen=True)
+class LawNumbers:
+    """The numbers on one rail.
+
+    Attributes
+    ----------
+    rail : Rail
+    parameters : tuple of (str, float)
+        Name and value, SI, in the law's order; of a table one for each of its points.
+    torque : Expr or None
+        Tb, N*m, with the numbers in it; None for a law without a closed form, whose Ta stays an argument.
+    """
+
+    rail: Rail
+    parameters: tuple[tuple[str, float], ...]
+    torque: sp.Expr | None
+
+
+def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
+    """The numbers of `law` in the `derivation` made with it, on dry and on wet rail; of a wet one on wet rail alone.
+
+    Raises
+    ------
+    InputError
+        The derivation is one with another law.
+    """
+    if derivation.adhesion != law.name:
+        raise InputError(f"law: {law.name!r} is not the one derived with, {derivation.adhesion!r}; derive with it")
+    rails = (Rail.WET,) if law.rail is Rail.WET else tuple(Rail)
+    return tuple(_on(derivation, law.on(rail)) for rail in rails)
+
+
+def _on(derivation: Derivation, law: AdhesionLaw) -> LawNumbers:
+    values = law.parameters()
+    if law.statement().functions:
+        return LawNumbers(law.rail, tuple(zip(_points(law), values, strict=True)), None)
+    numbers = {symbol: sp.Float(value, _DIGITS) for symbol, value in zip(law.symbols(), values, strict=True)}
+    parameters = tuple(zip(law.parameter_names(), values, strict=True))
+    return LawNumbers(law.rail, parameters, derivation.law_in_adhesion.subs(numbers))
+
+
+def _points(law: AdhesionLaw) -> list[str]:
+    """Names of the values of `parameters`: those of a list are numbered."""
+    fields: list[tuple[str, Any]] = [(name, getattr(law, name)) for name in law.parameter_names()]
+    return [
+        name if len(values) == 1 else f"{name}_{i}"
+        for name, value in fields
+        for values in ([value] if isinstance(value, float) else value,)
+        for i in range(1, len(values) + 1)
+    ]
+
+
+def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...]) -> LawCode:
+    """The code with the numbers at its end: a dict (Python) and an initialiser's entries (C) for each rail."""
+    named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
+    if not all(name in code.law.parameters for _, row in named for name in row):
+        return code  # Ta is an argument: there are no such parameters
+    python = ["", "", "# The adhesion law's parameters: Parameters(**ADHESION_DRY, J=..., ...)"]
+    c = ["", "/* The adhesion law's parameters, for an initialiser: {RAILSLIP_ASMC_ADHESION_DRY, .J = ..., ...} */"]
+    for rail, row in named:
+        python.append(f"ADHESION_{rail.name} = {row!r}")
+        c.append(f"#define RAILSLIP_ASMC_ADHESION_{rail.name} " + ", ".join(f".{k} = {v!r}" for k, v in row.items()))
+    return replace(code, python=code.python + "\n".join([*python, ""]), c=code.c + "\n".join([*c, ""]))

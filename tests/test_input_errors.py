@@ -1,0 +1,374 @@
+"""What the Python interface refuses: one line with the quantity, its value and what to give, and no other error."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+import railslip_ctrl
+from railslip_ctrl import (
+    PARK2008,
+    Actuator,
+    DeadTimeLoop,
+    PIController,
+    PIGains,
+    Rail,
+    RailslipError,
+    Vehicle,
+    assess,
+    built_in_scenario,
+    derive,
+    linearize,
+    load_law,
+    load_vehicle,
+    nonlinear_plant,
+    operating_point,
+    published_law,
+    simulate,
+    stabilizing_pi,
+    tune_pi,
+)
+from railslip_ctrl.adhesion import ReferenceSlip, law_class, wheel_load_in
+from railslip_ctrl.arguments import check_fields, checked, complexes, number, numbers
+from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.design import actuated_plant, margin_grid, outline
+from railslip_ctrl.design.sampled import SampledController
+from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.parameters import Wheel
+from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.files import load_scenario
+from railslip_ctrl.simulation.published import published_pi
+
+LAW = published_law("bristle", Rail.DRY)
+POINT = operating_point(LAW, PARK2008, 27.0, 0.13)
+PLANT = linearize(POINT)
+PI = PIController(PIGains(kp=1200.0, ki=1200.0))
+LAG = Rational(np.array([]), np.array([-1.0]), 1.0)
+LOOP = DeadTimeLoop(LAG, 0.1)
+REGION = stabilizing_pi(LAG, 0.1)
+VEHICLE = PARK2008.model_dump()
+
+
+class Thing:
+    """Of no kind that anything takes."""
+
+    def __repr__(self) -> str:
+        return "<a thing>"
+
+
+def refusal(call: Callable[[], object]) -> str:
+    """The one line with which a call is refused."""
+    with pytest.raises(RailslipError) as caught:
+        call()
+    text = str(caught.value)
+    assert text.isprintable()  # so also one line
+    assert isinstance(caught.value, ValueError)
+    return text
+
+
+RECORDS: dict[str, Callable[[], object]] = {
+    "Wheel: radius: -1 is not allowed; give a value > 0 (m)": lambda: Wheel(radius=-1.0, inertia=60.0),
+    "Wheel: radius: nan is not allowed; give a finite number in m": lambda: Wheel(radius=math.nan, inertia=60.0),
+    "Wheel: radius: '2 kg' has the wrong dimension; it must be convertible to 'm'": lambda: Wheel(
+        radius="2 kg",  # type: ignore[arg-type]
+        inertia=60.0,
+    ),
+    "Actuator: lag: missing; give it (s): time constant of the first-order lag": lambda: Actuator(dead_time=0.1),  # type: ignore[call-arg]
+    "Actuator: delay: unknown key; allowed: dead_time, lag": lambda: Actuator(dead_time=0.1, lag=0.6, delay=0.1),  # type: ignore[call-arg]
+    "PIGains: kp: True is not a number in N*m/(m/s)": lambda: PIGains(kp=True, ki=1.0),
+    "Vehicle: wheel.radius: -1 is not allowed; give a value > 0 (m)": lambda: Vehicle(
+        **{**VEHICLE, "wheel": {"radius": -1.0, "inertia": 60.0}}
+    ),
+    "Vehicle: wheel: 3 is not allowed; give a table of keys": lambda: Vehicle(**{**VEHICLE, "wheel": 3}),
+    "Vehicle: mass_loaded: 3000 is not allowed; give a value >= mass = 3517 (kg)": lambda: Vehicle.model_validate(
+        {**VEHICLE, "mass_loaded": 3000.0}
+    ),
+    "Vehicle: mass: cannot be set; make another with model_copy(update={'mass': ...})": lambda: setattr(
+        PARK2008, "mass", 1.0
+    ),
+    "Vehicle: mass: -1 is not allowed; give a value > 0 (kg)": lambda: Vehicle(**{**VEHICLE, "mass": -1}),
+    "Vehicle: mas: unknown key; did you mean 'mass'? allowed: " + ", ".join(Vehicle.model_fields): lambda: (
+        PARK2008.model_copy(update={"mas": 4000.0})
+    ),
+    "Table: slip: 0.1 after 0.2 is not allowed; give slip ratios that rise strictly": lambda: law_class("table")(
+        **{"slip": (0.2, 0.1), "mu": (0.1, 0.2)}
+    ),
+    "ReferenceSlip: wet: 1 is not allowed; give a value < 1": lambda: ReferenceSlip(dry=0.1, wet=1.0),
+    "rail: <a thing> is not a rail condition; choose dry or wet": lambda: Rail.of(Thing()),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("line", RECORDS)
+def test_a_record_refuses_in_one_line_of_the_package(line: str) -> None:
+    assert refusal(RECORDS[line]) == line
+
+
+def test_a_copy_takes_a_value_as_it_is() -> None:
+    """The verification of the sliding laws wants a viscous coefficient below 0, which the printed one becomes."""
+    worn = PARK2008.wheel.model_copy(update={"viscous_friction": -0.25})
+    assert worn.viscous_friction == -0.25
+    assert PARK2008.model_copy() == PARK2008
+
+
+FILES: dict[str, tuple[Callable[[Any], object], str]] = {
+    "vehicle.toml": (load_vehicle, "mass = 3517"),
+    "law.toml": (load_law, 'law = "burckhardt"\n[parameters]\nc1 = 0.3\nc2 = 24.0\nc3 = 0.1'),
+    "load.toml": (wheel_load_in, "wheel_load = 3e4"),
+    "scenario.toml": (load_scenario, 'extends = "park2008"'),
+    "controller.toml": (load_controller, 'kind = "pi"\nkp = 1200\nki = 1200'),
+    "campaign.toml": (load_campaign, 'scenario = "park2008"\nruns = 2\n[[controller]]\ncontroller = "pi"'),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_is_named_by_text_or_by_a_path(name: str, tmp_path: Path) -> None:
+    load, content = FILES[name]
+    (tmp_path / name).write_text(content + "\n", encoding="utf-8")
+    assert load(str(tmp_path / name)) == load(tmp_path / name)
+    for other in (3, None, b"x.toml", ["x.toml"], Thing()):
+        assert "is not allowed; give " in refusal(lambda: load(other)) or "is not a path; give " in refusal(  # noqa: B023
+            lambda: load(other)  # noqa: B023
+        )
+
+
+CALLS: dict[str, Callable[[], object]] = {
+    "law: 'bristle' is not allowed; give an AdhesionLaw": lambda: operating_point("bristle", PARK2008, 27.0, 0.1),  # type: ignore[arg-type]
+    "vehicle: 3 is not allowed; give a Vehicle": lambda: operating_point(LAW, 3, 27.0, 0.1),  # type: ignore[arg-type]
+    "speed: '27' is not allowed; give a number": lambda: operating_point(LAW, PARK2008, "27", 0.1),  # type: ignore[arg-type]
+    "slip: True is not allowed; give a number": lambda: operating_point(LAW, PARK2008, 27.0, True),
+    "slip: nan is not allowed; give 0 <= slip < 1": lambda: operating_point(LAW, PARK2008, 27.0, math.nan),
+    "rail: 'icy' is not allowed; give dry or wet or None": lambda: operating_point(
+        LAW,
+        PARK2008,
+        27.0,
+        0.1,
+        rail="icy",  # type: ignore[arg-type]
+    ),
+    "point: (27, 0.1) is not allowed; give an OperatingPoint": lambda: linearize((27, 0.1)),  # type: ignore[arg-type]
+    "speed_state: 1 is not allowed; give True or False": lambda: linearize(POINT, speed_state=1),  # type: ignore[arg-type]
+    "reference_slip: 2 is not allowed; give a finite value >= 0 and < 1": lambda: nonlinear_plant(
+        LAW, PARK2008, reference_slip=2
+    ),
+    "gains: (1, 2) is not allowed; give a PIGains": lambda: PIController((1, 2)),  # type: ignore[arg-type]
+    "lead: -1 s is not allowed; give a finite value >= 0": lambda: PIController(PI.gains, lead=-1, lead_filter=0.1),
+    "lead_filter: [] is not allowed; give a number": lambda: PIController(PI.gains, lead_filter=[]),  # type: ignore[arg-type]
+    "loop: bool is not a linear system; give a python-control TransferFunction or StateSpace": lambda: DeadTimeLoop(
+        True
+    ),
+    "dead time: nan s is not allowed; give a finite value >= 0": lambda: DeadTimeLoop(LAG, math.nan),
+    "dead time: '1' is not allowed; give a number": lambda: DeadTimeLoop(LAG, "1"),  # type: ignore[arg-type]
+    "omega: nan rad/s is not allowed; give a finite value": lambda: LOOP.frequency_response(math.nan),
+    "omega: 'a' is not allowed; give a number or an array of numbers": lambda: LOOP.sensitivity("a"),
+    "omega: -1 rad/s is not allowed; give a finite value > 0": lambda: LOOP.phase(np.array([1.0, -1.0])),
+    "omega: 0 rad/s is not allowed; give a finite value > 0": lambda: LOOP.phase_slope(0),
+    "gain factor: inf is not allowed; give a finite value": lambda: LOOP.scaled(math.inf),
+    "order: 1.5 is not allowed; give an integer": lambda: pade(0.1, 1.5),  # type: ignore[arg-type]
+    "Pade order: 0 is not allowed; give a finite value >= 1 and <= 100": lambda: LOOP.pade(0),
+    "zeros: 'a' is not allowed; give a number or an array of numbers": lambda: Rational("a", [], 1.0),  # type: ignore[arg-type]
+    "gain: None is not allowed; give a number": lambda: Rational([], [], None),  # type: ignore[arg-type]
+    "ms_max: '2' is not allowed; give a number or None": lambda: tune_pi(LAG, 0.5, ms_max="2"),  # type: ignore[arg-type]
+    "ms_max: 1 is not allowed; give a finite value > 1": lambda: tune_pi(LAG, 0.5, ms_max=1),
+    "dead_time: -1 s is not allowed; give a finite value >= 0": lambda: tune_pi(LAG, -1, ms_max=2.0),
+    "ki_min: nan is not allowed; give a finite value > 0": lambda: tune_pi(LAG, minimise_ms=True, ki_min=math.nan),
+    "crossover: (1, 'a') is not allowed; give a number in place of 'a' or None": lambda: Specification(
+        crossover=(1, "a")
+    ),  # type: ignore[arg-type]
+    "dead_time: '0' is not allowed; give a number": lambda: stabilizing_pi(LAG, "0"),  # type: ignore[arg-type]
+    "kp: inf is not allowed; give a finite value": lambda: REGION.ki_intervals(math.inf),
+    "region: 3 is not allowed; give a Region": lambda: outline(3),  # type: ignore[arg-type]
+    "ki: nan is not allowed; give a finite value": lambda: margin_grid(REGION, [1.0], [0.0, math.nan]),
+    "plant: <a thing> is not allowed; give a LinearPlant": lambda: actuated_plant(Thing(), PARK2008.actuator),  # type: ignore[arg-type]
+    "poles: 0 is not allowed; give a finite value >= 1 and <= 1000": lambda: assess(
+        PLANT, PI, PARK2008.actuator, poles=0
+    ),
+    "design: 1 is not allowed; give a PIController": lambda: SampledController(1, 0.01),  # type: ignore[arg-type]
+    "name: 3 is not allowed; give text": lambda: published_law(3, "dry"),  # type: ignore[arg-type]
+    "wheel load: 0 N is not allowed; give a finite value > 0": lambda: published_law("bristle", "dry", wheel_load=0),
+    "name: None is not allowed; give text ": lambda: built_in_scenario(None),  # type: ignore[arg-type]
+    "law: 3 is not allowed; give text or None": lambda: derive(law=3),  # type: ignore[arg-type]
+    "controller: 'pi' is not allowed; give a Controller": lambda: simulate(built_in_scenario("park2008"), "pi"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("line", CALLS)
+def test_a_call_refuses_in_one_line_of_the_package(line: str) -> None:
+    assert refusal(CALLS[line]) == line.rstrip()
+
+
+ROOMS = ("adhesion", "design", "loop", "parameters", "simulation")
+
+VALID: dict[str, object] = {
+    "actuator": PARK2008.actuator,
+    "adhesion": "curve",
+    "controller": PI,
+    "law": LAW,
+    "loop": LOOP,
+    "name": "bristle",
+    "omega": 1.0,
+    "path": "law.toml",
+    "plant": PLANT,
+    "plants": [PLANT],
+    "point": POINT,
+    "rail": Rail.DRY,
+    "reference_slip": 0.1,
+    "region": REGION,
+    "regions": [REGION],
+    "scenario": built_in_scenario("park2008"),
+    "slip": 0.1,
+    "speed": 27.0,
+    "vehicle": PARK2008,
+    "kp": [1.0],
+    "ki": [1.0],
+    "derivative_filter": 0.1,
+}
+"""What the arguments without a default may be, by name; and of a function of its own where it means another thing."""
+
+OWN: dict[str, dict[str, object]] = {
+    "simulate": {"controller": published_pi("bristle")},
+    "stabilizing_pi": {"plant": LAG},
+    "stabilizing_pid": {"plant": LAG, "derivative_time": 0.1},
+    "tune_pi": {"plants": LAG},
+}
+
+
+def functions() -> dict[str, Callable[..., object]]:
+    """What takes arguments, at the top and in the rooms."""
+    modules = [railslip_ctrl, *(importlib.import_module(f"railslip_ctrl.{room}") for room in ROOMS)]
+    found = {name: getattr(module, name) for module in modules for name in module.__all__}
+    return {name: thing for name, thing in found.items() if inspect.isfunction(thing)}
+
+
+ARGUMENTS = [(name, argument) for name, f in functions().items() for argument in inspect.signature(f).parameters]
+
+
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
+def test_no_function_takes_what_is_of_no_kind(name: str, argument: str) -> None:
+    function = functions()[name]
+    taken = inspect.signature(function).parameters.values()
+    given = {one.name: VALID[one.name] for one in taken if one.default is one.empty} | OWN.get(name, {})
+    assert "thing" in refusal(lambda: function(**{**given, argument: Thing()})).lower()
+
+
+# --- the checks themselves -----------------------------------------------------------------------------------------
+
+
+class Side(StrEnum):
+    LEFT = "left"
+    RIGHT = "right"
+
+
+@checked
+def taker(
+    real: float = 0.0,
+    whole: int = 0,
+    flag: bool = False,
+    text: str = "",
+    side: Side = Side.LEFT,
+    mode: Literal["fast", "slow"] = "fast",
+    pair: tuple[float, int] = (0.0, 0),
+    several: Sequence[float] = (),
+    array: ArrayLike = 0.0,
+    table: Mapping[str, float] | None = None,
+    function: Callable[[float], float] = math.sin,
+    anything: Any = None,
+) -> tuple[object, ...]:
+    return real, whole, flag, text, side, mode, pair, several, array, table, function, anything
+
+
+TAKEN: dict[str, tuple[object, ...]] = {
+    "real": (1, 1.5, np.float64(2.0), np.float32(1.0), np.int64(3), Fraction(1, 3), math.inf),
+    "whole": (1, np.int64(2)),
+    "flag": (True, np.True_),
+    "text": ("a", Side.LEFT),
+    "side": (Side.RIGHT, "left"),
+    "mode": ("slow",),
+    "pair": ((1, 2), [1.5, 2]),
+    "several": ([], [1, 2.0], (1,), np.array([1.0])),
+    "array": (1, [1, 2], [[1.0]], np.ones((2, 2)), 1j, []),
+    "table": (None, {"a": 1}),
+    "function": (math.cos, int),
+    "anything": (None, 1, Thing()),
+}
+
+REFUSED: dict[str, tuple[object, ...]] = {
+    "real": ("1", None, True, np.True_, 1j, [1.0], Thing()),
+    "whole": (1.0, True, "1", None),
+    "flag": (1, 0, None, "yes"),
+    "text": (1, None, b"a"),
+    "side": ("up", None, 1, []),
+    "mode": ("FAST", None, 1),
+    "pair": ((1, 2, 3), (1, 2.5), 1, "ab"),
+    "several": (1.0, "12", [1, "a"], np.ones((1, 1)), {1, 2}),
+    "array": ("1", None, [1, None], [1, [2, 3]], True, Thing()),
+    "table": ([], 1),
+    "function": (1, "sin"),
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in TAKEN.items() for value in values])
+def test_a_value_of_its_kind_is_taken(name: str, value: object) -> None:
+    assert taker(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in REFUSED.items() for value in values])
+def test_a_value_of_another_kind_is_refused(name: str, value: object) -> None:
+    assert refusal(lambda: taker(**{name: value})).startswith(f"{name}: ")  # type: ignore[arg-type]
+
+
+def test_a_name_of_an_enumeration_is_taken_as_its_member() -> None:
+    assert taker(side="right")[4] is Side.RIGHT  # type: ignore[arg-type]
+
+
+def test_a_wrong_number_of_arguments_remains_pythons_own_error() -> None:
+    with pytest.raises(TypeError, match="positional argument"):
+        taker(*[0.0, 0, False, "", Side.LEFT, "slow", (0.0, 0), (), 0.0, None, math.sin, None, 1])  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="unexpected keyword"):
+        taker(unknown=1)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("bounds", "value", "line"),
+    [
+        ({"gt": 0}, 0, "x: 0 m is not allowed; give a finite value > 0"),
+        ({"ge": 0, "lt": 1}, 1.0, "x: 1 m is not allowed; give a finite value >= 0 and < 1"),
+        ({"le": 5}, 6, "x: 6 m is not allowed; give a finite value <= 5"),
+        ({}, -math.inf, "x: -inf m is not allowed; give a finite value"),
+    ],
+)
+def test_a_number_out_of_its_bounds_is_refused(bounds: dict[str, float], value: float, line: str) -> None:
+    assert refusal(lambda: number("x", value, "m", **bounds)) == line
+    assert number("x", 0.5, "m", gt=0, ge=0.5, lt=1, le=0.5) == 0.5
+
+
+def test_arrays_of_numbers_keep_their_shape() -> None:
+    assert numbers("x", [[1, 2]], gt=0).shape == (1, 2)
+    assert complexes("x", 1j).shape == ()
+    assert refusal(lambda: numbers("x", [1, 1j])) == (
+        "x: [1, 1j] is not allowed; give a number or an array of numbers, not complex"
+    )
+
+
+def test_fields_of_a_dataclass_are_checked_as_arguments() -> None:
+    @dataclass(frozen=True)
+    class Frozen:
+        width: float
+        made: int = field(init=False, default=0)
+
+        def __post_init__(self) -> None:
+            check_fields(self)
+
+    assert Frozen(2).width == 2
+    assert refusal(lambda: Frozen("2")) == "width: '2' is not allowed; give a number"  # type: ignore[arg-type]
