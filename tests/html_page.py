@@ -9,6 +9,9 @@ from html.parser import HTMLParser
 
 LARGEST_BYTES = 5_000_000
 
+CITED = ("https://doi.org/", "https://github.com/railtoolkit/")
+"""Where a source may be looked up: a link loads nothing until it is followed."""
+
 _VOID = {"meta", "link", "img", "br", "hr", "input"}
 _LOADS = {"src", "srcset", "poster", "data", "action"}
 
@@ -80,7 +83,7 @@ class Page(HTMLParser):
         href = given.get("href", "")
         if tag == "a" and href.startswith("#"):
             self.links.append(href[1:])
-        elif href and not href.startswith("data:"):
+        elif href and not href.startswith("data:") and not (tag == "a" and href.startswith(CITED)):
             self.found.append(f"{tag} leads to {href}")
         for name in _LOADS & set(given):
             if not given[name].startswith("data:"):

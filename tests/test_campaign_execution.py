@@ -365,7 +365,7 @@ def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
     for head in ("brake energy (MJ)", "mass (kg)", "dead_time (s)"):
         assert head in worst
     scatter, distributions = scatter_figure(summary), distributions_figure(summary)
-    assert [ax.get_xlabel() for ax in scatter.axes] == ["mass (kg)", "dead_time (s)"]
+    assert [ax.get_xlabel() for ax in scatter.axes] == ["mass (kg)", "dead time (s)"]
     assert scatter.axes[0].get_ylabel() == "brake energy (MJ)"
     top = summary.controllers["pi"].worst[0]
     assert scatter.axes[0].texts[0].xy == (top["vehicle.mass"], 1e-6 * top["brake_energy_j"])

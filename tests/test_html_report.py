@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
+import logging
 import math
 import re
 from dataclasses import replace
@@ -11,15 +13,26 @@ from dataclasses import replace
 import pytest
 from html_page import LARGEST_BYTES, Page
 
-from railslip_ctrl.assessment import limits_of
+from railslip_ctrl.assessment import ROBUST_MS, limits_of
+from railslip_ctrl.cli.report import _may_write
 from railslip_ctrl.design_check import design_check
 from railslip_ctrl.design_report import assemble
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.plots.design_report import linear_figures, run_figures
-from railslip_ctrl.report.html import Provenance, design_report_html
+from railslip_ctrl.report.design_report_json import KEY_OF_SECTION
+from railslip_ctrl.report.html import design_report_html
+from railslip_ctrl.report.html.formulas import transfer_function
 from railslip_ctrl.report.html.numbers import listed, short
 from railslip_ctrl.report.html.page import css_string
+from railslip_ctrl.report.html.sliding_sections import decided
+from railslip_ctrl.report.html.typography import typeset
+from railslip_ctrl.report.html.verdict import verdict
+from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.simulation import compilation
+from railslip_ctrl.sliding.verdict import Condition
+from railslip_ctrl.sliding_verification.layered import layered_design
+from railslip_ctrl.switching import layer_loop
 
 SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
 SECTIONS = (
@@ -81,6 +94,123 @@ def test_published_numbers_are_in_it(full_report):
     assert sum(row[0] in ("PI beam", "PI bristle", "ASMC beam", "ASMC bristle") for row in rows) == 16
     for printed in ("59.5", "700", "0.0378", "50.7", "581", "0.0272"):  # [Park2008] Table 5
         assert any(printed in row for row in rows)
+
+
+@pytest.fixture(scope="module")
+def content(full_report):
+    return json.loads((full_report[0] / "report.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def page(full_report):
+    return Page.parsed((full_report[0] / "report.html").read_text("utf-8"))
+
+
+def near(cell):
+    """What a cell shows, within a digit of its last."""
+    text = cell.replace("−", "-")
+    digits = re.sub(r"^0+", "", text.lstrip("-").replace(".", ""))
+    return pytest.approx(float(text), rel=10.0 ** (1 - max(len(digits), 1)))
+
+
+def test_json_has_a_key_for_every_section(content):
+    assert {KEY_OF_SECTION.get(name, name) for name in SECTIONS} <= set(content)
+    assert content["verdict"]["paragraph"]
+    assert all(content[KEY_OF_SECTION.get(name, name)] for name in SECTIONS)
+
+
+def test_limits_and_linearisation_are_those_of_the_json(content, page):
+    rows = page.rows("limits")[1:]
+    assert len(rows) == len(content["limits"]) == len(content["linearisation"])
+    for row, one, plant in zip(rows, content["limits"], content["linearisation"], strict=True):
+        names = ("unstable_pole_rad_s", "doubling_time_s", "pole_times_dead_time_and_lag", "ms_lower_bound")
+        assert [one[name] for name in names] == [near(cell) for cell in row[1:5]]
+        assert one["bode_integral_rad_s"] == near(row[5])
+        assert one["bode_integral_rad_s"] == pytest.approx(math.pi * one["unstable_pole_rad_s"])  # one unstable pole
+        matrix = next(
+            row[1] for row in page.rows("linearisation") if row[0] == "A" and f"{-plant['A'][1][1]:.6g}" in row[1]
+        )
+        shown = [float(x.replace("−", "-")) for x in re.findall(r"−?\d+\.?\d*", matrix)]
+        assert shown == pytest.approx([x for line in plant["A"] for x in line], rel=5.1e-6)  # six digits
+
+
+def test_designs_and_stops_are_those_of_the_json(content, page):
+    cases = [case for design in content["designs"]["designs"] for case in design["cases"]]
+    rows = [
+        row
+        for row in page.rows("designs")
+        if len(row) == 11 and row[-1] in ("unstable", "stable but fragile", "robust")
+    ]
+    assert len(rows) == len(cases)
+    for row, case in zip(rows, cases, strict=True):
+        assert row[-1] == case["verdict"]
+        assert (case["ms"] is None) if row[6] == "–" else case["ms"] == near(row[6])
+    runs = [run for stop in content["stops"] for run in stop["runs"]]
+    rows = [row for row in page.rows("stops") if len(row) == 9 and row[1] in ("stopped", "locked", "timed out")]
+    assert len(rows) == len(runs)
+    for row, one in zip(rows, runs, strict=True):
+        assert row[0] == one["name"]
+        assert one["run"]["braking_distance_m"] == near(row[3])
+    dynamic = [run for stop in content["stops"] for run in stop["runs_with_the_dynamic_law"]]
+    rows = [row for row in page.rows("stops") if len(row) == 8 and row[1] == "dynamic bristle model"]
+    assert [row[0] for row in rows] == [one["name"] for one in dynamic] == ["published PI", "PI-lead, recommended"] * 2
+    assert all(one["run"]["braking_distance_m"] == near(row[4]) for row, one in zip(rows, dynamic, strict=True))
+
+
+def test_sliding_reproduction_and_errata_are_those_of_the_json(content, page):
+    for law in ("paper", "layered"):
+        conditions = content["sliding"][law]["conditions"]
+        claims = [one for one in conditions if one["claimed_by_the_paper"]]
+        for part in (claims, [one for one in conditions if one not in claims]):
+            held = sum(one["holds"] for one in part)
+            assert not part or f"{held} of {len(part)} hold" in page.text
+    wrong = sum(not one["agrees"] for one in content["errata"])
+    assert page.text.count(": differs") == wrong
+    rows = [row for row in page.rows("reproduction") if len(row) == 7 and row[0] != "Column"]
+    for row, one in zip(rows, content["reproduction"]["rows"], strict=True):
+        assert one["deviation_percent"] == pytest.approx(float(row[4].replace("−", "-")), abs=0.0051)
+    assert all(" ".join(text.split()) in " ".join(page.text.split()) for text in content["unchecked"])
+    assert content["provenance"]["software"]["NumPy"] in page.text
+    assert content["adhesion"][0]["parameters"]
+    assert len(content["region"]["margins"]["ms"]) == len(content["region"]["margins"]["kp_si"])
+
+
+def test_every_figure_is_beside_the_page_as_the_page_has_it(full_report, content):
+    folder = full_report[0]
+    text = (folder / "report.html").read_text("utf-8")
+    embedded = {base64.b64decode(one) for one in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", text)}
+    beside = {path.read_bytes() for path in folder.glob("*.svg")}
+    assert embedded == beside
+    assert {path.stem for path in folder.glob("*.svg")} == {path.stem for path in folder.glob("*.png")}
+    assert {path.name for path in folder.iterdir()} == set(content["files"])
+    assert (folder / "nichols.svg").exists()
+    assert set(content["files"]) == set(_may_write(page=True))  # what is looked at before the work
+
+
+def test_verdict_is_a_paragraph_and_four_points_at_most(full_report, content):
+    text = (full_report[0] / "report.html").read_text("utf-8")
+    section = text[text.index('id="verdict"') : text.index("<nav")]
+    assert section.count("<p") == 1
+    assert 1 <= section.count("<li>") == len(content["verdict"]["points"]) <= 4
+    taken = content["designs"]["recommended"]
+    design = next(one for one in content["designs"]["designs"] if one["name"] == taken)
+    assert design["stable"]
+    assert f"Recommendation: the design “{taken}”, kp {design['kp_si']:g} N·m/(m/s)" in content["verdict"]["paragraph"]
+    assert "Not covered:" in section
+
+
+def test_progress_tells_the_time_and_compiling_at_most_once(full_report):
+    lines = full_report[2].splitlines()
+    stages = [line for line in lines if re.match(r"railslip: +\d+\.\d s  \S", line)]
+    assert len(stages) >= 10
+    assert sum("compiling" in line for line in lines) <= 1
+    assert len(stages) + sum("compiling" in line for line in lines) == len(lines)
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(railslip):
+    status, out, err = railslip("report", "--out", "/proc/nope")
+    assert (status, out) == (2, "")
+    assert err == "railslip: error: --out: '/proc/nope' cannot be made or written to; choose another folder\n"
 
 
 # --- the page from a record -----------------------------------------------------------------------------------------
@@ -173,6 +303,53 @@ def test_stop_in_words_agrees_with_its_numbers(record):
     assert stopped["published ASMC"] == pytest.approx(581, rel=0.04)
 
 
+def test_linear_controllers_are_run_again_with_the_dynamic_law(record):
+    dry, wet, published = record.stops
+    assert published.dynamic == ()
+    for stop in (dry, wet):
+        assert not stop.scenario.adhesion.has_state
+        for one in stop.dynamic:
+            again, before = one.run.scenario, stop.scenario
+            assert again.adhesion.name == "bristle"
+            assert again.adhesion.has_state
+            assert again.with_changes(adhesion=before.adhesion) == before
+            assert one.run.seed == stop.run_of(one.name).seed
+
+
+def test_recommended_is_robust_before_it_is_broad_and_broad_before_it_is_most_robust(record):
+    loops = record.loops
+    broad = next(one for one in loops.designs if one.over_range)
+    assert loops.recommended is broad
+    assert broad.worst_ms > loops.best.worst_ms  # the least worst Ms is not what decides
+    fragile = next(one for one in loops.designs if one.stable and one.worst_ms > ROBUST_MS)
+    assert replace(loops, designs=(fragile, loops.best)).recommended is loops.best
+    assert replace(loops, designs=(fragile, replace(fragile, over_range=True))).recommended.over_range
+    assert replace(loops, designs=tuple(one for one in loops.designs if not one.stable)).recommended is None
+    (layered,) = (one for one in loops.designs if one.needs_hold)
+    assert layered.stable
+    assert replace(loops, designs=(layered,)).recommended is None
+
+
+def test_layered_law_stands_beside_the_designs_with_its_own_gains(record):
+    (layered,) = (one for one in record.loops.designs if one.needs_hold)
+    design = layered_design(PARK2008)
+    gains = layered.controller.gains
+    # K widens the layer and is not in C: K/layer and rho K/layer are the same for the K that its bound asks for
+    assert (gains.kp, gains.ki) == pytest.approx((design.K / design.layer, design.rho * design.K / design.layer))
+    assert layered.assessments[0].margins.ms == pytest.approx(
+        layer_loop(design, record.plants[0], PARK2008.actuator).margins().ms, rel=1e-9
+    )
+
+
+def test_verdict_tells_where_the_recommended_design_overshoots_with_the_dynamic_law(record):
+    dry = next(one.run for one in record.stops[0].dynamic if one.name == record.loops.recommended.name)
+    assert dry.max_slip > 2 * 0.132  # [Park2008] p. 55: the reference on dry rail
+    told = dict(verdict(record).points)["Why, and what it does not cover"]
+    assert f"dry rail up to {dry.max_slip:.2g}, reference 0.132" in told
+    stops = tuple(replace(stop, dynamic=()) for stop in record.stops)
+    assert "free-rolling" not in verdict(replace(record, stops=stops)).text
+
+
 def test_region_marks_only_what_a_picture_of_it_can_show(record):
     region = record.region
     low, high = region.kp_range
@@ -211,6 +388,55 @@ def test_css_string_can_be_read_back_and_ends_no_style():
     escaped = css_string(text)
     assert not set('"<>/') & set(escaped)
     assert re.sub(r"\\([0-9a-f]{6}) ", lambda found: chr(int(found[1], 16)), escaped) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "printed"),
+    [
+        ("V' = -r*(D*s**2 + K*Abs(s))/J", "V′ = −r·(D·s² + K·|s|)/J"),
+        ("theta1_tilde**2/(2*k)", "θ̃₁²/(2·k)"),
+        ("c**2*(Ta**2 + omega**2)/(2*k)", "c²·(Ta² + ω²)/(2·k)"),
+        ("theta_hat' = k s phi", "θ̂′ = k s φ"),
+        ("k**(-2), kg^-2 m^-4", "k⁻², kg⁻² m⁻⁴"),
+        ("70 N m, 5 N*m/(m/s)", "70 N·m, 5 N·m/(m/s)"),
+        ("k = 2.1e-08 <= 3", "k = 2.1·10⁻⁸ ≤ 3"),
+        ("K_min < d_max", "K<sub>min</sub> &lt; d<sub>max</sub>"),
+        ("the law's own, not the rest's; pp. 54-56", "the law&#39;s own, not the rest&#39;s; pp. 54-56"),
+        ("see `railslip verify --law layered`.", "see <code>railslip verify --law layered</code>."),
+        ("a thetan, alphabet", "a thetan, alphabet"),
+    ],
+)
+def test_terminal_text_is_set_as_print(text, printed):
+    assert str(typeset(text)) == printed
+
+
+def test_transfer_function_is_typeset():
+    shown = Page.parsed(str(transfer_function([0.5, 2.0], [1.0, 0.0, -3e-7], r"\mathrm{m}"))).text
+    assert shown == "0.5s+2s2−3·10−7m"
+
+
+@pytest.mark.parametrize(
+    ("how", "holds", "word"),
+    [
+        ("symbolic", True, "proved"),
+        ("sampled", True, "held in all samples"),
+        ("simulated", True, "held in all runs"),
+        ("symbolic", False, "refuted"),
+        ("simulated", False, "failed in runs"),
+    ],
+)
+def test_what_was_sampled_is_not_called_proved(how, holds, word):
+    assert decided(Condition("a", "b", holds, how, "c")) == word
+
+
+def test_compilation_is_told_once(caplog):
+    logger = logging.getLogger(compilation.__name__)
+    with assemble._compilation_told_once():
+        for law in ("curve", "bristle"):
+            logger.warning("compiling %s", law)
+    assert [record.getMessage() for record in caplog.records] == ["compiling curve"]
+    logger.warning("compiling again")
+    assert len(caplog.records) == 2
 
 
 def test_page_checker_sees_what_is_wrong():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,21 @@ import click
 from click.core import ParameterSource
 
 from railslip_ctrl.design_check import DesignCheck, design_check
-from railslip_ctrl.design_report import LinearPart, design_report
+from railslip_ctrl.design_report import LinearPart, RunPart, design_report
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
-from railslip_ctrl.report.html import Provenance, design_report_html
+from railslip_ctrl.report.design_report_json import design_report_json
+from railslip_ctrl.report.html import design_report_html
+from railslip_ctrl.report.provenance import Provenance
 
 from .options import CaseOptions, case_options, chosen_gains, gain_options
-from .output import print_json, progress
+from .output import print_json, print_text, progress
 
-_PICTURES = ("bode", "nyquist", "nichols")
-_SUFFIXES = ("png", "svg")
+_TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
+_OF_CHECK = ("bode", "nyquist", "nichols")
+_OF_PAGE = (*_OF_CHECK, "adhesion", "region", "gang", "responses", "stop-1", "stop-2", "stop-3", "table5")
 
 
 @click.command()
@@ -35,7 +39,7 @@ _PAGE = "report.html"
     show_default=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for report.html, report.txt, report.json and the pictures (PNG and SVG).",
+    help="Folder for report.html, report.txt, report.json and every picture as PNG and SVG.",
 )
 @click.option(
     "--html/--no-html",
@@ -57,71 +61,87 @@ def command(
 ) -> None:
     """The design check: published (or given) gains in both readings of the units and a PI that holds, dry and wet.
     report.html has that and all else a design review looks at, in one file that needs no network and prints on A4.
+    Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to: nothing is written then.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
-    names = ["report.txt", "report.json", *(f"{name}.{suffix}" for name in _PICTURES for suffix in _SUFFIXES)]
-    names += [_PAGE] if page else []
-    check_directory(out, names)  # before the work, not after it
+    told = _timed()
+    check_directory(out, _may_write(page))  # before the work, not after it
     gains = chosen_gains(kp, ki)
     points = cases.points()
-    check = design_check(cases.chosen_vehicle, points, given=gains, progress=progress)
-    text, content = design_check_text(check), design_check_json(check, names)
-    writers: dict[str, Callable[[Path], None]] = {}
-    if page:
-        pictures, html = _page(check, points, gains, provenance(ctx))
-        writers[_PAGE] = lambda path: _write_text(path, html)
-    else:
-        pictures = _pictures(check)
-    writers |= _writers(text, content, pictures)
-    files = write_files(out, {name: writers[name] for name in names})
+    check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
+    files, content = _with_page(check, points, gains, provenance(ctx), told) if page else _without_page(check, told)
+    files["report.txt"] = design_check_text(check).encode()
+    files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
     if as_json:
         print_json(content)
     else:
-        click.echo(text, nl=False)
-    progress(f"wrote {len(files)} files to {out}" + (f"; open {out / _PAGE} in a browser" if page else ""))
+        print_text(design_check_text, check)
+    told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if page else ""))
 
 
-def _writers(text: str, content: dict[str, Any], pictures: dict[str, bytes]) -> dict[str, Callable[[Path], None]]:
-    writers: dict[str, Callable[[Path], None]] = {
-        "report.txt": lambda path: _write_text(path, text),
-        "report.json": lambda path: _write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n"),
-    }
-    for name, picture in pictures.items():
-        writers[name] = lambda path, picture=picture: path.write_bytes(picture)  # type: ignore[misc]
-    return writers
+def _may_write(page: bool) -> list[str]:
+    """Names of all files that a report may have."""
+    pictures = [f"{name}.{suffix}" for name in (_OF_PAGE if page else _OF_CHECK) for suffix in ("png", "svg")]
+    return [*_TEXTS, *pictures, *([_PAGE] if page else [])]
 
 
-def _pictures(check: DesignCheck) -> dict[str, bytes]:
-    """The pictures of the check by file name."""
-    from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure
-    from railslip_ctrl.plots.style import figure_bytes
-
-    progress("pictures")
-    figures = dict(
-        zip(_PICTURES, (draw(check.groups) for draw in (bode_figure, nyquist_figure, nichols_figure)), strict=True)
-    )
-    return {f"{name}.{suffix}": figure_bytes(figures[name], suffix) for name in _PICTURES for suffix in _SUFFIXES}
+def _timed() -> Callable[[str], None]:
+    """Progress with the seconds since now before it."""
+    started = time.perf_counter()
+    return lambda message: progress(f"{time.perf_counter() - started:5.1f} s  {message}")
 
 
-def _page(
-    check: DesignCheck, points: Sequence[OperatingPoint], gains: PIGains | None, source: Provenance
-) -> tuple[dict[str, bytes], str]:
-    """The pictures of the check, and report.html; what can be drawn is drawn while the rest is computed."""
+def _writer(content: bytes) -> Callable[[Path], None]:
+    return lambda path: _write(path, content)
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _named(pictures: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
+    """Pictures by file name."""
+    return {f"{name}.{suffix}": content for name, forms in pictures.items() for suffix, content in forms.items()}
+
+
+def _without_page(check: DesignCheck, told: Callable[[str], None]) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """The pictures of the check by file name, and the content of report.json."""
+    from railslip_ctrl.plots.design_report import check_figures
+    from railslip_ctrl.plots.style import figure_files
+
+    told("pictures")
+    files = _named({name: figure_files(figure) for name, figure in check_figures(check).items()})
+    return files, design_check_json(check, [*_TEXTS, *files])
+
+
+def _with_page(
+    check: DesignCheck,
+    points: Sequence[OperatingPoint],
+    gains: PIGains | None,
+    source: Provenance,
+    told: Callable[[str], None],
+) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """report.html and its pictures by file name, and the content of report.json.
+
+    What can be drawn is drawn while the rest is computed, each picture once.
+    """
     from railslip_ctrl.plots.design_report import linear_figures, run_figures
-    from railslip_ctrl.plots.style import figure_bytes
+    from railslip_ctrl.plots.style import figure_files
 
-    drawn: dict[str, bytes] = {}
-    embedded: dict[str, bytes] = {}
+    pictures: dict[str, dict[str, bytes]] = {}
 
-    def draw(part: LinearPart) -> None:
-        drawn.update(_pictures(check))
-        embedded.update({name: figure_bytes(figure, "svg") for name, figure in linear_figures(part).items()})
+    def draw(part: LinearPart | RunPart) -> None:
+        figures = linear_figures(part) if isinstance(part, LinearPart) else run_figures(part)
+        told(f"pictures: {', '.join(figures)}")
+        pictures.update({name: figure_files(figure) for name, figure in figures.items()})
 
-    report = design_report(check, points, given=gains, progress=progress, meanwhile=draw)
-    progress("report.html")
-    embedded |= {name: figure_bytes(figure, "svg") for name, figure in run_figures(report).items()}
-    return drawn, design_report_html(report, embedded, source)
+    report = design_report(check, points, given=gains, progress=told, meanwhile=draw)
+    told(_PAGE)
+    html = design_report_html(report, {name: forms["svg"] for name, forms in pictures.items()}, source)
+    files = _named(pictures) | {_PAGE: html.encode()}
+    return files, design_report_json(report, html, source, [*_TEXTS, *files])
 
 
 def provenance(ctx: click.Context) -> Provenance:
@@ -137,7 +157,3 @@ def provenance(ctx: click.Context) -> Provenance:
             words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
             words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
     return Provenance(" ".join(words), tuple(options))
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
+from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.parameters import PIGains, Vehicle
-from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
+from railslip_ctrl.reproduction import published_facts, table5
+from railslip_ctrl.simulation import compilation
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
@@ -22,11 +25,11 @@ from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding_verification import FullVerification, Law, verify_with_actuator
 
 from .loops import gain_region, law_curves, loop_designs
-from .records import DesignReport, LinearPart, SlidingVerdict, Stop
+from .records import DesignReport, LinearPart, RunPart, SlidingVerdict
 from .stops import stops
 
 Progress = Callable[[str], None]
-Reproduced = tuple[Table5 | None, tuple[Fact, ...]]
+Part = LinearPart | RunPart
 
 SEEDS = 64
 """Noise seeds of the paper's runs here; `railslip reproduce` takes 256."""
@@ -47,7 +50,7 @@ def design_report(
     given: PIGains | None = None,
     workers: int | None = None,
     progress: Progress = lambda message: None,
-    meanwhile: Callable[[LinearPart], None] = lambda part: None,
+    meanwhile: Callable[[Part], None] = lambda part: None,
 ) -> DesignReport:
     """Everything of one vehicle that a design review looks at.
 
@@ -65,7 +68,7 @@ def design_report(
     progress : callable
         Told what is done, a line at a time.
     meanwhile : callable
-        Handed the linear part while the rest is still computed, to draw it.
+        Handed the linear part, then the braking runs, while the rest is still computed, to draw them.
 
     Raises
     ------
@@ -79,27 +82,26 @@ def design_report(
         "runs": partial(_runs, tuple(points), given),
         "errata": _errata,
     }
+    found: dict[str, Any] = {}
     with _started(tasks, _cores() if workers is None else workers) as results:
         plants = tuple(linearize(point) for point in points)
         progress("adhesion curves, stabilising region")
         curves, region = law_curves(plants), gain_region(check, plants)
+        limits = tuple(limits_of(plant, check.vehicle.actuator) for plant in plants)
         progress("designs side by side")
-        linear = LinearPart(check, plants, curves, region, loop_designs(check, plants, given))
+        linear = LinearPart(check, plants, limits, curves, region, loop_designs(check, plants, given))
         meanwhile(linear)
-        found = {}
-        for name, result in results.items():
-            progress(SECTIONS[name])
-            found[name] = result()
-    braking, (comparison, facts) = found["runs"]
+        for name, found[name] in results:
+            progress(f"done: {SECTIONS[name]}")
+            if name == "runs":
+                meanwhile(found[name])
     verdicts = {name: found[name] for name in ("paper", "layered")}
     reasons = {name: one for name, one in verdicts.items() if isinstance(one, str)}
     decided = {name: None if name in reasons else one for name, one in verdicts.items()}
     return DesignReport(
         **vars(linear),
+        **vars(found["runs"]),
         sliding=SlidingVerdict(decided["paper"], decided["layered"], reasons),
-        stops=braking,
-        table5=comparison,
-        facts=facts,
         errata=found["errata"],
         seconds=time.perf_counter() - started,
     )
@@ -116,12 +118,13 @@ def _verified(law: Law, vehicle: Vehicle) -> FullVerification | str:
         return str(error)
 
 
-def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None) -> tuple[tuple[Stop, ...], Reproduced]:
+def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None) -> RunPart:
     """Braking runs and, of the published vehicle, the paper's numbers: the same compiled kernels serve both."""
-    braking = stops(points, given)
-    if not is_published(points[0].vehicle):
-        return braking, (None, ())
-    return braking, (table5(SEEDS), published_facts())
+    with _compilation_told_once():
+        braking = stops(points, given)
+        if not is_published(points[0].vehicle):
+            return RunPart(braking, None, ())
+        return RunPart(braking, table5(SEEDS), published_facts())
 
 
 def _errata() -> tuple[Erratum, ...]:
@@ -132,20 +135,37 @@ def _errata() -> tuple[Erratum, ...]:
 
 
 @contextmanager
-def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[dict[str, Callable[[], Any]]]:
-    """The tasks under way; calling one gives its result. Without a second core they run when they are called."""
+def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[Iterator[tuple[str, Any]]]:
+    """The tasks under way; their names and results as they come, or, without a second core, in order when asked for."""
     if workers < 2:
-        yield tasks
+        yield ((name, task()) for name, task in tasks.items())
         return
     from multiprocessing import get_context
 
     # new processes, not copies: a copy of a process with threads may hang
     pool = ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn"), initializer=_quiet)
     try:
-        futures: dict[str, Future[Any]] = {name: pool.submit(task) for name, task in tasks.items()}
-        yield {name: future.result for name, future in futures.items()}
+        futures: dict[Future[Any], str] = {pool.submit(task): name for name, task in tasks.items()}
+        yield ((futures[future], future.result()) for future in as_completed(futures))
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _compilation_told_once() -> Iterator[None]:
+    """Kernels of several laws and controllers are compiled the first time; one line says why it takes long."""
+    told: list[logging.LogRecord] = []
+
+    def first(record: logging.LogRecord) -> bool:
+        told.append(record)
+        return len(told) == 1
+
+    logger = logging.getLogger(compilation.__name__)
+    logger.addFilter(first)
+    try:
+        yield
+    finally:
+        logger.removeFilter(first)
 
 
 def _quiet() -> None:

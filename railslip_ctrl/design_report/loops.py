@@ -13,18 +13,17 @@ from railslip_ctrl.design import PIController, actuated_plant, intersection, mar
 from railslip_ctrl.design.compensators import Compensator, filtered_smith_predictor, smith_predictor
 from railslip_ctrl.design.effort import Effort, control_effort
 from railslip_ctrl.design.rules import RuleTuning, simc_pi
-from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.design_check import DesignCheck
-from railslip_ctrl.errors import InfeasibleDesignError, InputError, RailslipError
+from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.curves import gang_of_four
 from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PIGains, Rail, Vehicle, table4_gains
-from railslip_ctrl.simulation.designed import lag_lead, recommended_pi_lead
 from railslip_ctrl.units import KMH
 
+from .candidates import MOST_ROBUST, Candidate, candidates
 from .records import Attempt, GainRegion, LawCurve, LoopDesign, LoopDesigns
 
 COMPARED_LAWS = ("beam", "curve", "bristle")
@@ -32,9 +31,6 @@ COMPARED_LAWS = ("beam", "curve", "bristle")
 
 LARGEST_SLIP = 0.5
 """End of the adhesion curves; what a brake does happens well before."""
-
-KI_MIN = 5.0
-"""Least ki of the tuned designs, N*m/m: without a least one the integral action vanishes."""
 
 LOAD_STEP = 100.0  # N*m at the wheel
 _RESPONSE_TIME = 30.0  # s, in which the slow integral action is seen to work
@@ -76,6 +72,7 @@ def _curve(law: AdhesionLaw, rail: Rail, speed: float, wheel_load: float, points
     return LawCurve(
         law=law.name,
         title=law.title,
+        parameters=law.model_dump(mode="json"),
         rail=rail,
         speed_kmh=speed / KMH,
         slip=slip,
@@ -125,8 +122,8 @@ def _chosen_gains(check: DesignCheck, plants: Sequence[LinearPlant]) -> dict[str
 def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGains | None) -> LoopDesigns:
     """Published, given, held and lag-compensated designs at every operating point."""
     vehicle = check.vehicle
-    candidates, refused = _candidates(check, plants, given)
-    designs = tuple(_design(name, how, controller, plants, vehicle) for name, (how, controller) in candidates.items())
+    compared, refused = candidates(check, plants, given)
+    designs = tuple(_design(one, plants, vehicle) for one in compared)
     wheel, tau, lag = plants[0], vehicle.actuator.dead_time, vehicle.actuator.lag
     bare = Rational(wheel.zeros, wheel.poles, wheel.gain)
     brake = (
@@ -149,7 +146,7 @@ def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGai
     return LoopDesigns(
         designs=designs,
         refused=refused,
-        attempts=tuple(_attempts(plants, vehicle, candidates)),
+        attempts=tuple(_attempts(plants, vehicle, compared)),
         shown_at=wheel.point,
         load_step=LOAD_STEP,
         reference=reference,
@@ -158,57 +155,12 @@ def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGai
     )
 
 
-def _candidates(
-    check: DesignCheck, plants: Sequence[LinearPlant], given: PIGains | None
-) -> tuple[dict[str, tuple[str, PIController]], dict[str, str]]:
-    """Designs by name, each with how it was found; and those that do not exist, with the reason."""
-    vehicle = check.vehicle
-    found: dict[str, tuple[str, PIController]] = {
-        "published PI": (
-            "[Park2008] Table 4, read as N·m per km/h",
-            PIController(table4_gains(plants[0].point.adhesion)),
-        )
-    }
-    refused: dict[str, str] = {}
-    if given is not None:
-        found["given PI"] = ("as given", PIController(given))
-    if check.holding is None:
-        refused["holding PI"] = check.holding_reason
-    else:
-        how = f"least worst Ms over these points at an integral time of {check.holding.integral_time:g} s"
-        found["holding PI"] = (how, check.holding.controller)
-    lead = lag_lead(vehicle.actuator)
-    made: dict[str, tuple[str, Callable[[], PIController]]] = {
-        "PI-lead, most robust": (
-            f"least worst Ms over these points, ki ≥ {KI_MIN:g} N·m/m, behind a lead on the brake's lag",
-            lambda: _least_ms(plants, vehicle, *lead),
-        ),
-        "PI-lead, recommended": (
-            "largest ki with Ms ≤ 2 from 20 to 100 km/h, dry and wet, empty and loaded, two adhesion laws",
-            lambda: recommended_pi_lead(vehicle).design,
-        ),
-    }
-    for name, (how, make) in made.items():
-        try:
-            found[name] = (how, make())
-        except (InfeasibleDesignError, InputError) as error:
-            refused[name] = str(error)
-    return found, refused
-
-
-def _least_ms(plants: Sequence[LinearPlant], vehicle: Vehicle, lead: float, lead_filter: float) -> PIController:
-    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
-    loops = [actuated_plant(plant, vehicle.actuator) for plant in plants]
-    tuned = tune_pi(loops, vehicle.actuator.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
-    return PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
-
-
-def _design(
-    name: str, how: str, controller: PIController, plants: Sequence[LinearPlant], vehicle: Vehicle
-) -> LoopDesign:
-    assessments = tuple(assess(plant, controller, vehicle.actuator, label=name) for plant in plants)
-    efforts = tuple(_effort(controller, one.plant, vehicle) if one.stable else None for one in assessments)
-    return LoopDesign(name, how, controller, assessments, efforts)
+def _design(one: Candidate, plants: Sequence[LinearPlant], vehicle: Vehicle) -> LoopDesign:
+    assessments = tuple(assess(plant, one.controller, vehicle.actuator, label=one.name) for plant in plants)
+    efforts = tuple(_effort(one.controller, each.plant, vehicle) if each.stable else None for each in assessments)
+    return LoopDesign(
+        one.name, one.how, one.origin, one.over_range, one.needs_hold, one.controller, assessments, efforts
+    )
 
 
 def _effort(controller: PIController, plant: LinearPlant, vehicle: Vehicle) -> Effort:
@@ -217,12 +169,11 @@ def _effort(controller: PIController, plant: LinearPlant, vehicle: Vehicle) -> E
     return control_effort(controller.transfer_function, loop, actuator.dead_time, lag=actuator.lag)
 
 
-def _attempts(
-    plants: Sequence[LinearPlant], vehicle: Vehicle, candidates: dict[str, tuple[str, PIController]]
-) -> list[Attempt]:
+def _attempts(plants: Sequence[LinearPlant], vehicle: Vehicle, compared: Sequence[Candidate]) -> list[Attempt]:
     """A known rule and two predictors at each operating point, each made for it with its exact model."""
     tau = vehicle.actuator.dead_time
-    primary = candidates.get("PI-lead, most robust", candidates["published PI"])[1].transfer_function
+    named = {one.name: one.controller for one in compared}
+    primary = named.get(MOST_ROBUST, compared[0].controller).transfer_function
     found = []
     for plant in plants:
         system = actuated_plant(plant, vehicle.actuator)

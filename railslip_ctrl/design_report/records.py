@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.assessment import Assessment
+from railslip_ctrl.assessment import ROBUST_MS, Assessment
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.effort import Effort
+from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
@@ -34,11 +36,12 @@ if TYPE_CHECKING:
 class LawCurve:
     """mu over the slip ratio at one speed (km/h) on one rail, with its peak; `points` are the operating points on it.
 
-    `asked` is False for a law drawn only beside the one the report is about.
+    `asked` is False for a law drawn only beside the one the report is about. `parameters` are the law's, SI, by name.
     """
 
     law: str
     title: str
+    parameters: dict[str, Any]
     rail: Rail
     speed_kmh: float
     slip: Floats
@@ -71,12 +74,29 @@ class GainRegion:
         return bool(np.all((low - room <= gains) & (gains <= high + room)))
 
 
+class Origin(StrEnum):
+    """Where a design's gains come from."""
+
+    CITED = "cited"
+    GIVEN = "given"
+    COMPUTED = "computed"
+    KEPT = "kept"
+
+
 @dataclass(frozen=True)
 class LoopDesign:
-    """One controller at every operating point; `efforts` is None where its loop is unstable."""
+    """One controller at every operating point; `efforts` is None where its loop is unstable.
+
+    `origin`: cited from the paper, given by the user, computed for this report, or kept with the package, which is
+    where they were rounded after tuning. `over_range`: tuned over speeds, rails and loads, not for these points alone.
+    `needs_hold`: works about the holding torque of a rail that has to be known.
+    """
 
     name: str
     how: str
+    origin: Origin
+    over_range: bool
+    needs_hold: bool
     controller: PIController
     assessments: tuple[Assessment, ...]
     efforts: tuple[Effort | None, ...]
@@ -124,6 +144,16 @@ class LoopDesigns:
         """The least worst Ms of those that hold every operating point; None if none does."""
         return min((one for one in self.designs if one.stable), key=lambda one: one.worst_ms, default=None)
 
+    @property
+    def recommended(self) -> LoopDesign | None:
+        """The design to take; None if none holds every operating point.
+
+        Robust ones (worst Ms <= `ROBUST_MS`) before others, then the one tuned over speeds, rails and loads, then the
+        least worst Ms. One that needs the rail's holding torque is not taken: it is not a controller by itself.
+        """
+        stable = [one for one in self.designs if one.stable and not one.needs_hold]
+        return min(stable, key=lambda one: (one.worst_ms > ROBUST_MS, not one.over_range, one.worst_ms), default=None)
+
 
 @dataclass(frozen=True)
 class SlidingVerdict:
@@ -145,13 +175,22 @@ class StopRun:
 
 @dataclass(frozen=True)
 class Stop:
-    """One scenario with every controller, the same noise for all, and what no controller can beat."""
+    """One scenario with every controller, the same noise for all, and what no controller can beat.
+
+    `dynamic` has runs of linear controllers again, with the dynamic adhesion law whose static curve `scenario` has;
+    empty where the law of `scenario` is the one asked for.
+    """
 
     title: str
     scenario: Scenario
     seed: int
     runs: tuple[StopRun, ...]
+    dynamic: tuple[StopRun, ...]
     bound: ClairvoyantStop | None
+
+    def run_of(self, name: str) -> Run | None:
+        """The run of a controller by the report's name for it; None where there is none."""
+        return next((one.run for one in self.runs if one.name == name), None)
 
     @property
     def shortest(self) -> Run | None:
@@ -162,22 +201,29 @@ class Stop:
 
 @dataclass(frozen=True)
 class LinearPart:
-    """What the report says of the linear loops."""
+    """What the report says of the linear loops; `limits` are of `plants`, one each."""
 
     check: DesignCheck
     plants: tuple[LinearPlant, ...]
+    limits: tuple[Limits, ...]
     curves: tuple[LawCurve, ...]
     region: GainRegion
     loops: LoopDesigns
 
 
 @dataclass(frozen=True)
-class DesignReport(LinearPart):
-    """The whole report. `table5` is None, and `facts` empty, for a vehicle that is not the published one."""
+class RunPart:
+    """Braking runs, and the paper's numbers: None and empty for a vehicle that is not the published one."""
 
-    sliding: SlidingVerdict
     stops: tuple[Stop, ...]
     table5: Table5 | None
     facts: tuple[Fact, ...]
+
+
+@dataclass(frozen=True)
+class DesignReport(LinearPart, RunPart):
+    """The whole report; `seconds` is what it took."""
+
+    sliding: SlidingVerdict
     errata: tuple[Erratum, ...]
     seconds: float

@@ -8,13 +8,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 
 
-def law_toml(law: AdhesionLaw, *, reference: ReferenceSlip | None, comments: Iterable[str] = ()) -> str:
+def law_toml(
+    law: AdhesionLaw, *, reference: ReferenceSlip | None, wheel_load: float, comments: Iterable[str] = ()
+) -> str:
     """The text of a law's file: numbers with all their digits, so that reading it gives the same law.
 
-    `comments` go to its head, a line each.
+    `wheel_load` is that of the log, N; `comments` go to its head, a line each.
     """
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
-    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"', "", "[parameters]"]
+    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"', _load(wheel_load), "", "[parameters]"]
     for name in law.parameter_names():
         info = type(law).model_fields[name]
         extra = info.json_schema_extra
@@ -25,25 +27,38 @@ def law_toml(law: AdhesionLaw, *, reference: ReferenceSlip | None, comments: Ite
     return "\n".join(lines) + "\n"
 
 
+def _load(wheel_load: float) -> str:
+    return f"wheel_load = {wheel_load!r}  # N, of the log; forces among the parameters are those of this load"
+
+
 def polynomials_toml(
     law: AdhesionLaw,
     coefficients: Mapping[str, Sequence[float]],
     speeds_kmh: tuple[float, float],
     *,
-    reference: ReferenceSlip | None,
+    references: Mapping[float, ReferenceSlip],
+    wheel_load: float,
     comments: Iterable[str] = (),
 ) -> str:
     """The text of a file with the parameters over the initial speed: `coefficients` of powers of v0 in km/h, SI.
 
-    `law` gives name and rail condition, `speeds_kmh` the range; `reference` and `comments` as of `law_toml`.
+    `law` gives name and rail condition, `speeds_kmh` the range, `references` the slips to hold by v0 in km/h, none if
+    there are none; `wheel_load` and `comments` as of `law_toml`.
     """
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
     lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
-    lines += [f"initial_speed_range = {_number(speeds_kmh)}  # km/h", ""]
+    lines += [f"initial_speed_range = {_number(speeds_kmh)}  # km/h", _load(wheel_load), ""]
     lines += ["[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
     lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
-    if reference is not None:
-        lines += ["", "[reference_slip]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
+    if references:
+        speeds = tuple(sorted(references))
+        lines += [
+            "",
+            "[reference_slip]  # at these initial speeds, straight between",
+            f"initial_speed = {_number(speeds)}",
+        ]
+        for name in ReferenceSlip.model_fields:
+            lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
     return "\n".join(lines) + "\n"
 
 

@@ -76,9 +76,13 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
     for ax, (quantity, head) in zip(axes.flat, heads.items(), strict=False):
         for i, (name, found) in enumerate(summary.controllers.items()):
             sample, color = summary.sample[name], line_style(i)["color"]
+            fill = (
+                "none" if i % 2 else "full"
+            )  # in grey, marks of one size differ by what is in them before their shape
             stopped = sample["stopped"].astype(bool)
             values, results = sample[quantity], measure.scale * sample[measure.name]
-            ax.plot(values[stopped], results[stopped], markersize=2.2, alpha=0.6, label=name, **mark_style(i))
+            look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **mark_style(i)}
+            ax.plot(values[stopped], results[stopped], label=name, **look)
             for row in found.worst:
                 ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
             for row in found.worst[:1]:
@@ -134,4 +138,5 @@ def _title(summary: CampaignSummary) -> str:
 
 def _dotted(head: str) -> str:
     """A column's name and unit as on an axis."""
-    return head.replace("*", "·") if "(" in head else f"{head} (-)"
+    words = head.replace("_", " ").replace("*", "·")
+    return words if "(" in head else f"{words} (-)"

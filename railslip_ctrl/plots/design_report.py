@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from railslip_ctrl.design_report import DesignReport, LawCurve, LinearPart, Stop
-from railslip_ctrl.reproduction import Table5
+from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.design_report import LawCurve, LinearPart, RunPart, Stop
+from railslip_ctrl.reproduction import QUANTITIES, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.units import KMH
 
 from .designs import gang_of_four_figure, region_figure, response_figure
-from .loops import bode_figure, nyquist_figure
+from .loops import bode_figure, nichols_figure, nyquist_figure
 from .style import PAGE_HEIGHT, TEXT, legend_below, line_style, mark_style, new_figure, panels
 
 _COLUMNS = ("speed (km/h)", "slip ratio λ (-)", "brake torque (kN·m)")
+_QUANTITIES = dict(
+    zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
+)
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
 
 
@@ -30,9 +34,9 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             region.strips,
             region.grid,
             {name: gains for name, gains in region.chosen.items() if region.near(gains)},
-            title=f"PI gains that stabilise all {len(part.plants)} operating points; dead time exact",
+            title=f"PI gains that stabilise each of the {len(part.plants)} operating points; dead time exact",
         )
-    figures |= {"bode": bode_figure(part.check.groups), "nyquist": nyquist_figure(part.check.groups)}
+    figures |= check_figures(part.check)
     if loops.gangs:
         figures["gang"] = gang_of_four_figure(loops.gangs, title=title)
     if loops.reference:
@@ -43,16 +47,20 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             reference_label="step of 1 km/h of the reference slip velocity",
             load_label=f"step of {loops.load_step:g} N·m of torque at the wheel",
         )
-    for figure in figures.values():
-        figure.set_figheight(min(figure.get_figheight(), PAGE_HEIGHT))
     return figures
 
 
-def run_figures(report: DesignReport) -> dict[str, Figure]:
+def check_figures(check: DesignCheck) -> dict[str, Figure]:
+    """Figures of the design check alone by name: Bode, Nyquist, Nichols."""
+    drawn = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}
+    return {name: draw(check.groups) for name, draw in drawn.items()}
+
+
+def run_figures(part: RunPart) -> dict[str, Figure]:
     """Figures of the braking runs and of the paper's numbers by name."""
-    figures = {f"stop-{i}": _stop(stop) for i, stop in enumerate(report.stops, start=1) if _ran(stop)}
-    if report.table5 is not None:
-        figures["table5"] = _deviations(report.table5)
+    figures = {f"stop-{i}": _stop(stop) for i, stop in enumerate(part.stops, start=1) if _ran(stop)}
+    if part.table5 is not None:
+        figures["table5"] = _deviations(part.table5)
     return figures
 
 
@@ -86,8 +94,8 @@ def _ran(stop: Stop) -> dict[str, Run]:
 
 def _stop(stop: Stop) -> Figure:
     runs = _ran(stop)
-    height = min(1.0 + 1.5 * len(runs), PAGE_HEIGHT)
-    figure = new_figure(height, f"{stop.title}; seed {stop.seed}")
+    height = min(1.0 + 1.15 * len(runs), PAGE_HEIGHT)
+    figure = new_figure(height, f"{stop.title}; adhesion law {stop.scenario.adhesion.name}; seed {stop.seed}")
     axes = panels(figure, len(runs), len(_COLUMNS), sharex=True, sharey="col")
     for row, (name, run) in zip(axes, runs.items(), strict=True):
         _speed(row[0], run)
@@ -146,7 +154,7 @@ def _deviations(comparison: Table5) -> Figure:
             **mark_style(i),
             markersize=4.5,
             capsize=3,
-            label=quantity.removesuffix("_s").removesuffix("_m").replace("_", " "),
+            label=_QUANTITIES[quantity],
         )
     ax.set_xticks(range(len(names)), names)
     ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)

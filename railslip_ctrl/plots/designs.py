@@ -29,6 +29,7 @@ from .style import (
     new_figure,
     panels,
     plain_log_ticks,
+    sparse_log_ticks,
 )
 
 _MS_TOP = 8.0  # an Ms beyond it is as good as unstable; the axis ends there
@@ -194,7 +195,7 @@ def response_figure(
     load_label: str,
 ) -> Figure:
     """Output and control of named designs after a reference step and after a load step, the dead time exact."""
-    figure = new_figure(4.6, title)
+    figure = new_figure(4.4, title)
     axes = panels(figure, 2, 2, sharex="col")
     for column, (responses, label) in enumerate(((reference, reference_label), (load, load_label))):
         for i, (name, response) in enumerate(responses.items()):
@@ -205,8 +206,8 @@ def response_figure(
         axes[0, column].set_title(folded(label, 0.45 * PAGE_WIDTH), fontsize=TEXT)
         axes[1, column].set_xlabel("time (s)")
         _without_kick(axes[1, column], responses.values())
-    axes[0, 0].set_ylabel("slip velocity deviation (m/s)")
-    axes[1, 0].set_ylabel("commanded torque deviation (N·m)")
+    axes[0, 0].set_ylabel("slip velocity\ndeviation (m/s)")
+    axes[1, 0].set_ylabel("commanded torque\ndeviation (N·m)")
     legend_of_figure(figure, axes[0, 0], columns=3)
     return figure
 
@@ -226,7 +227,7 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
     """|S|, |T|, |PS| and |CS| of named designs."""
-    figure = new_figure(4.8, title)
+    figure = new_figure(4.5, title)
     axes = panels(figure, 2, 2, sharex=True)
     fields = (
         (axes[0, 0], "s", "|S|, sensitivity (-)"),
@@ -241,6 +242,7 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
         plain_log_ticks(ax.yaxis)
     for ax in axes[1]:
         ax.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(ax.xaxis)
     legend_of_figure(figure, axes[0, 0], columns=3)
     return figure
 

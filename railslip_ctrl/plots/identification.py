@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from railslip_ctrl.adhesion.envelope import curtius_kniffler
 from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
@@ -68,19 +69,26 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
 
 
 def drift_figure(found: Identification) -> Figure:
-    """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition."""
+    """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition.
+
+    Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
+    """
     title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
     figure = new_figure(3.7, title)
     slip, height = panels(figure, 1, 2)[0]
     for rail in dict.fromkeys(peak.rail for peak in found.peaks):
         peaks = [peak for peak in found.peaks if peak.rail is rail]
         _drift(slip, height, peaks, rail, rail_style(rail))
+    shown = [peak.speed / KMH for peak in found.peaks]
+    speeds = np.linspace(min(shown), max(shown), 50)
+    height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler,\ndry rail")
     slip.set_ylabel("slip ratio λ (-)")
     height.set_ylabel("highest adhesion coefficient μ (-)")
     for ax in (slip, height):
         ax.set_xlabel("train speed (km/h)")
+    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
         if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
-            ax.set_ylim(0.0, 1.08 * ax.dataLim.ymax)
+            ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
         legend_below(ax, 0.17, columns=2)
     return figure
 
@@ -92,9 +100,11 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip], rail: Rail, style:
         for name in ("slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
     )
     width = {"capsize": 3.0, "marker": "o", "markersize": 3.5}
-    slip.errorbar(speed, values, NORMAL_QUANTILE * np.nan_to_num(errors), label=f"peak, {rail} rail", **width, **style)
+    slip.errorbar(
+        speed, values, NORMAL_QUANTILE * np.nan_to_num(errors), label=f"peak, {rail} rail, 99 %", **width, **style
+    )
     slip.plot(speed, reference, "s", color=style["color"], fillstyle="none", label=f"reference, {rail} rail")
-    height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail", **width, **style)
+    height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail, 99 %", **width, **style)
 
 
 def braking_figure(found: Identification) -> Figure:

@@ -14,7 +14,17 @@ from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve
 
-from .style import PAGE_WIDTH, SMALL, TEXT, folded, legend_below, line_style, new_figure, panels
+from .style import (
+    PAGE_WIDTH,
+    SMALL,
+    TEXT,
+    folded,
+    legend_below,
+    line_style,
+    new_figure,
+    panels,
+    sparse_log_ticks,
+)
 
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
@@ -70,9 +80,10 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
         magnitude.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
         phase.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(phase.xaxis)
         legend_below(phase, 0.22)
     axes[0, 0].set_ylabel("magnitude |L| (dB)")
-    axes[1, 0].set_ylabel("phase arg L (deg), dead time exact")
+    axes[1, 0].set_ylabel("phase arg L (deg),\ndead time exact")
     return figure
 
 

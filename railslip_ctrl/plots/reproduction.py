@@ -82,12 +82,13 @@ def wet_and_dry_figure(curves: Sequence[AdhesionCurve]) -> Figure:
         if curve.reference is not None:
             ax.axvline(curve.reference, color=style["color"], linewidth=0.8, linestyle=style["linestyle"], alpha=0.7)
             ax.annotate(
-                f"{curve.reference:g}", (curve.reference, 1.0), xycoords=("data", "axes fraction"), fontsize=SMALL,
-                rotation=90, xytext=(1, -2), textcoords="offset points", va="top",
+                f"{curve.reference:g}, {_SHORT[curve.law]} {curve.rail}", (curve.reference, 1.0),
+                xycoords=("data", "axes fraction"), fontsize=SMALL, rotation=90, xytext=(1, -2),
+                textcoords="offset points", va="top",
             )  # fmt: skip
     ax.plot([], [], color="0.4", linewidth=0.8, label="vertical: published reference slips")
     _adhesion_axes(ax)
-    ax.set_ylim(0.0, 1.2 * max(curve.peak.coefficient for curve in curves))  # the references' numbers stand above
+    ax.set_ylim(0.0, 1.4 * max(curve.peak.coefficient for curve in curves))  # the references' names stand above
     legend_below(ax, 0.14, columns=2)
     return figure
 

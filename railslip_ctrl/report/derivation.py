@@ -13,16 +13,20 @@ from railslip_ctrl import __version__
 from railslip_ctrl.sliding.code import LawCode
 from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.numbers import LawNumbers
 from railslip_ctrl.sliding.symbols import latex, plain
 from railslip_ctrl.sources import SOURCES
 
-from .layout import facts, heading, render
+from .layout import facts, heading, indented, render
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
+_NO_FORMULA = "The law has no closed form: Ta is evaluated from these numbers outside the control law."
 
 
-def derivation_json(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> dict[str, Any]:
-    """The contract's keys, and beside them what was done and how each step was checked."""
+def derivation_json(
+    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+) -> dict[str, Any]:
+    """The contract's keys, and beside them what was done, how each step was checked, and a law's `numbers` by rail."""
     return {
         "reference": derivation.reference,
         "adhesion": derivation.adhesion,
@@ -39,7 +43,12 @@ def derivation_json(derivation: Derivation, errata: Sequence[Erratum], code: Law
             }
             for step in derivation.steps
         ],
-        "law": {"latex": f"T_b = {latex(derivation.law_in_adhesion)}", "python": code.python, "c": code.c},
+        "law": {
+            "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
+            "python": code.python,
+            "c": code.c,
+            **({"numbers": {one.rail.value: _numbers_json(one) for one in numbers}} if numbers else {}),
+        },
         "errata": [
             {
                 "where": row.where,
@@ -54,6 +63,22 @@ def derivation_json(derivation: Derivation, errata: Sequence[Erratum], code: Law
             for row in errata
         ],
     }
+
+
+def _numbers_json(numbers: LawNumbers) -> dict[str, Any]:
+    return {"parameters": dict(numbers.parameters), "latex": _numeric_latex(numbers)}
+
+
+def _numeric_latex(numbers: LawNumbers) -> str | None:
+    return None if numbers.torque is None else f"T_b = {latex(numbers.torque)}"
+
+
+def _numeric_title(numbers: LawNumbers) -> str:
+    return f"Law with the numbers given, {numbers.rail.value} rail"
+
+
+def _parameters(numbers: LawNumbers) -> str:
+    return ", ".join(f"{name} = {value:.10g}" for name, value in numbers.parameters) + " (SI)"
 
 
 def _case(derivation: Derivation) -> str:
@@ -87,8 +112,8 @@ def _mark(checked: bool) -> str:
 # --- text ----------------------------------------------------------------------------------------------------------
 
 
-def derivation_text(derivation: Derivation, errata: Sequence[Erratum]) -> str:
-    """Plain text, 110 columns."""
+def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: Sequence[LawNumbers] = ()) -> str:
+    """Plain text."""
     parts: list[RenderableType] = [
         heading(_TITLE),
         Text(f"railslip_ctrl {__version__}; {_case(derivation)}; {_outcome(derivation)}.\n"),
@@ -104,8 +129,11 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum]) -> str:
     parts += [
         heading("Law", "-"),
         Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4)),
-        heading("Errata: as printed, and as derived", "="),
     ]
+    for one in numbers:
+        parts += [heading(_numeric_title(one), "-"), indented(_parameters(one))]
+        parts.append(Padding(Text(_numeric_text(one)), (1, 0, 1, 4)))
+    parts.append(heading("Errata: as printed, and as derived", "="))
     for row in errata:
         parts += [
             heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
@@ -123,6 +151,10 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum]) -> str:
     return render(parts)
 
 
+def _numeric_text(numbers: LawNumbers) -> str:
+    return _NO_FORMULA if numbers.torque is None else f"Tb = {plain(numbers.torque)}"
+
+
 def _sources_line() -> str:
     return f"[Park2008] {SOURCES['Park2008']}"
 
@@ -130,7 +162,9 @@ def _sources_line() -> str:
 # --- Markdown ------------------------------------------------------------------------------------------------------
 
 
-def derivation_markdown(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
+def derivation_markdown(
+    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+) -> str:
     """Markdown with LaTeX formulas."""
     lines = [f"# {_TITLE}", "", _opening(derivation), ""]
     for number, step in enumerate(derivation.steps, 1):
@@ -145,7 +179,11 @@ def derivation_markdown(derivation: Derivation, errata: Sequence[Erratum], code:
             f"- {_mark(step.checked)}: {_markdown(step.check)}",
             "",
         ]
-    lines += ["## Law", "", f"$$ T_b = {latex(derivation.law_in_adhesion)} $$", "", "## Errata", ""]
+    lines += ["## Law", "", f"$$ T_b = {latex(derivation.law_in_adhesion)} $$", ""]
+    for one in numbers:
+        formula = _NO_FORMULA if one.torque is None else f"$$ {_numeric_latex(one)} $$"
+        lines += [f"### {_numeric_title(one)}", "", _markdown(_parameters(one)), "", formula, ""]
+    lines += ["## Errata", ""]
     for row in errata:
         lines += [
             f"### {row.where}: {_verdict(row)}",
@@ -194,7 +232,9 @@ _ESCAPES = {
 }
 
 
-def derivation_latex(derivation: Derivation, errata: Sequence[Erratum], code: LawCode) -> str:
+def derivation_latex(
+    derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
+) -> str:
     """A LaTeX document that needs amsmath, geometry, graphicx and listings; too wide a formula is made to fit."""
     lines = [
         _PREAMBLE + rf"\section*{{{_escape(_TITLE)}}}",
@@ -208,7 +248,11 @@ def derivation_latex(derivation: Derivation, errata: Sequence[Erratum], code: La
             rf"\formula{{{step.equation_latex}}}",
             _escape(f"Done: {step.done} {_mark(step.checked).capitalize()}: {step.check}."),
         ]
-    lines += [r"\section{Law}", rf"\formula{{T_b = {latex(derivation.law_in_adhesion)}}}", r"\section{Errata}"]
+    lines += [r"\section{Law}", rf"\formula{{T_b = {latex(derivation.law_in_adhesion)}}}"]
+    for one in numbers:
+        formula = _NO_FORMULA if one.torque is None else rf"\formula{{{_numeric_latex(one)}}}"
+        lines += [rf"\subsection*{{{_escape(_numeric_title(one))}}}", _escape(_parameters(one)), formula]
+    lines.append(r"\section{Errata}")
     for row in errata:
         lines += [
             rf"\subsection*{{{_escape(f'{row.where}: {_verdict(row)}')}}}",

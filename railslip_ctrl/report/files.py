@@ -19,11 +19,20 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
     existing = directory
     while not existing.exists() and existing != existing.parent:
         existing = existing.parent
-    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+    if not _takes_a_folder(existing):
         raise InputError(f"--out: {str(directory)!r} cannot be made or written to; choose another folder")
     for name in names:
         if (directory / name).is_dir():
             raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
+
+
+def _takes_a_folder(directory: Path) -> bool:
+    """Whether a folder can be made in a directory; tried, as rights alone do not tell (of /proc, say)."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory):
+            return True
+    except OSError:
+        return False
 
 
 def check_file(path: Path, option: str) -> None:

@@ -357,7 +357,7 @@ def model_toml(found: Identification) -> str:
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
         *fit.notes,
     ]
-    return law_toml(fit.law, reference=found.reference, comments=comments)
+    return law_toml(fit.law, reference=found.reference, wheel_load=found.setting.wheel_load, comments=comments)
 
 
 def campaign_toml(found: Campaign) -> str | None:
@@ -365,16 +365,9 @@ def campaign_toml(found: Campaign) -> str | None:
     fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
     if fits[0].model.name == "table":
         return None
-    held = [each.reference for each in found.logs if each.reference is not None]
-    # one slip for all speeds: the lowest is before the peak of each
-    reference = (
-        ReferenceSlip(dry=min(each.dry for each in held), wet=min(each.wet for each in held))
-        if len(held) == len(fits)
-        else None
-    )
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
-        "For --adhesion with --initial-speed. The slip to hold is the lowest of the logs'.",
+        "For --adhesion with --initial-speed. The slips to hold are those of the logs, at their speeds.",
     ]
     coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))
@@ -382,6 +375,19 @@ def campaign_toml(found: Campaign) -> str | None:
         fits[0].law,
         {name: values.tolist() for name, values in coefficients.items()},
         limits,
-        reference=reference,
+        references=_references(found),
+        wheel_load=sum(each.setting.wheel_load for each in found.logs) / len(fits),
         comments=comments,
     )
+
+
+def _references(found: Campaign) -> dict[float, ReferenceSlip]:
+    """The slips to hold by v0 in km/h, of logs at one speed the lowest; none unless every log has them."""
+    held: dict[float, ReferenceSlip] = {}
+    for each in found.logs:
+        if each.reference is None:
+            return {}
+        v0 = float(round(each.setting.initial_speed / KMH, 1))
+        other = held.get(v0, each.reference)
+        held[v0] = ReferenceSlip(dry=min(each.reference.dry, other.dry), wet=min(each.reference.wet, other.wet))
+    return held

@@ -4,27 +4,53 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Literal
 
 from rich import box
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 WIDTH = 110
-"""Columns; A4 across in a usual fixed-width print."""
+"""Columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print."""
+
+_UNLIMITED = 10_000
+"""Columns that no table of a report has."""
+
+_width: ContextVar[int] = ContextVar("width", default=WIDTH)
+
+
+@contextmanager
+def columns(number: int) -> Iterator[None]:
+    """Reports made inside are `number` columns wide: those for a terminal narrower than `WIDTH`."""
+    before = _width.set(number)
+    try:
+        yield
+    finally:
+        _width.reset(before)
 
 
 def render(parts: Iterable[RenderableType]) -> str:
     stream = io.StringIO()
-    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
+    console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
     for part in parts:
         console.print(part)
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
 def heading(text: str, mark: str = "=") -> Text:
-    return Text(f"{text}\n{mark * min(len(text), WIDTH)}")
+    return Text(f"{text}\n{mark * min(len(text), _width.get())}")
+
+
+def indented(text: str) -> RenderableType:
+    """A paragraph."""
+    return Padding(Text(text), (0, 0, 0, 2))
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> Table:
@@ -37,17 +63,47 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     return table
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, whole: int = 0) -> Table:
-    """A table with a ruled head; the first `left` columns are aligned left, the others right.
+@dataclass(frozen=True)
+class _Columns:
+    """A table that is continued below itself where it is too wide to show every number whole."""
 
-    Cells of the first `whole` columns are never broken.
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    left: int
+    whole: int
+    words: Collection[int]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        unlimited = options.update(max_width=_UNLIMITED)  # within a limit a table would measure no more than that
+        repeated = list(range(self.left))
+        shown = repeated
+        for i in range(self.left, len(self.names)):
+            wider = self._part([*shown, i])
+            if shown != repeated and Measurement.get(console, unlimited, wider).minimum > options.max_width:
+                yield self._part(shown)
+                shown = repeated
+            shown = [*shown, i]
+        yield self._part(shown)
+
+    def _part(self, numbers: Sequence[int]) -> Table:
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+        for i in numbers:
+            justify: Literal["left", "right"] = "left" if i < self.left or i in self.words else "right"
+            table.add_column(self.names[i], justify=justify, no_wrap=i < self.whole)
+        for row in self.rows:
+            table.add_row(*(row[i] for i in numbers))
+        return table
+
+
+def table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1, whole: int = 0, words: Collection[int] = ()
+) -> RenderableType:
+    """A table with a ruled head; the first `left` columns and those numbered in `words` are aligned left, others right.
+
+    Cells of the first `whole` columns are never broken. Where the columns have no room beside each other, those on the
+    right follow below, the first `left` ones repeated.
     """
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="left" if i < left else "right", no_wrap=i < whole)
-    for row in rows:
-        table.add_row(*row)
-    return table
+    return _Columns(tuple(columns), tuple(tuple(row) for row in rows), left, whole, words)
 
 
 def fixed(value: float, digits: int = 5) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -28,7 +27,7 @@ from railslip_ctrl.reproduction.table3 import (
 )
 
 from .jsonable import number
-from .layout import WIDTH, facts, heading, render, table
+from .layout import facts, heading, indented, render, table
 
 _STANDARD_ERRORS = 2.0  # within so many, a deviation may be the seeds'
 _WORDS = dict(zip(QUANTITIES, ("time", "distance", "energy", "slip error"), strict=True))
@@ -39,7 +38,7 @@ def reproduction_json(
 ) -> dict[str, Any]:
     """The rows of Table 5, the reading, Table 3, the facts, and the sensitivity where it was asked for."""
     content = {
-        "rows": [_row_json(row) for row in comparison.rows],
+        "rows": [row_json(row) for row in comparison.rows],
         "seeds": comparison.seeds,
         "rms_deviation_percent": number(comparison.rms_deviation_percent),
         "all_within": comparison.within,
@@ -63,7 +62,8 @@ def reproduction_json(
     return content
 
 
-def _row_json(row: Row) -> dict[str, Any]:
+def row_json(row: Row) -> dict[str, Any]:
+    """One number of Table 5, published and obtained."""
     return {
         "item": row.item,
         "published": row.published,
@@ -158,7 +158,7 @@ def _table3_parts(three: Table3) -> Iterable[RenderableType]:
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]
     )
-    yield _wrapped(three.not_reproducible)
+    yield indented(three.not_reproducible)
     yield Text("")
 
 
@@ -166,9 +166,9 @@ def _facts_parts(found: Sequence[Fact]) -> Iterable[RenderableType]:
     yield heading("Other facts of the published runs")
     for one in found:
         yield heading(f"{one.name}: {'holds' if one.holds else 'DOES NOT HOLD'}", "-")
-        yield _wrapped(one.statement)
-        yield _wrapped(f"Found: {one.found}.")
-        yield _wrapped(f"By: {one.how}.")
+        yield indented(one.statement)
+        yield indented(f"Found: {one.found}.")
+        yield indented(f"By: {one.how}.")
         yield Text("")
 
 
@@ -201,10 +201,6 @@ def _short(item: str) -> str:
     """A number of a column in few words."""
     column, quantity = item.split(" / ")
     return f"{column} {_WORDS[quantity]}"
-
-
-def _wrapped(text: str) -> Text:
-    return Text(textwrap.fill(text, WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
 
 
 def _verdict(comparison: Table5) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 
 from rich.console import RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from railslip_ctrl import __version__
@@ -209,8 +208,7 @@ def _margin_table(assessment: Assessment, m: Margins) -> Padding:
     usable = assessment.stabilizing_gain_range
     if usable is not None:
         rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
-    shown = table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows)
-    shown.columns[2].justify = shown.columns[4].justify = "left"
+    shown = table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
     return Padding(shown, (1, 0, 0, 0))
 
 
@@ -229,7 +227,7 @@ def _pade_part(assessment: Assessment) -> list[RenderableType]:
     return [Text(f"Pade approximation of the dead time: orders {orders[0]} to {orders[-1]} say unstable too")]
 
 
-def _pade_table(assessment: Assessment) -> Table:
+def _pade_table(assessment: Assessment) -> RenderableType:
     rows = [_pade_row(row, assessment.margins) for row in assessment.pade]
     rows.append(["exact", *_pade_cells(assessment.margins), ""])
     return table(
@@ -267,7 +265,7 @@ def design_check_text(check: DesignCheck) -> str:
         _summary_table(check),
     ]
     for group in check.groups:
-        parts += [Text(""), heading(group.title, "#"), Text(group.remark), Text("")]
+        parts += [Text(""), heading(group.title, "#"), Text(group.remark.replace("N*m", "N·m")), Text("")]
         for assessment, peer in zip(group.assessments, group.python_control, strict=True):
             parts += [*_assessment(assessment), _peer_line(peer), Text("")]
     return render(parts[:-1])
@@ -281,7 +279,7 @@ def _peer_line(peer: PythonControlMargins) -> Text:
     )
 
 
-def _summary_table(check: DesignCheck) -> Table:
+def _summary_table(check: DesignCheck) -> RenderableType:
     rows = []
     for group in check.groups:
         for i, a in enumerate(group.assessments):
@@ -299,6 +297,5 @@ def _summary_table(check: DesignCheck) -> Table:
             )
             where = f"{a.point.rail}, {a.point.speed_kmh:g} km/h"
             rows.append([group.title if i == 0 else "", where, *numbers, a.verdict.value])
-    shown = table(("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict"), rows, left=2)
-    shown.columns[-1].justify = "left"
-    return shown
+    names = ("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict")
+    return table(names, rows, left=2, words=(7,))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 from rich.console import RenderableType
@@ -10,7 +9,7 @@ from rich.text import Text
 
 from railslip_ctrl.sliding.conditions import Condition, Verification
 
-from .layout import WIDTH, facts, heading, render, table
+from .layout import facts, heading, indented, render, table
 
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",
@@ -47,7 +46,7 @@ def verification_text(verification: Verification, conclusion: str = "") -> str:
         parts += _paragraphs(one)
     parts.append(Text(_verdict(verification)))
     if conclusion:
-        parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), _wrapped(conclusion)]
+        parts += [Text(""), heading("Conclusion for the brake with its actuator", "-"), indented(conclusion)]
     return render(parts)
 
 
@@ -67,14 +66,10 @@ def _paragraphs(one: Condition) -> list[RenderableType]:
     verdict = "holds" if one.holds else "DOES NOT HOLD"
     return [
         heading(f"{one.name}: {verdict} ({one.how})", "-"),
-        _wrapped(one.statement),
-        _wrapped(one.evidence),
+        indented(one.statement),
+        indented(one.evidence),
         Text(""),
     ]
-
-
-def _wrapped(text: str) -> Text:
-    return Text(textwrap.fill(text, WIDTH, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
 
 
 def _verdict(verification: Verification) -> str:

@@ -236,8 +236,9 @@ def _conclusion(
         "the actuator this law then holds the slip from 100 to 5 km/h on dry and wet rail, empty and loaded, with the "
         f"holding torque known to {100 * HOLD_ERROR:g} %. At 100 km/h it keeps |sigma error| below {worst:.3f} m/s for "
         f"every torque error up to {height:g} N m, and from an error of {OFFSET:g} m/s below {later:.3f} m/s after "
-        f"{slowest.reaching_time:.1f} s: proved for frozen speed; the published random force, the falling speed and "
-        f"larger errors of the holding torque are covered by simulation.{rail}"
+        f"{slowest.reaching_time:.1f} s: bounds for frozen speed, in which the wheel's nonlinearity is sampled; the "
+        "published random force, the falling speed and larger errors of the holding torque are covered by "
+        f"simulation.{rail}"
     )
 
 

@@ -1,5 +1,5 @@
 """A design report as one HTML file that needs nothing else: text, tables, and pictures embedded."""
 
-from .page import Provenance, design_report_html
+from .page import design_report_html
 
-__all__ = ["Provenance", "design_report_html"]
+__all__ = ["design_report_html"]

@@ -10,7 +10,7 @@ from typing import ClassVar
 Cells = Sequence[str]
 
 _NUMBER = re.compile(r"[−+±\d.,·e∞– ×%]*|unstable|unbounded|none holds")
-_SHORT = 18  # rows
+_SHORT = 8  # rows
 
 
 @dataclass(frozen=True)

@@ -1,40 +1,21 @@
-"""Sections that close the report: errata of the paper, what was not checked, sources."""
+"""What was not checked: the section that closes the report."""
 
 from __future__ import annotations
 
 from railslip_ctrl.design_report import DesignReport
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
-from .blocks import Block, Details, Facts, Items, Paragraph, Section
+from .blocks import Items, Section
 from .numbers import listed
-
-
-def errata_section(report: DesignReport) -> Section:
-    """Where the paper's print does not follow from its own statement."""
-    wrong = [one for one in report.errata if not one.agrees]
-    right = [one for one in report.errata if one.agrees]
-    blocks: list[Block] = [
-        Paragraph(
-            f"{len(report.errata)} equations, numbers and claims of [Park2008] were derived or computed again: "
-            f"{len(right)} "
-            f"agree, {len(wrong)} do not.",
-            strong=True,
-        )
-    ]
-    for one in wrong:
-        rows = (
-            ("Printed", one.printed),
-            ("Follows", one.derived),
-            ("Size", one.sign_and_size),
-            ("Decided", one.how),
-        )
-        blocks.append(Details(one.where, "differs", (Facts(rows), Paragraph(one.explanation))))
-    blocks.append(Paragraph(f"Found to agree: {listed(one.where for one in right)}."))
-    return Section("errata", "Errata found", tuple(blocks))
 
 
 def unchecked_section(report: DesignReport) -> Section:
     """What the report does not answer."""
+    return Section("unchecked", "What was not checked", (Items(unchecked(report)),))
+
+
+def unchecked(report: DesignReport) -> tuple[str, ...]:
+    """What the report does not answer, a text each."""
     points = [plant.point for plant in report.plants]
     speeds = listed(f"{speed:g} km/h" for speed in dict.fromkeys(point.speed_kmh for point in points))
     rails = listed(f"{rail} rail" for rail in dict.fromkeys(point.rail for point in points))
@@ -44,6 +25,7 @@ def unchecked_section(report: DesignReport) -> Section:
         "Other "
         "speeds, loads and slips: --speed, --mass and --slip. Tolerances of dead time and lag: "
         "railslip_ctrl.design.robustness.",
+        *_laws(report),
         "The speed is frozen in every linear loop. A stop passes through all speeds; the braking runs do, the "
         "margins do not.",
         "One quarter car: no pitching of body or bogie, no other wheelset, no running gear that twists or rolls.",
@@ -68,4 +50,13 @@ def unchecked_section(report: DesignReport) -> Section:
         texts.append("The published gains were made for another vehicle; here they are only a comparison.")
     for name, reason in {**report.loops.refused, **report.sliding.reasons}.items():
         texts.append(f"Not available for this vehicle: {name} ({reason}).")
-    return Section("unchecked", "What was not checked", (Items(tuple(texts)),))
+    return tuple(texts)
+
+
+def _laws(report: DesignReport) -> list[str]:
+    if not any(stop.dynamic for stop in report.stops):
+        return []
+    return [
+        "Margins are for the dynamic bristle model, braking runs for its static curve: only the linear controllers "
+        "were run with both, and the nonlinear ones (sliding mode, slide protection) never with the dynamic model."
+    ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from railslip_ctrl.assessment import ROBUST_MS, Assessment
 from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.design_report import DesignReport, LoopDesign, LoopDesigns
@@ -27,10 +29,12 @@ def margins_section(report: DesignReport) -> Section:
         (
             Paragraph(
                 "The dead time is exact: stability is decided by counting the roots of the quasi-polynomial, and "
-                "margins come "
-                f"from all crossovers. Robust means Ms ≤ {ROBUST_MS:g}; of an unstable loop there are no margins, "
-                "and none are "
-                "printed."
+                "margins come from all crossovers ([WaltonMarshall1987]). Robust means "
+                f"Ms ≤ {ROBUST_MS:g}, the upper end of what is usual for design ([Astrom1998], [Astrom2021] 13): the "
+                f"gain may then rise by {short(ROBUST_MS / (ROBUST_MS - 1), 2)} and fall to "
+                f"{short(ROBUST_MS / (ROBUST_MS + 1), 2)} of its value, and the phase margin is at least "
+                f"{short(math.degrees(2 * math.asin(0.5 / ROBUST_MS)), 2)} deg. Disk margins: [Seiler2020]. Of an "
+                "unstable loop there are no margins, and none are printed."
             ),
             Table(
                 "Margins of each controller at each operating point. Gain − and gain +: the factors by which the "
@@ -41,11 +45,12 @@ def margins_section(report: DesignReport) -> Section:
                 wide=True,
             ),
             _bode(groups),
+            _nichols(groups),
             _nyquist(groups),
             _pade_table(groups),
             Paragraph(_pade_finding(groups), strong=True),
             *(_loop_details(group, one) for group in groups for one in group.assessments),
-            Paragraph(f"{loops} loops in all; each is opened above with its poles and limits, and is in report.json."),
+            Paragraph(f"{loops} loops in all; each is opened above with its poles, and is in report.json."),
         ),
     )
 
@@ -75,6 +80,18 @@ def _nyquist(groups: tuple[ControllerGroup, ...]) -> Picture:
         "Z: "
         "unstable poles of the open and closed loop, N: turns around −1.",
         f"Nyquist curves of the open loops around the point −1, one column a controller. {told}.",
+    )
+
+
+def _nichols(groups: tuple[ControllerGroup, ...]) -> Picture:
+    told = "; ".join(
+        f"{group.title}, {where(a.point)}: {a.verdict_line}" for group in groups for a in group.assessments
+    )
+    return Picture(
+        "nichols",
+        "Nichols plots: magnitude over continuous phase, the dead time exact. Crosses: the critical point −1; "
+        "dash-dotted: Ms = 2.",
+        f"Magnitude over phase of the open loops, one column a controller. {told}.",
     )
 
 
@@ -124,7 +141,7 @@ def _loop_details(group: ControllerGroup, one: Assessment) -> Details:
         ("Operating point", f"slip {one.point.slip:g}, M {one.point.vehicle.mass:g} kg, inertia scale "
          f"{one.point.vehicle.inertia_scale:g}"),
         ("Plant poles", roots(one.plant.poles)),
-        ("Closed-loop poles", f"{roots(one.closed_loop_poles)} (rightmost, dead time exact)"),
+        ("Closed-loop poles", f"{roots(one.closed_loop_poles)} (rightmost, dead time exact, [Breda2005])"),
     ]  # fmt: skip
     usable = one.stabilizing_gain_range
     rows.append(
@@ -149,6 +166,14 @@ def designs_section(report: DesignReport) -> Section:
     """The designs side by side, what they cost, and what was tried and is of no use."""
     loops = report.loops
     blocks: list[Block] = [Paragraph(_best(loops), strong=True), _gain_table(loops), _design_table(loops)]
+    if any(one.needs_hold for one in loops.designs):
+        blocks.append(
+            Paragraph(
+                "The layered law stands here as the linear loop that it is within its boundary layer. It acts about a "
+                "holding torque that has to be known, so that it is not recommended as a controller by itself; what "
+                "becomes of it outside the layer, and with a wrong holding torque, is in the section on sliding mode."
+            )
+        )
     if loops.refused:
         blocks.append(Items(tuple(f"{name}: none. {reason}." for name, reason in loops.refused.items())))
     if loops.gangs:
@@ -161,7 +186,11 @@ def _best(loops: LoopDesigns) -> str:
     best = loops.best
     if best is None:
         return "None of these designs holds every operating point."
-    return f"Most robust over these operating points: {best.name}, worst Ms {short(best.worst_ms, 3)}."
+    taken = loops.recommended
+    text = f"Least worst Ms over these operating points: {best.name}, {short(best.worst_ms, 3)}."
+    if taken is None:
+        return f"{text} None is recommended."
+    return f"{text} Recommended: {taken.name}, worst Ms {short(taken.worst_ms, 3)}; why is in the verdict."
 
 
 def _gain_table(loops: LoopDesigns) -> Table:
@@ -223,14 +252,21 @@ def _pictures(loops: LoopDesigns) -> list[Block]:
 
 def _attempts(loops: LoopDesigns) -> list[Block]:
     rows = [
-        (one.name, where(one.point), *margin_cells(one.margins), one.reason or "holds its own operating point")
+        (one.name, where(one.point), *margin_cells(one.margins), _reason(one.reason) or "holds its operating point")
         for one in loops.attempts
     ]
     table = Table(
-        "A known rule and two predictors, each made for one operating point with its exact model, which flatters them.",
+        "A known rule ([Skogestad2003]) and two predictors ([Smith1957], [NormeyRico2009]), each made for one "
+        "operating point with its exact model, which flatters them.",
         ("Design", "Case", *MARGIN_HEAD, "What comes of it"),
         rows,
         wide=True,
     )
     failed = sum(one.margins is None for one in loops.attempts)
-    return [Details("Known rules and predictors", f"{failed} of {len(rows)} do not hold", (table,))]
+    told = f"{failed} of {len(rows)} {'does' if failed == 1 else 'do'} not hold"
+    return [Details("Known rules and predictors", told, (table,))]
+
+
+def _reason(text: str) -> str:
+    """A reason without the advice for a programmer that follows it."""
+    return text.split("; use ")[0]

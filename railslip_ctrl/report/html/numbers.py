@@ -36,13 +36,6 @@ def minus(text: str) -> str:
     return text.replace("-", "−")
 
 
-def typeset(text: str) -> str:
-    """Text written for a terminal with the signs of print."""
-    for plain, printed in (("N*m", "N·m"), ("<=", "≤"), (">=", "≥"), ("+-", "±")):
-        text = text.replace(plain, printed)
-    return text
-
-
 def roots(values: Iterable[complex]) -> str:
     """Poles or zeros with their unit, 1/s."""
     text = minus(roots_text(values))
@@ -66,8 +59,3 @@ def listed(words: Iterable[str]) -> str:
     """Words with commas and an "and"."""
     found = list(words)
     return found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}" if found else "none"
-
-
-def matrix(rows: Iterable[Iterable[float]]) -> str:
-    """A matrix by rows, separated by semicolons."""
-    return "[" + "; ".join("  ".join(short(x, 6) for x in row) for row in rows) + "]"

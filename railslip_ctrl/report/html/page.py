@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.report.provenance import Provenance, software
 from railslip_ctrl.sources import SOURCES
 
 from .blocks import Block, Details, Group, Picture, Section, Table
-from .closing_sections import errata_section, unchecked_section
+from .closing_sections import unchecked_section
 from .loop_sections import designs_section, margins_section
+from .paper_sections import errata_section, reproduction_section
 from .plant_sections import adhesion_section, limits_section, linear_section, region_section, vehicle_section
-from .run_sections import reproduction_section, sliding_section, stops_section
-from .verdict import verdict
+from .sliding_sections import sliding_section
+from .stop_sections import stops_section
+from .verdict import gains_not_computed, verdict
+
+_ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
 
 _SECTIONS = (
     vehicle_section,
@@ -32,14 +38,6 @@ _SECTIONS = (
     errata_section,
     unchecked_section,
 )
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a report comes from: the command line, and its options with their values."""
-
-    command: str
-    options: tuple[tuple[str, str], ...]
 
 
 def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], provenance: Provenance) -> str:
@@ -75,6 +73,8 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
         title=f"Wheel-slip control design check: {vehicle.name}",
         vehicle=vehicle.name,
         verdict=verdict(report),
+        not_computed=gains_not_computed(report),
+        software=software(),
         sections=sections,
         pictures=data,
         provenance=provenance,
@@ -85,10 +85,25 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 
 
+def cited_sources(text: str) -> dict[str, str]:
+    """The sources that a text cites, by key."""
+    return {key: source for key, source in SOURCES.items() if f"[{key}]" in text}
+
+
 def _sources(text: str, environment: Any) -> str:
-    """The sources that the text cites, as its last section."""
-    cited = {key: source for key, source in SOURCES.items() if f"[{key}]" in text}
+    """The sources that the text cites, as its last section; a DOI or an address in them is a link."""
+    cited = {key: _linked(source) for key, source in cited_sources(text).items()}
     return str(environment.get_template("sources.html").render(sources=cited))
+
+
+def _linked(source: str) -> Any:
+    from markupsafe import Markup, escape
+
+    def link(found: re.Match[str]) -> str:
+        address = f"https://doi.org/{found[1]}" if found[1] else found[0]
+        return f'<a href="{address}">{found[0]}</a>'
+
+    return Markup(_ADDRESS.sub(link, str(escape(source))))
 
 
 def css_string(text: str) -> str:

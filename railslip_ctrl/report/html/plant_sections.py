@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design.limits import Limits, StructureLimit
 from railslip_ctrl.design_report import DesignReport
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.notation import NOTATION
-from railslip_ctrl.report.text import polynomial_text, vehicle_facts
+from railslip_ctrl.report.text import vehicle_facts
 
 from .blocks import Block, Details, Facts, Group, Items, Paragraph, Picture, Section, Table
-from .numbers import NONE, listed, matrix, minus, roots, short, where
+from .formulas import formula, matrix, transfer_function
+from .numbers import NONE, listed, roots, short, where
+from .typography import signs, typeset
 
 
 def vehicle_section(report: DesignReport) -> Section:
@@ -33,7 +34,7 @@ def vehicle_section(report: DesignReport) -> Section:
             "σ = v − rω, λ = σ/v, e = λ_d v − σ."
         )
     )
-    used = [(one.name, one.unit.replace("*", "·"), one.meaning) for one in NOTATION.values()]
+    used = [(formula(one.latex), _unit(one.unit), typeset(one.meaning)) for one in NOTATION.values()]
     symbols = Table("Symbols and their units.", ("Symbol", "Unit", "Meaning"), used)
     blocks.append(Details("Symbols", f"{len(used)}", (symbols,)))
     return Section("vehicle", "Vehicle and units", tuple(blocks))
@@ -94,14 +95,14 @@ def linear_section(report: DesignReport) -> Section:
         )
         for rail in rails
     )
-    units = " and ".join(
-        f"{name} in {NOTATION[name].unit}" for name in dict.fromkeys(s for p in report.plants for s in p.states)
+    units = listed(
+        f"{_LETTERS.get(name, name)} in {_unit(NOTATION[name].unit)}"
+        for name in dict.fromkeys(s for p in report.plants for s in p.states)
     )
     intro = Paragraph(
         "Linearised at constant slip with the speed frozen: input brake torque at the wheel, N·m (the actuator is not "
-        f"in it); states {units}; outputs sigma, lambda and error. Every matrix follows from the one symbolic "
-        "statement "
-        "of the plant."
+        f"in it); states {units}; outputs σ, λ and the control error e. Every matrix follows from the one symbolic "
+        "statement of the plant, and all of them are in report.json."
     )
     return Section("linearisation", "Linearisation", (intro, *groups))
 
@@ -113,16 +114,28 @@ def _plant_blocks(plant: LinearPlant) -> tuple[Block, ...]:
         ("Slip velocity σ", f"{short(point.sigma, 5)} m/s at slip {point.slip:g} and {point.speed_kmh:g} km/h"),
         ("Adhesion force Fa", f"{short(point.adhesion_force, 6)} N (μ = {short(point.adhesion_coefficient, 5)})"),
         ("Brake torque Tb", f"{short(point.brake_torque, 6)} N·m, at which λ′ = 0"),
-        ("States; outputs", f"{', '.join(plant.states)}; {', '.join(plant.outputs)}"),
+        ("States; outputs", f"{_letters(plant.states)}; {_letters(plant.outputs)}"),
         ("A", matrix(plant.A)),
         ("B", matrix(plant.B)),
         ("C", matrix(plant.C)),
         ("D", matrix(plant.D)),
         ("Poles", roots(plant.poles)),
         ("Zeros, torque to σ", roots(plant.zeros)),
-        ("σ/torque", minus(f"({polynomial_text(num)}) / ({polynomial_text(den)})  (m/s)/(N·m)")),
+        ("σ/torque", transfer_function(num, den, r"\frac{\mathrm{m/s}}{\mathrm{N\cdot m}}")),
     )
     return (Facts(rows),)
+
+
+_LETTERS = {"sigma": "σ", "lambda": "λ", "error": "e", "omega": "ω"}
+
+
+def _letters(names: tuple[str, ...]) -> str:
+    return ", ".join(_LETTERS.get(name, name) for name in names)
+
+
+def _unit(unit: str) -> str:
+    """A unit as it is printed; what has none is a ratio."""
+    return "-" if unit == "1" else signs(unit)
 
 
 # --- limits ---------------------------------------------------------------------------------------------------------
@@ -131,7 +144,7 @@ def _plant_blocks(plant: LinearPlant) -> tuple[Block, ...]:
 def limits_section(report: DesignReport) -> Section:
     """What no controller can beat at each operating point."""
     actuator = report.check.vehicle.actuator
-    rows, found = [], [(plant.point, limits_of(plant, actuator)) for plant in report.plants]
+    rows, found = [], [(p.point, limits) for p, limits in zip(report.plants, report.limits, strict=True)]
     for point, limits in found:
         rows.append(
             (
@@ -140,13 +153,15 @@ def limits_section(report: DesignReport) -> Section:
                 short(limits.doubling_time, 3),
                 short(limits.actuator_product, 3),
                 short(limits.ms_bound),
+                short(limits.bode_integral, 3),
                 *_structure_cells(limits.pi),
                 *_structure_cells(limits.pi_lead),
                 _crossover(limits),
             )
         )
     head = (
-        "Case", "Unstable pole p, 1/s", "Doubles in, s", "p (τ + T), -", "Ms, Mt ≥", "PI: phase ≤, deg", "PI: Ms ≥",
+        "Case", "Unstable pole p, 1/s", "Doubles in, s", "p (τ + T), -", "Ms, Mt ≥", "∫ ln|S| dω, rad/s",
+        "PI: phase ≤, deg", "PI: Ms ≥",
         "PI-lead: phase ≤, deg", "PI-lead: Ms ≥", "Crossover, rad/s",
     )  # fmt: skip
     worst = max((limits.ms_bound, where(point)) for point, limits in found)
@@ -158,12 +173,13 @@ def limits_section(report: DesignReport) -> Section:
                 f"The brake answers after a dead time τ = {actuator.dead_time:g} s and a lag T = {actuator.lag:g} s, "
                 "and "
                 f"meanwhile the wheel runs away. No linear controller gets Ms or Mt below {short(worst[0], 3)} "
-                f"({worst[1]}); a "
-                "PI or a PI behind a lead gets less far still. These are theorems, not results of tuning; only the "
-                "crossover "
+                f"({worst[1]}; interpolation at the unstable pole, [Astrom2021] 14.4, [Sarason1967]); a PI or a PI "
+                "behind a lead gets less far still, as its phase margin is at most the plant's largest phase above "
+                "−180 deg, and Ms ≥ 1/(2 sin(phase margin/2)) at the gain crossover. What S gains at some frequencies "
+                "it loses at others: the integral of ln|S| over the frequency is π times the unstable poles' sum "
+                "(Bode's integral, [Astrom2021] 14.2). These are theorems, not results of tuning; only the crossover "
                 "range is a rule of thumb (gain crossover frequency inequality, [Astrom2021] 14.3). A dash: the "
-                "theorem does "
-                "not apply."
+                "theorem does not apply."
             ),
             Table("Limits by operating point; a PI needs p (τ + T) < 1.", head, rows, wide=True),
         ),
@@ -181,6 +197,10 @@ def _crossover(limits: Limits) -> str:
         return "none"
     low, high = limits.crossover_range
     return f"{short(low, 3)} to {short(high, 3)}" if math.isfinite(high) else f"above {short(low, 3)}"
+
+
+def _points(count: int) -> str:
+    return "the operating point" if count == 1 else f"each of the {count} operating points"
 
 
 # --- stabilising gains ----------------------------------------------------------------------------------------------
@@ -204,11 +224,11 @@ def region_section(report: DesignReport) -> Section:
         "Stabilising gains",
         (
             Paragraph(
-                f"All plain PI that stabilise all {len(report.plants)} operating points: kp from {short(low)} to "
+                f"All plain PI that stabilise {_points(len(report.plants))}: kp from {short(low)} to "
                 f"{short(high)} "
-                "N·m/(m/s), and ki up to the outline. The outline is exact (D-decomposition and root count, the dead "
-                "time not "
-                "approximated). Inside it the worst Ms, phase margin and delay margin over the operating points."
+                "N·m/(m/s), and ki up to the outline. The outline is exact: D-decomposition ([Gryazina2008], "
+                "[Silva2005]) and root count ([WaltonMarshall1987]), the dead time not approximated. Inside "
+                "it the worst Ms, phase margin and delay margin over the operating points."
             ),
             Picture(
                 "region",

@@ -1,0 +1,95 @@
+"""Section about the sliding-mode laws: their conditions, in words that match how each was decided."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.sliding.verdict import Condition
+from railslip_ctrl.sliding_verification import FullVerification
+
+from .blocks import Block, Details, Facts, Group, Items, Paragraph, Section
+from .numbers import listed, short
+from .typography import typeset
+
+_SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Za-z])")
+_LAWS = {"paper": "The published law", "layered": "A layered law with a lead on the brake's lag"}
+_HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "held in all runs"}
+_FAILED = {"symbolic": "refuted", "sampled": "failed in samples", "simulated": "failed in runs"}
+
+
+def decided(one: Condition) -> str:
+    """A condition's verdict in words that say no more than how it was reached allows."""
+    return (_HELD if one.holds else _FAILED)[one.how]
+
+
+def tally(conditions: Sequence[Condition]) -> str:
+    """How many hold and how many do not, by how that was decided."""
+    held, failed = ([one for one in conditions if one.holds is holds] for holds in (True, False))
+    parts = [f"{len(held)} of {len(conditions)} hold{_by_verdict(held)}"]
+    parts += [f"{len(failed)} {'does' if len(failed) == 1 else 'do'} not{_by_verdict(failed)}"] if failed else []
+    return "; ".join(parts)
+
+
+def _by_verdict(conditions: Iterable[Condition]) -> str:
+    counts = Counter(decided(one) for one in conditions)
+    return f" ({', '.join(f'{count} {word}' for word, count in counts.items())})" if counts else ""
+
+
+def claims_and_own(full: FullVerification) -> tuple[str, str]:
+    """The tallies of what the paper claims or relies on, and of this project's own conditions; empty where none is."""
+    conditions = full.verification.conditions
+    claims, own = ([one for one in conditions if one.claimed is claimed] for claimed in (True, False))
+    return tally(claims) if claims else "", tally(own) if own else ""
+
+
+def sliding_section(report: DesignReport) -> Section:
+    """Which stability conditions of the sliding-mode laws hold, each with its evidence."""
+    sliding = report.sliding
+    groups = []
+    for name, title in _LAWS.items():
+        full: FullVerification | None = getattr(sliding, name)
+        blocks = (Paragraph(f"Not decided: {sliding.reasons[name]}."),) if full is None else _conditions(full)
+        groups.append(Group(f"sliding-{name}", title, tuple(blocks)))
+    intro = Paragraph(
+        "Every claim that the law's proof makes or relies on is put as a condition and decided. Words say how: proved "
+        "or refuted are symbolic, by SymPy or in closed form; held in all samples, or in all runs, is evidence over "
+        "the set that is named under the condition, and no proof. Bounds by L1 norms: [DahlehPearson1987]; limit "
+        "cycles of a relay: [Tsypkin1984]."
+    )
+    return Section("sliding", "The sliding-mode law: verdict", (intro, *groups))
+
+
+def _conditions(full: FullVerification) -> list[Block]:
+    verification = full.verification
+    claims, own = claims_and_own(full)
+    told = []
+    if claims:
+        told.append(f"Conditions that [Park2008] claims or relies on: {claims}.")
+    if own:
+        whose = "Conditions of this project: mended variants of the law, and what is asked of them" if claims else (
+            "Conditions of this design, which is this project's own"
+        )  # fmt: skip
+        told.append(f"{whose}: {own}.")
+    blocks: list[Block] = [Paragraph(" ".join(told), strong=True)]
+    if full.conclusion:
+        blocks.append(Items(tuple(typeset(one) for one in _SENTENCE_END.split(full.conclusion))))
+    rows = [("K", f"{short(verification.K)} N·m")]
+    if verification.D is not None:
+        rows.append(("D", f"{short(verification.D)} N·m/(m/s)"))
+    rows += [("Inertia scale", f"{verification.inertia_scale:g}"), ("Seed", str(verification.seed))]
+    failing = [one.name for one in verification.failing]
+    if failing:
+        rows.append(("Do not hold", typeset(listed(failing))))
+    blocks.append(Facts(tuple(rows)))
+    blocks += [
+        Details(
+            typeset(one.name) + ("" if one.claimed or not claims else " (own)"),
+            decided(one),
+            (Paragraph(typeset(one.statement)), Paragraph(typeset(one.evidence))),
+        )
+        for one in verification.conditions
+    ]
+    return blocks
