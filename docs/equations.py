@@ -25,6 +25,7 @@ from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.sliding import printed
 from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.surface import UNCERTAIN
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
 from railslip_ctrl.units import KMH
 
@@ -62,6 +63,15 @@ class Equation:
     def errata(self, rows: Sequence[Erratum]) -> list[Erratum]:
         """The rows of the errata that name this equation."""
         return [row for row in rows if self.number in numbers_in(row.where)]
+
+    def prints(self, row: Erratum) -> bool:
+        """Whether what the row has as printed is this equation; else it is about several, or about more than print."""
+        alone = re.fullmatch(rf"\({self.number}\)(, .*)?", row.where) is not None
+        return alone or _PRINTED_IN.get(row.where) == self.number
+
+
+_PRINTED_IN = {"(22)-(24)": 24, "(38)-(39) with (41)": 39, "(47)-(48)": 48}
+"""Which equation the printed formula of a row is, where the row names several."""
 
 
 def numbers_in(where: str) -> set[int]:
@@ -107,7 +117,8 @@ def plant_equations() -> list[Equation]:
             "train",
             (_eq(plant.TRAIN), _eq(plant.RESISTANCE)),
             home,
-            "$F_r$ is the travelling resistance; the random force is $T_r/r$.",
+            "$F_r$ is the travelling resistance. The paper adds the random force, $T_r/r$, in (35); here it is in the "
+            "plant from the start.",
         ),
     ]
 
@@ -297,13 +308,18 @@ def surface_equations(d: Derivation) -> list[Equation]:
 def reaching_equations(d: Derivation) -> list[Equation]:
     """(38)-(43)."""
     home = "railslip_ctrl.sliding.derivation.Derivation"
-    asked = printed.asked_rate()
+    rate, no_damping = sp.factor(d.closed_rate.subs(UNCERTAIN)), {sliding_symbol("D"): 0}
+    asked = _is(r"\dot s", printed.asked_rate().subs(no_damping))
     disturbance = tex(d.disturbance)
     return [
         Equation(
-            38, "reaching law, sign only", (_is(r"\dot s", asked.subs(sliding_symbol("D"), 0)),), "", "As printed."
+            38,
+            "reaching law, sign only",
+            (_is(r"\dot s", rate.subs(no_damping)),),
+            home,
+            f"What (41) gives with $D = 0$ and without disturbances; the print asks for ${asked}$.",
         ),
-        Equation(39, "reaching law", (_is(r"\dot s", asked),), "railslip_ctrl.sliding.printed", "As printed."),
+        Equation(39, "reaching law", (_is(r"\dot s", rate),), home, "What (41) gives without disturbances."),
         Equation(
             40,
             "what the gains must exceed",

@@ -20,6 +20,9 @@ from pathlib import Path
 from pages import ROOT, package_digest
 
 FOLDERS = ("designs", "analysis")
+THUMBNAIL = (480, 360)
+"""Pixels into which a picture is fitted for the first page of the gallery."""
+
 FEWER = {"RUNS": "200", "SEEDS": "16"}
 """Numbers given to scripts that take one, so that the site is built in minutes."""
 
@@ -74,6 +77,11 @@ class Script:
         return sorted(self.folder.glob("*.png"))
 
     @property
+    def thumbnail(self) -> Path:
+        """Its first picture, small."""
+        return self.folder / "thumbnail" / "first.png"
+
+    @property
     def printed(self) -> str:
         """What it printed; nothing if it has not run."""
         path = self.folder / _PRINTED
@@ -96,6 +104,7 @@ def write_gallery(folder: Path, *, run: bool) -> None:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, stale))
     for script in found:
+        _draw_thumbnail(script)
         (folder / f"{script.name}.md").write_text("\n".join(_page(script)), encoding="utf-8")
     (folder / "index.md").write_text("\n".join(_index(found)), encoding="utf-8")
 
@@ -120,6 +129,19 @@ def _run(script: Script) -> None:
     (script.folder / _DONE).write_text(script.digest)
 
 
+def _draw_thumbnail(script: Script) -> None:
+    """Make the small picture where there is one to make it of."""
+    from PIL import Image
+
+    if not script.pictures or script.thumbnail.is_file():
+        return
+    script.thumbnail.parent.mkdir(exist_ok=True)
+    with Image.open(script.pictures[0]) as picture:
+        small = picture.convert("RGB")
+        small.thumbnail(THUMBNAIL)
+        small.quantize(64).save(script.thumbnail, optimize=True)
+
+
 def _page(script: Script) -> Iterator[str]:
     where = script.path.relative_to(ROOT)
     title, *rest = script.docstring
@@ -140,12 +162,14 @@ def _index(found: list[Script]) -> Iterator[str]:
     yield "The scripts of the repository, each run when this page was built: the question, the pictures, what it"
     yield from ("prints, and its text to read line by line.", "")
     for folder, title in zip(FOLDERS, ("Designs", "Questions"), strict=True):
-        yield from (f"## {title}", "")
+        yield from (f"## {title}", "", "::::{container} gallery", "")
         for script in found:
             if script.path.parent.name != folder:
                 continue
-            yield from (f"### [{script.name}]({script.name}.md)", "", script.docstring[0], "")
-            if script.pictures:
-                picture = script.pictures[0]
-                yield from (f"![{script.name}]({script.name}/{picture.name})", "")
+            yield from (":::{container}", "", f"**[{script.name}]({script.name}.md)**", "", script.docstring[0], "")
+            if script.thumbnail.is_file():
+                small = f"{script.name}/thumbnail/{script.thumbnail.name}"
+                yield from (f"[![{script.name}, first picture]({small})]({script.name}.md)", "")
+            yield from (":::", "")
+        yield from ("::::", "")
     yield from ("```{toctree}", ":hidden:", "", *(script.name for script in found), "```", "")

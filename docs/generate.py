@@ -76,15 +76,20 @@ def equations_text(equations: Iterable[Equation], rows: Sequence[Erratum]) -> st
         home = f"; {{py:obj}}`{equation.home}`" if equation.home else ""
         parts += [f"[[{SOURCE}]](#source-{SOURCE.lower()}) ({equation.number}){home}. {equation.note}".rstrip(), ""]
         for row in equation.errata(rows):
-            parts += [_erratum_line(row, rows), ""]
+            parts += [_erratum_line(row, rows, printed_here=equation.prints(row)), ""]
     return "\n".join(parts)
 
 
-def _erratum_line(row: Erratum, rows: Sequence[Erratum]) -> str:
-    link = f"[errata, {_prose(row.where)}](#erratum-{rows.index(row) + 1})"
+def _erratum_line(row: Erratum, rows: Sequence[Erratum], *, printed_here: bool) -> str:
+    """What the errata say of an equation; of several together in words, as the formula of one is not the others'."""
+    where = _prose(row.where)
+    link = f"[errata, {where}](#erratum-{rows.index(row) + 1})"
     if row.agrees:
-        return f"Checked: the print agrees with what follows; {link}."
-    return f"**Erratum**: printed $\\displaystyle {row.printed_latex}$; what is wrong with it, and how much: {link}."
+        subject = "the print agrees" if printed_here else where
+        return f"Checked, {subject}: {_prose(row.explanation)} See {link}."
+    if printed_here:
+        return f"**Erratum**: printed $\\displaystyle {row.printed_latex}$. {_prose(row.explanation)} See {link}."
+    return f"**Erratum**, {where}: {_prose(row.explanation)} See {link}."
 
 
 def errata_text(rows: Sequence[Erratum]) -> str:
@@ -196,8 +201,8 @@ def commands_text() -> str:
     return "\n".join(parts)
 
 
-def rooms() -> dict[str, list[str]]:
-    """The modules by the room (package or module at the top) that they are in, in the order of their names."""
+def packages() -> dict[str, list[str]]:
+    """The modules by the package (or module at the top) that they are in, in the order of their names."""
     found: dict[str, list[str]] = {"railslip_ctrl": ["railslip_ctrl"]}
     for info in pkgutil.walk_packages(railslip_ctrl.__path__, "railslip_ctrl."):
         parts = info.name.split(".")
@@ -207,15 +212,15 @@ def rooms() -> dict[str, list[str]]:
 
 
 def write_api() -> None:
-    """One page a room, each module with its docstrings."""
-    for room, modules in rooms().items():
-        lines = [room, "=" * len(room), ""]
+    """One page a package, each module with its docstrings."""
+    for package, modules in packages().items():
+        lines = [package, "=" * len(package), ""]
         for module in modules:
-            if module != room:
+            if module != package:
                 lines += [module, "-" * len(module), ""]
             lines += [f".. automodule:: {module}", *_offered(import_module(module)), ""]
-        _write(f"api/{room}.rst", "\n".join(lines))
-    keep = {f"{room}.rst" for room in rooms()}
+        _write(f"api/{package}.rst", "\n".join(lines))
+    keep = {f"{package}.rst" for package in packages()}
     for path in (GENERATED / "api").glob("*.rst"):
         if path.name not in keep:
             path.unlink()

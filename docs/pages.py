@@ -1,6 +1,8 @@
 """What a page of the documentation runs: files it writes, commands it calls, in the order in which it shows them.
 
     ```{file} tram.toml          the text is written to tram.toml and shown
+    :from: designs/tram.toml     or that of a file of the repository, shown with a link to download it
+    :hidden:                     the link alone
     ```{railslip}                each line is a command; it is run and shown with its output
     >>>                          Python, run by the tests as a doctest
 
@@ -26,6 +28,7 @@ GENERATED = DOCS / "_generated"
 
 _FENCE = re.compile(r"^```\{(file|railslip)\} *(.*?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _OPTION = re.compile(r"^:([\w-]+): *(.*)\n", re.MULTILINE)
+_PROGRAMS = ("railslip", "python")
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Block:
     def commands(self) -> list[list[str]]:
         """The words of each command: `railslip ...`, or `python FILE` for a script that the page has written."""
         lines = self.text.replace("\\\n", " ").splitlines()
-        return [shlex.split(line, comments=True) for line in lines if line.startswith(("railslip ", "python "))]
+        return [shlex.split(line, comments=True) for line in lines if line.split(" ")[0] in _PROGRAMS]
 
 
 def sources() -> list[Path]:
@@ -54,17 +57,23 @@ def sources() -> list[Path]:
 def blocks(text: str) -> list[Block]:
     """The files and commands of a page, in order."""
     return [
-        Block(name, _OPTION.sub("", body), dict(_OPTION.findall(body)).get("tested", ""))
-        for _kind, name, body in _FENCE.findall(text)
+        _block(name, _OPTION.sub("", body), dict(_OPTION.findall(body))) for _kind, name, body in _FENCE.findall(text)
     ]
 
 
+def _block(name: str, body: str, options: dict[str, str]) -> Block:
+    text = repository_text(options["from"]) if "from" in options else body
+    return Block(name, text, options.get("tested", ""))
+
+
+def repository_text(path: str) -> str:
+    """A file of the repository."""
+    return (ROOT / path).read_text("utf-8")
+
+
 def prepare(folder: Path) -> Path:
-    """A folder in which a page's commands run: the repository's designs are in it."""
+    """A folder in which a page's commands run; nothing is in it that the page does not write."""
     folder.mkdir(parents=True, exist_ok=True)
-    link = folder / "designs"
-    if not link.exists():
-        link.symlink_to(ROOT / "designs", target_is_directory=True)
     return folder
 
 

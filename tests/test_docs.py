@@ -5,11 +5,16 @@ from __future__ import annotations
 import doctest
 import importlib
 import importlib.util
+import json
+import math
 import os
 import re
 import runpy
+import shlex
+import shutil
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +22,7 @@ import numpy as np
 import pytest
 import sympy as sp
 import yaml
+from PIL import Image
 from project import ROOT
 
 import railslip_ctrl
@@ -26,8 +32,10 @@ from railslip_ctrl.adhesion.beam import integrated_force
 from railslip_ctrl.cli import _COMMANDS
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
+from railslip_ctrl.sliding.surface import UNCERTAIN
 from railslip_ctrl.sources import SOURCES
 
 DOCS = ROOT / "docs"
@@ -82,8 +90,72 @@ def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
     assert doctest.testfile(str(page), module_relative=False).failed == 0
 
 
-def test_the_folder_of_a_page_has_the_designs(tmp_path):
-    assert (pages.prepare(tmp_path / "page") / "designs" / "vehicles").is_dir()
+def test_pages_need_no_copy_of_the_repository(tmp_path):
+    """A page's folder is empty before it, and it shows in full, or links, what it takes from the repository."""
+    assert not list(pages.prepare(tmp_path / "page").iterdir())
+    text = TEXTS[DOCS / "howto" / "vehicle.md"]
+    taken = {block.name: block.text for block in pages.blocks(text)}
+    assert taken["desiro_classic.toml"] == (ROOT / "designs" / "vehicles" / "desiro_classic.toml").read_text("utf-8")
+    for page, text in TEXTS.items():
+        used = [word for block in pages.blocks(text) for words in block.commands for word in words]
+        assert not any("designs/" in word for word in used), page.name
+
+
+# --- the C of a page -----------------------------------------------------------------------------------------------
+
+C_PAGE = TEXTS[DOCS / "howto" / "embedded_c.md"]
+COMPILER = shutil.which("cc")
+
+
+def printed_by(program: str, folder: Path, railslip) -> list[list[float]]:
+    """What a program of the page prints, compiled and run by the lines that the page shows."""
+    for block in pages.blocks(C_PAGE):
+        if block.name:
+            (folder / block.name).write_text(block.text, encoding="utf-8")
+    runpy.run_path(str(folder / "write_gains.py"))
+    (shown,) = (one for one in re.findall(r"^```sh\n(.*?)^```$", C_PAGE, flags=re.M | re.S) if f"./{program}" in one)
+    assert {"-std=c99", "-Wall", "-Wextra", "-Werror"} <= set(shown.split())
+    for line in shown.splitlines():
+        words = shlex.split(line)
+        if words[0] == "railslip":
+            assert railslip(*words[1:])[0] == 0
+        else:
+            done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+            assert (done.returncode, done.stderr) == (0, "")
+    return [[float(word) for word in line.split()] for line in done.stdout.splitlines()]
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc) on this system")
+def test_the_sliding_law_s_program_gives_the_numbers_of_the_python_step(tmp_path, monkeypatch, railslip):
+    monkeypatch.chdir(tmp_path)
+    printed = printed_by("brake", tmp_path, railslip)
+    law = python_law(derive())
+    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} main.c")[2].partition("};")[0]))
+    p = law.Parameters(**dict.fromkeys(law.Parameters._fields, 0.0) | {k: float(v) for k, v in shown.items()})
+    v = 100.0 / 3.6
+    omega, state, expected = v / p.r, law.start(v), []
+    for _ in range(200):
+        torque, s, state = law.step(state, v, omega, 4000.0 * (1.0 - omega * p.r / v), p)
+        expected.append([torque, s])
+        v, omega = v - 2.0 * p.period, omega - 10.0 * p.period
+    # compilers may round a product and a sum once or twice
+    assert np.array(printed) == pytest.approx(np.array(expected), rel=1e-10, abs=1e-10)
+    torques = np.array(printed)[:, 0]
+    assert np.unique(torques).size > 100  # within the limits, not at them
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc) on this system")
+def test_the_pi_s_program_gives_the_numbers_of_the_sampled_controller(tmp_path, monkeypatch, railslip):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    printed = printed_by("pi_lead", tmp_path, railslip)
+    sampled = runpy.run_path(str(tmp_path / "write_gains.py"))["sampled"]
+    state, expected = sampled.initial_state(2700.0), []
+    for i in range(200):
+        state, torque = sampled.step(state, 4.0 * math.cos(0.05 * i))
+        expected.append([torque])
+    assert np.array(printed) == pytest.approx(np.array(expected), rel=1e-10)
+    assert {min(expected)[0], max(expected)[0]} == {sampled.torque_low, sampled.torque_high}  # both limits are met
 
 
 def test_a_failing_command_stops_the_build(tmp_path):
@@ -175,6 +247,24 @@ def test_errata_are_with_their_equations():
     assert {6, 10, 22, 23, 24, 27, 44, 47, 48, 49, 38, 39, 4, 35, 40} <= wrong
 
 
+def test_an_equation_shows_as_printed_only_what_is_printed_there():
+    """The formula of one equation does not stand as that of another that a row of the errata names beside it."""
+    rows = errata(derive())
+    found = {one.number: one for group in equations.groups(derive()).values() for one in group}
+    for row in rows:
+        at = [number for number, one in found.items() if one.prints(row)]
+        assert len(at) <= 1, row.where
+        assert set(at) <= equations.numbers_in(row.where)
+    texts = {number: generate.equations_text([one], rows) for number, one in found.items()}
+    # what (35), (41), (4) print is right; (38) and (39) lose r/J beside (41), and what stands there is what (41) gives
+    assert all("**Erratum**: printed" not in texts[number] for number in (4, 35, 38, 41))
+    assert all("Checked, the print agrees" in texts[number] for number in (35, 41))
+    assert "**Erratum**: printed" in texts[39]
+    rate = derive().closed_rate.subs(UNCERTAIN)
+    assert equations.tex(sp.factor(rate)) in texts[39]
+    assert sp.expand(rate + plant.r / plant.J * -equations.printed.asked_rate()) == 0
+
+
 def test_the_beam_stated_here_integrates_to_the_package_s():
     """(5)-(9) over the footprint, as (10) says: the closed form in u, and `beam.integrated_force`."""
     parts = equations.beam_parts()
@@ -223,7 +313,7 @@ def test_formulas_become_mathml(tmp_path, monkeypatch):
 
 
 def test_every_public_module_has_its_page():
-    listed = {module for modules in generate.rooms().values() for module in modules}
+    listed = {module for modules in generate.packages().values() for module in modules}
     files = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
         for path in (ROOT / "railslip_ctrl").rglob("*.py")
@@ -245,11 +335,14 @@ def test_gallery_pages_show_what_a_script_made(tmp_path):
     names = {path.stem for folder in ("designs", "analysis") for path in (ROOT / folder).glob("*.py")}
     assert {path.stem for path in tmp_path.glob("*.md")} == names | {"index"}
     folder = tmp_path / "pi_dry"
-    (folder / "a.png").touch()
+    Image.new("RGB", (800, 600), "white").save(folder / "a.png")
     (folder / "printed.txt").write_text("forty-two")
     gallery.write_gallery(tmp_path, run=False)
     page = (tmp_path / "pi_dry.md").read_text("utf-8")
     assert "(pi_dry/a.png)" in page
+    with Image.open(folder / "thumbnail" / "first.png") as small:
+        assert small.size == gallery.THUMBNAIL
+    assert "(pi_dry/thumbnail/first.png)](pi_dry.md)" in (tmp_path / "index.md").read_text("utf-8")
     assert "forty-two" in page
     assert "Shape a PI for dry rail, step by step." in page
 
@@ -282,7 +375,14 @@ def recipe(name: str) -> str:
     return text
 
 
-def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch):
+def contributed_command(*words: str) -> list[str]:
+    """The words of the command that CONTRIBUTING shows with these among them, but for the program."""
+    lines = [line.split() for line in CONTRIBUTING.splitlines() if line.startswith("railslip ")]
+    (found,) = (line for line in lines if set(words) <= set(line))
+    return found[1:]
+
+
+def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch, railslip):
     """Slope c N at no slip, mu N at much, the slip pole from the derivative of tanh by hand."""
     (tmp_path / "kalker.py").write_text(recipe("kalker.py"))
     package = importlib.import_module("railslip_ctrl.adhesion")
@@ -298,16 +398,25 @@ def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch):
         wheel = PARK2008.wheel
         pole = -(1 / PARK2008.mass + wheel.radius**2 / wheel.inertia) * slope - wheel.viscous_friction / wheel.inertia
         assert float(linearize(point).A[0, 0]) == pytest.approx(pole, rel=1e-12)
+        (tmp_path / "kalker.toml").write_text(recipe("kalker.toml"))
+        monkeypatch.chdir(tmp_path)
+        status, out, _ = railslip(*contributed_command("linearize"), "--json")
+        assert status == 0
+        assert json.loads(out)["cases"][0]["adhesion"] == "kalker"
     finally:
         sys.modules.pop("railslip_ctrl.adhesion.kalker", None)
     monkeypatch.undo()
     assert "kalker" not in law_names()
 
 
-def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch):
+def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch, railslip):
     """The interpreted kernel and the compiled one agree in the tests of simulation; here the example is run."""
     (tmp_path / "relay.py").write_text(recipe("relay.py"))
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = railslip(*contributed_command("simulate", "relay.py"), "--json")
+    assert status == 0
+    assert json.loads(out)["max_torque_nm"] <= 6000.0
     (usage,) = re.findall(r"^```python\n(.*?)^```$", CONTRIBUTING, flags=re.M | re.S)
     found: dict[str, object] = {}
     try:
@@ -323,8 +432,7 @@ def test_the_controller_of_contributing_brakes(tmp_path, monkeypatch):
 def test_the_scenario_of_contributing_runs(tmp_path, monkeypatch, railslip):
     (tmp_path / "downpour.toml").write_text(recipe("downpour.toml"))
     monkeypatch.chdir(tmp_path)
-    (line,) = (line for line in CONTRIBUTING.splitlines() if line.startswith("railslip simulate"))
-    status, out, _ = railslip(*line.split()[1:])
+    status, out, _ = railslip(*contributed_command("simulate", "downpour.toml"))
     assert status == 0
     assert "80 to 5 km/h" in out
     assert "wet rail" in out
@@ -348,6 +456,17 @@ def test_citation():
     for author in paper["authors"]:
         assert author["family-names"] in SOURCES["Park2008"]
     assert paper["title"] in " ".join(SOURCES["Park2008"].split())
+
+
+def test_metadata_of_the_package():
+    """Classifiers that the index knows, and no address but one that exists for the project."""
+    from trove_classifiers import classifiers
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert set(project["classifiers"]) <= classifiers
+    content = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert project["urls"] == {"Paper": f"https://doi.org/{content['references'][0]['doi']}"}
+    assert (project["license"], project["keywords"]) == (content["license"], content["keywords"])
 
 
 def test_changelog_names_the_version_and_every_command():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rig_logs import rig_rows
 
-from railslip_ctrl.adhesion import AdhesionLaw, law_class, load_law, published_law
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, law_class, load_law, published_law, wheel_load_in
 from railslip_ctrl.adhesion.bristle import published_coefficients
 from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.errors import InputError
@@ -515,23 +515,36 @@ def test_a_log_without_an_end_does_not_pull_a_polynomial():
 def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     law = LAWS[name] if LAWS[name].rail is Rail.WET else LAWS[name].on(rail)
     path = tmp_path / "law.toml"
-    path.write_text(law_toml(law, reference=law.reference, comments=["two\nlines", "é"]), encoding="utf-8")
+    path.write_text(
+        law_toml(law, reference=law.reference, wheel_load=LOAD, comments=["two\nlines", "é"]), encoding="utf-8"
+    )
     assert load_law(path) == law
+    assert wheel_load_in(path) == LOAD
+    path.write_text(path.read_text().replace(repr(LOAD), "-1"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"key 'wheel_load': -1 is not allowed; give a finite number > 0"):
+        wheel_load_in(path)
 
 
 def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
     path = tmp_path / "over.toml"
     coefficients = {"mu_max": [0.42, -2e-3, 5e-6], "a": [0.005], "Kx": [2.7e5, 10.0]}
-    held = LAWS["beam"].reference
-    text = polynomials_toml(LAWS["beam"], coefficients, (30.0, 140.0), reference=held, comments=["over v0"])
+    held = {100.0: ReferenceSlip(dry=0.13, wet=0.09), 30.0: ReferenceSlip(dry=0.27, wet=0.19)}
+    text = polynomials_toml(
+        LAWS["beam"], coefficients, (30.0, 140.0), references=held, wheel_load=LOAD, comments=["over v0"]
+    )
     path.write_text(text, encoding="utf-8")
     law = load_law(path, initial_speed_kmh=80.0)
     assert (law.mu_max, law.a, law.Kx) == pytest.approx((0.42 - 0.16 + 0.032, 0.005, 270_800.0), rel=1e-12)
-    assert law.reference == held
+    # straight between the speeds: 5/7 of the way from 30 to 100 km/h
+    assert (law.reference.dry, law.reference.wet) == pytest.approx((0.17, 0.19 - 5 / 70 * 10 * 0.1), rel=1e-12)
+    assert load_law(path, initial_speed_kmh=130.0).reference == held[100.0]
     with pytest.raises(InputError, match=r"polynomials of the initial speed; give --initial-speed"):
         load_law(path)
     with pytest.raises(InputError, match=r"initial speed: 150 km/h is outside 30 to 140"):
         load_law(path, initial_speed_kmh=150.0)
+    path.write_text(text.replace("dry = [0.27, 0.13]", "dry = [0.27]"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"key 'reference_slip.dry': give as many slips as speeds, 2"):
+        load_law(path, initial_speed_kmh=80.0)
     path.write_text(text.replace("[0.005]", "0.005"), encoding="utf-8")
     with pytest.raises(InputError, match=r"key 'polynomials.a': 0.005 is not a list of numbers"):
         load_law(path, initial_speed_kmh=80.0)

@@ -13,6 +13,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import sympy as sp
+from project import ROOT
 from rig_logs import HEADER, rig_rows, write_log
 from scipy.interpolate import PchipInterpolator
 
@@ -154,6 +155,17 @@ def test_the_course_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
     assert np.ptp(omega[seen]) > 25.0
 
 
+def test_forces_found_at_another_wheel_load_are_told(railslip, log, tmp_path):
+    """Bristles have forces, which do not grow with the load; a law of the slip alone has none."""
+    for model, told in (("bristle", True), ("table", False)):
+        railslip("identify", log, "--model", model, "--out", tmp_path / model)
+        file = tmp_path / model / "model.toml"
+        vehicle = ROOT / "designs" / "vehicles" / "desiro_classic.toml"
+        err = railslip("linearize", "--adhesion", file, "--slip", "0.1", "--vehicle", vehicle)[2]
+        assert err.count("was found at a wheel load of 34500 N and is used at") == int(told)
+        assert "wheel load" not in railslip("linearize", "--adhesion", file, "--slip", "0.1")[2]
+
+
 @pytest.mark.parametrize("model", ["bristle", "bristle_rest", "lugre", "table", "curve", "polach", "burckhardt"])
 def test_every_model_gives_a_file_that_linearizes(railslip, log, tmp_path, model):
     status, _, err = railslip("identify", log, "--model", model, "--out", tmp_path / "fitted")
@@ -179,6 +191,10 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     assert {"model", "parameters", "mean_abs_error", "points"} <= found.keys()
     assert load_law(tmp_path / "fitted" / "model-3.toml").mu_max == pytest.approx(0.226, abs=0.003)
     assert (tmp_path / "fitted" / "coefficients.png").exists()
+    # the slip to hold is that of each log at its speed, not the lowest of all
+    for v0, each in zip((60.0, 100.0, 140.0), found["logs"], strict=True):
+        held = load_law(tmp_path / "fitted" / "model.toml", initial_speed_kmh=v0).reference
+        assert held.dry == pytest.approx(each["reference_slip"]["dry"], rel=1e-6)  # v0 to a tenth of a km/h
     status, out, _ = railslip("identify", *logs[:2])
     assert status == 0
     assert "Parameters over the initial speed v0" in out

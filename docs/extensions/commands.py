@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from pages import GENERATED, Block, prepare, run
+from pages import GENERATED, Block, prepare, repository_text, run
+from sphinx.addnodes import download_reference
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-_LANGUAGES = {".toml": "toml", ".py": "python", ".csv": "text", ".json": "json"}
+_LANGUAGES = {".toml": "toml", ".yaml": "yaml", ".c": "c", ".py": "python", ".csv": "text", ".json": "json"}
 _LINES = 40
 
 
@@ -31,27 +32,34 @@ class _OnPage(SphinxDirective):
 
 
 class FileDirective(_OnPage):
-    """Write the text to a file of the page's folder, and show it."""
+    """Write the text, or that of a file of the repository, to a file of the page's folder, and show it."""
 
     has_content = True
     required_arguments = 1
+    option_spec: ClassVar[dict[str, Any]] = {"from": directives.unchanged, "hidden": directives.flag}
 
     def run(self) -> list[nodes.Node]:
-        """The text with its name above it."""
-        name, text = self.arguments[0], "\n".join(self.content) + "\n"
+        """The text with its name above it, or a link to it alone."""
+        name, source = self.arguments[0], self.options.get("from", "")
+        text = repository_text(source) if source else "\n".join(self.content) + "\n"
         (self.folder() / name).write_text(text, encoding="utf-8")
         self.history(name + text)
         block = nodes.literal_block(text, text, language=_LANGUAGES.get(Path(name).suffix, "text"))
-        caption = nodes.caption("", "", nodes.literal(name, name))
+        shown = nodes.literal(name, name)
+        link = download_reference("", "", shown, reftarget=f"/../{source}", refdoc=self.env.docname)
+        if "hidden" in self.options:
+            return [nodes.paragraph("", "", link)]
+        caption = nodes.caption("", "", link if source else shown)
         return [nodes.container("", caption, block, literal_block=True, classes=["literal-block-wrapper"])]
 
 
 class RailslipDirective(_OnPage):
-    """Run commands, show them, their output (its first `lines` lines) and `pictures` that they wrote."""
+    """Run commands, show them, their output (its first `lines` lines, or the last `tail`) and `pictures` they wrote."""
 
     has_content = True
     option_spec: ClassVar[dict[str, Any]] = {
         "lines": directives.nonnegative_int,
+        "tail": directives.positive_int,
         "pictures": directives.unchanged,
         "alt": directives.unchanged,
         "language": directives.unchanged,
@@ -75,6 +83,9 @@ class RailslipDirective(_OnPage):
         limit = self.options.get("lines", _LINES)
         if limit == 0 or not lines:
             return []
+        if tail := self.options.get("tail"):
+            lines = ["...", *lines[-tail:]]
+            limit = len(lines)
         shown = "\n".join(lines[:limit] + (["..."] if len(lines) > limit else []))
         block = nodes.literal_block(shown, shown, language=self.options.get("language", "text"))
         return [nodes.container("", block, classes=["output"])]

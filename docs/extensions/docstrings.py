@@ -85,9 +85,9 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nod
 def _link(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> Any:
     target = node["reftarget"].removeprefix("~").removesuffix("()")
     objects = env.domains["py"].data["objects"]
-    room, _, last = target.removeprefix("railslip_ctrl.").rpartition(".")
+    package, _, last = target.removeprefix("railslip_ctrl.").rpartition(".")
     ends = [full for full in objects if full.endswith("." + target)] or [
-        full for full in objects if full.endswith("." + last) and full.startswith(f"railslip_ctrl.{room}")
+        full for full in objects if full.endswith("." + last) and full.startswith(f"railslip_ctrl.{package}")
     ]
     if len(ends) != 1:
         return None

@@ -17,7 +17,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 
-from .output import print_json, progress
+from .output import print_json, print_text, progress
 
 _REPORT = ("report.txt", "report.json")
 
@@ -33,7 +33,7 @@ _REPORT = ("report.txt", "report.json")
 )
 @click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it: tcp://host:8786.  [default: none]"
+    "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers run it, tcp://HOST:PORT.  [default: none]"
 )
 @click.option(
     "--worst-by",
@@ -60,6 +60,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Many braking runs with sampled quantities: on every core, resumed where they were interrupted, with statistics.
+    Exit status 0, or 2 for bad input.
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
@@ -78,7 +79,7 @@ def command(
     if as_json:
         print_json(content)
     else:
-        click.echo(text, nl=False)
+        print_text(campaign_text, summary)
     progress(f"wrote {len(files)} files to {out}")
 
 
@@ -99,7 +100,7 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
     if as_json:
         print_json(replay_json(again))
     else:
-        click.echo(replay_text(again), nl=False)
+        print_text(replay_text, again)
     progress(f"wrote {', '.join(str(file) for file in files)}")
 
 

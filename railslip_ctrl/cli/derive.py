@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
 import click
 
-from railslip_ctrl.adhesion import law_class, law_name_in
+from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names, load_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.files import check_directory, write_files
 from railslip_ctrl.sliding.code import generate
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
+from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
 from railslip_ctrl.sliding.surface import Reference
 
-from .options import from_file
-from .output import progress
+from .options import Quantity, from_file
+from .output import print_text, progress
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
 
@@ -34,7 +37,15 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
 @click.option(
     "--adhesion",
     metavar="LAW|FILE.toml",
-    help="Adhesion law put in for Ta, a file's with its parameters as symbols.  [default: none, Ta is an argument]",
+    help=f"Adhesion law put in for Ta: {', '.join(law_names())}; or a file, with whose numbers the law is given too.  "
+    "[default: none, Ta is an argument]",
+)
+@click.option(
+    "--initial-speed",
+    type=Quantity("km/h", gt=0),
+    metavar="KMH",
+    help="Speed v0 at which the brake was applied, km/h; for a file with parameters over it.  "
+    f"[default: {INITIAL_SPEED_KMH:g}]",
 )
 @click.option("--format", "form", metavar="|".join(_FORMATS), help="What to print.  [default: text]")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
@@ -44,8 +55,11 @@ _FORMATS = ("text", "markdown", "latex", "c", "python")
     metavar="FILE",
     help="Write it into a file instead; its folder is made if missing.  [default: it is printed]",
 )
-def command(reference: str, adhesion: str | None, form: str | None, as_json: bool, out: Path | None) -> None:
-    """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code.
+def command(
+    reference: str, adhesion: str | None, initial_speed: float | None, form: str | None, as_json: bool, out: Path | None
+) -> None:
+    """The sliding-mode law derived from the plant, each step checked by machine; errata; generated code. The law is in
+    symbols, and with the numbers of an adhesion law's file beside it. Exit status 0, or 2 for bad input.
 
     Example: railslip derive --adhesion bristle --format latex --out derivation.tex
     """
@@ -53,10 +67,12 @@ def command(reference: str, adhesion: str | None, form: str | None, as_json: boo
         raise InputError(f"--format: {form!r} beside --json is not allowed; give one of the two")
     if out is not None:
         _check_out(out)  # before the work, not after it
-    text = _text(_reference(reference), adhesion, "json" if as_json else _format(form))
+    name, law = _law(adhesion, initial_speed)
+    chosen = _reference(reference), name, law, "json" if as_json else _format(form)
     if out is None:
-        click.echo(text, nl=False)
+        print_text(_text, *chosen)
         return
+    text = _text(*chosen)
     made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
     write_files(out.parent, {out.name: lambda path: _write(path, text)})
     progress(f"wrote {out}{made}")
@@ -82,26 +98,32 @@ def _check_out(out: Path) -> None:
     check_directory(out.absolute().parent, [out.name])
 
 
-def _text(reference: Reference, adhesion: str | None, form: str) -> str:
-    derivation = derive(reference=reference, law=None if adhesion is None else _law_name(adhesion))
-    code = generate(derivation)
+def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, form: str) -> str:
+    derivation = derive(reference=reference, law=adhesion)
+    numbers = () if law is None else law_numbers(derivation, law)
+    code = with_numbers(generate(derivation), numbers)
     if form in ("c", "python"):
         return code.c if form == "c" else code.python
     rows = errata(derivation)
     if form == "json":
-        return json.dumps(derivation_json(derivation, rows, code), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+        content = derivation_json(derivation, rows, code, numbers)
+        return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if form == "markdown":
-        return derivation_markdown(derivation, rows, code)
+        return derivation_markdown(derivation, rows, code, numbers)
     if form == "latex":
-        return derivation_latex(derivation, rows, code)
-    return derivation_text(derivation, rows)
+        return derivation_latex(derivation, rows, code, numbers)
+    return derivation_text(derivation, rows, numbers)
 
 
-def _law_name(adhesion: str) -> str:
-    """The name of the law, a file's too: the derivation is symbolic, and its numbers are not used."""
-    if adhesion.lower().endswith(".toml"):
-        return from_file("--adhesion", Path(adhesion), law_name_in)
-    return law_class(adhesion).name
+def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None]:
+    """The name of the law, and of a file's the law with its numbers."""
+    if adhesion is not None and adhesion.lower().endswith(".toml"):
+        v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
+        law = from_file("--adhesion", Path(adhesion), partial(load_law, initial_speed_kmh=v0))
+        return law.name, law
+    if initial_speed is not None:
+        raise InputError("--initial-speed: goes with a file of --adhesion, whose numbers it chooses; leave it out")
+    return None if adhesion is None else law_class(adhesion).name, None
 
 
 def _write(path: Path, text: str) -> None:

@@ -31,7 +31,7 @@ from railslip_ctrl.report.observed_rows import observed_rows
 from railslip_ctrl.units import KMH, shown, to_unit
 
 from .options import Quantity, from_file
-from .output import print_json, progress
+from .output import print_json, print_text, progress
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 
@@ -77,13 +77,13 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "--column",
     multiple=True,
     metavar="NAME=HEADER",
-    help="Header of a quantity's column; repeatable.  [default: its name]",
+    help=f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}; repeatable.  [default: its name]",
 )
 @click.option(
     "--unit",
     multiple=True,
     metavar="NAME=UNIT",
-    help="Unit of a quantity's column; repeatable.  [default: the header's]",
+    help="Unit of the column of a quantity, NAME as of --column; repeatable.  [default: the header's]",
 )
 @click.option(
     "--delay",
@@ -138,7 +138,7 @@ def command(
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]"; the header may be a comment
     (#), the units a line below it. It may be gzipped; - is standard input. The model is for
     --adhesion fitted/model.toml of linearize, margins, tune, simulate, report and derive; that of several logs is over
-    v0, and is taken at --initial-speed.
+    v0, and is taken at --initial-speed. Exit status 0, or 2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """
@@ -161,7 +161,7 @@ def command(
             else identify_several(logs, chosen, options, progress=advance)
         )
     _warn(found)
-    text = identification_text(found) if isinstance(found, Identification) else campaign_text(found)
+    text = _report(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
     if out is not None:
         files = write_files(out, _writers(found, text, content))
@@ -169,7 +169,11 @@ def command(
     if as_json:
         print_json(content)
     else:
-        click.echo(text, nl=False)
+        print_text(_report, found)
+
+
+def _report(found: Identification | Campaign) -> str:
+    return identification_text(found) if isinstance(found, Identification) else campaign_text(found)
 
 
 def _options(given: Mapping[str, Any]) -> Options:

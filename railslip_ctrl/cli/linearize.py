@@ -8,7 +8,7 @@ from railslip_ctrl.linearization import linearize
 from railslip_ctrl.report import linear_plant_json, linearize_text
 
 from .options import CaseOptions, case_options
-from .output import print_json
+from .output import print_json, print_text
 
 
 @click.command()
@@ -19,7 +19,8 @@ def command(
     as_json: bool,
     speed_state: bool,
 ) -> None:
-    """Operating point and linearisation, from brake torque at the wheel to sigma, lambda and the tracking error.
+    """Operating point and linearisation, from brake torque at the wheel to sigma, lambda and the tracking error. Exit
+    status 0, or 2 for bad input.
 
     Example: railslip linearize --rail dry --speed 100 --speed 40
     """
@@ -27,4 +28,4 @@ def command(
     if as_json:
         print_json({"cases": [linear_plant_json(plant) for plant in plants]})
     else:
-        click.echo(linearize_text(plants), nl=False)
+        print_text(linearize_text, plants)

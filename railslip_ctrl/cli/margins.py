@@ -11,7 +11,7 @@ from railslip_ctrl.parameters import table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 
 from .options import CaseOptions, Quantity, case_options, chosen_gains, gain_options
-from .output import print_json
+from .output import print_json, print_text
 
 
 @click.command()
@@ -57,5 +57,5 @@ def command(
     if as_json:
         print_json({"cases": [margins_json(assessment) for assessment in assessments]})
     else:
-        click.echo(margins_text(assessments), nl=False)
+        print_text(margins_text, assessments)
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from railslip_ctrl.adhesion import AdhesionLaw, load_law, published_law
+from railslip_ctrl.adhesion import AdhesionLaw, law_names, load_law, published_law, wheel_load_in
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle
@@ -23,6 +23,8 @@ L = TypeVar("L")
 
 # Sizes of numbers taken from the command line: far beyond any vehicle, and far inside the range of doubles.
 _SMALLEST, _LARGEST = 1e-12, 1e12
+_TOLD = "railslip_ctrl.loads_told"  # in the command's context: what was said of wheel loads
+_LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: an empty and a half-full car
 
 
 class Quantity(click.ParamType[float]):
@@ -167,7 +169,7 @@ def _point_options() -> list[Any]:
             default="bristle",
             show_default=True,
             metavar="LAW|FILE.toml",
-            help="Adhesion law by name, or a file with a law and its parameters.",
+            help=f"Adhesion law: {', '.join(law_names())}; or a file with a law and its parameters.",
         ),
         click.option(
             "--rail",
@@ -260,8 +262,24 @@ def from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
 def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
     if adhesion.lower().endswith(".toml"):
         read = functools.partial(load_law, initial_speed_kmh=initial_speed)
-        return from_file("--adhesion", Path(adhesion), read).on(rail)
+        law = from_file("--adhesion", Path(adhesion), read)
+        warn_of_wheel_load(law, Path(adhesion), wheel_load)
+        return law.on(rail)
     return published_law(adhesion, rail, initial_speed, wheel_load)
+
+
+def warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None:
+    """Say, once a command, where a law with forces in it was found at another wheel load (N) than it is used at."""
+    found, told = wheel_load_in(path), click.get_current_context().meta.setdefault(_TOLD, set())
+    if found is None or (path, wheel_load) in told or not law.has_forces():
+        return
+    if abs(wheel_load / found - 1.0) > _LOAD_TOLERANCE:
+        told.add((path, wheel_load))
+        click.echo(
+            f"railslip: warning: --adhesion: {path} was found at a wheel load of {found:g} N and is used at "
+            f"{wheel_load:g} N; forces among its parameters do not grow with the load",
+            err=True,
+        )
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:

@@ -17,7 +17,7 @@ from railslip_ctrl.reproduction.runs import MOST_SEEDS, checked_seeds
 from railslip_ctrl.reproduction.sensitivity import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
-from .output import print_json, progress
+from .output import print_json, print_text, progress
 
 PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
 
@@ -68,7 +68,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     if as_json:
         print_json(content)
     else:
-        click.echo(text, nl=False)
+        print_text(reproduction_text, comparison, table3(), found, worth)
     ctx.exit(0 if comparison.within else 1)
 
 

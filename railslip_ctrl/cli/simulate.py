@@ -17,7 +17,7 @@ from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import Quantity, gain_options
-from .output import print_json, progress
+from .output import print_json, print_text, progress
 from .simulation_options import ControllerOptions, ScenarioOptions, collected
 
 LOG_PERIOD = 0.01
@@ -96,7 +96,7 @@ def command(
     if as_json:
         print_json(content)
     else:
-        click.echo(simulation_text(run), nl=False)
+        print_text(simulation_text, run)
     ctx.exit(0 if run.stopped else 1)
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.parameters import Rail, Vehicle
 from railslip_ctrl.simulation import Scenario
@@ -21,7 +21,7 @@ from railslip_ctrl.simulation.published import COLUMNS, Column, published_refere
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
 from railslip_ctrl.units import KMH
 
-from .options import Quantity, chosen_gains
+from .options import Quantity, chosen_gains, warn_of_wheel_load
 from .output import progress
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -141,7 +141,7 @@ class ControllerOptions:
 
         `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
         """
-        if self.controller.lower().endswith(".toml"):
+        if self.controller.lower().endswith((".toml", ".py")):
             return self._from_file(law_speed), None
         name = self.controller.strip().lower().replace("_", "-")
         gains = chosen_gains(self.kp, self.ki)
@@ -177,6 +177,7 @@ class ControllerOptions:
 
     def _from_file(self, law_speed: float) -> Controller:
         from railslip_ctrl.simulation.controller_files import load_controller
+        from railslip_ctrl.simulation.controller_modules import controller_in
 
         for option, given in (
             ("--gains", self.gains),
@@ -189,7 +190,10 @@ class ControllerOptions:
         ):
             if given is not None:
                 raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
-        return _naming("--controller", lambda: load_controller(Path(self.controller), initial_speed=law_speed))
+        path = Path(self.controller)
+        if path.suffix.lower() == ".py":
+            return _naming("--controller", lambda: controller_in(path))
+        return _naming("--controller", lambda: load_controller(path, initial_speed=law_speed))
 
 
 def collected(function: F) -> F:
@@ -222,7 +226,7 @@ def _scenario_options() -> list[Any]:
         click.option(
             "--adhesion",
             metavar="LAW|FILE.toml",
-            help="The plant's adhesion law by name, or a file.  [default: the scenario's]",
+            help=f"The plant's adhesion law: {', '.join(law_names())}; or a file.  [default: the scenario's]",
         ),
         click.option("--rail", metavar="dry|wet", help="Rail at the start.  [default: the scenario's]"),
         number("--speed", "km/h", "Speed at which the brake is applied, km/h.  [default: the scenario's]", gt=0),
@@ -256,8 +260,9 @@ def _controller_options() -> list[Any]:
             "--controller",
             default="pi",
             show_default=True,
-            metavar=f"{'|'.join(NAMES)}|FILE.toml",
-            help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, or a file.",
+            metavar=f"{'|'.join(NAMES)}|FILE.toml|FILE.py",
+            help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a "
+            "controller's numbers, or a Python file with one of your own, which is run.",
         ),
         click.option(
             "--gains",
@@ -287,7 +292,9 @@ def _law(name: str, vehicle: Vehicle, v0: float) -> Any:
     if name.lower().endswith(".toml"):
         from railslip_ctrl.adhesion import load_law
 
-        return _naming("--adhesion", lambda: load_law(Path(name), initial_speed_kmh=v0 / KMH))
+        law = _naming("--adhesion", lambda: load_law(Path(name), initial_speed_kmh=v0 / KMH))
+        warn_of_wheel_load(law, Path(name), vehicle.wheel_load)
+        return law
     from railslip_ctrl.simulation.scenario import named_law
 
     return named_law(name, vehicle, v0)

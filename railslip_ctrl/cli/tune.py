@@ -11,7 +11,7 @@ from railslip_ctrl.linearization import linearize
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
 
 from .options import CaseOptions, Quantity, family_options
-from .output import print_json
+from .output import print_json, print_text
 
 
 @click.command()
@@ -78,5 +78,5 @@ def command(
     if as_json:
         print_json(tuning_json(tuned))
     else:
-        click.echo(tuning_text(tuned), nl=False)
+        print_text(tuning_text, tuned)
     ctx.exit(0 if tuned.design is not None else 1)

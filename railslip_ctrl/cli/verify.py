@@ -13,7 +13,7 @@ from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGE
 from railslip_ctrl.sliding_verification import Law, verify_with_actuator
 
 from .options import Quantity
-from .output import print_json
+from .output import print_json, print_text
 
 _UNITS = {"--K": " (N*m)", "--D": " (N*m/(m/s))", "--inertia-scale": ""}
 LAWS: tuple[Law, ...] = get_args(Law)
@@ -94,7 +94,7 @@ def command(
     if as_json:
         print_json(verification_json(result))
     else:
-        click.echo(verification_text(result, full.conclusion), nl=False)
+        print_text(verification_text, result, full.conclusion)
     ctx.exit(0 if result.all_hold else 1)
 
 

@@ -1,0 +1,251 @@
+"""The command in a terminal, its help, numbers in the derived law, controllers from Python files."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.text import Text
+
+from railslip_ctrl.adhesion import law_class, law_names, load_law, published_law
+from railslip_ctrl.cli.output import print_text
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.columns import UNITS
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
+from railslip_ctrl.report.layout import WIDTH, columns, render, table
+from railslip_ctrl.simulation import compilation
+from railslip_ctrl.simulation.controller_modules import controller_in
+from railslip_ctrl.sliding.code import generate
+from railslip_ctrl.sliding.derivation import derive
+from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
+
+MARGINS = ("margins", "--rail", "dry", "--kp", "190", "--ki", "5")
+NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+
+# --- width ---------------------------------------------------------------------------------------------------------
+
+
+def in_a_terminal(width: int) -> str:
+    """What `railslip margins` prints to a terminal of so many columns."""
+    import fcntl
+    import pty
+    import termios
+
+    master, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 50, width, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    command = [sys.executable, "-m", "railslip_ctrl", *MARGINS]
+    with subprocess.Popen(command, stdout=terminal, stderr=subprocess.PIPE, env=environment):
+        os.close(terminal)
+        read = b""
+        try:
+            while chunk := os.read(master, 1 << 16):
+                read += chunk
+        except OSError:  # the other end is closed, which Linux calls an error
+            pass
+        os.close(master)
+    return read.decode()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_a_report_fits_the_terminal_and_says_the_same(railslip):
+    status, piped, _ = railslip(*MARGINS)
+    assert status == 0
+    assert 80 < max(map(len, piped.splitlines())) <= WIDTH
+    narrow = in_a_terminal(80)
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert set(NUMBER.findall(narrow)) == set(NUMBER.findall(piped))  # no number is broken in two
+    assert "\x1b" not in narrow
+
+
+def test_a_table_too_wide_goes_on_below_with_its_first_column():
+    names = ("case", *(f"quantity_{i}" for i in range(8)))
+    rows = [("dry", *(f"{i}.2345" for i in range(8))), ("wet", *(f"{i}.6789" for i in range(8)))]
+    with columns(60):
+        text = render([table(names, rows)])
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 60
+    assert sum(line.split()[:1] == ["case"] for line in lines) == 2
+    assert re.findall(r"quantity_\d", text) == list(names[1:])
+    assert re.findall(r"\d\.2345", text) == list(rows[0][1:])
+    assert render([table(names, rows)]).count("case") == 1
+
+
+def test_in_a_file_the_width_is_always_the_same(monkeypatch, capsys):
+    monkeypatch.setattr(shutil, "get_terminal_size", lambda: os.terminal_size((70, 30)))
+    print_text(lambda: render([Text("word " * 60)]))
+    assert max(map(len, capsys.readouterr().out.splitlines())) > 100
+
+
+# --- help ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["linearize", "margins", "tune", "simulate", "report", "derive"])
+def test_help_lists_the_laws(railslip, command):
+    _, out, _ = railslip(command, "--help")
+    assert ", ".join(law_names()) in " ".join(out.split())
+
+
+def test_help_lists_the_quantities_of_a_log(railslip):
+    _, out, _ = railslip("identify", "--help")
+    assert ", ".join(UNITS) in " ".join(out.split())
+
+
+@pytest.mark.parametrize("command", ["report", "linearize", "margins", "tune", "derive", "identify", "campaign",
+                                     "verify", "simulate", "reproduce"])  # fmt: skip
+def test_help_states_the_exit_status(railslip, command):
+    _, out, _ = railslip(command, "--help")
+    assert "xit status" in " ".join(out.split())
+
+
+# --- the numbers of an adhesion law in the derived law ----------------------------------------------------------------
+
+LEAVES = 'law = "burckhardt"\n[parameters]\nc1 = 0.20\nc2 = 18.0\nc3 = 0.08\n'
+NUMBERS = {"c1": 0.20, "c2": 18.0, "c3": 0.08}
+
+
+@pytest.fixture
+def leaves(tmp_path):
+    path = tmp_path / "leaves.toml"
+    path.write_text(LEAVES)
+    return path
+
+
+def test_derive_puts_the_numbers_of_a_file_into_the_law(leaves):
+    derivation, law = derive(law="burckhardt"), load_law(leaves)
+    numbers, code = law_numbers(derivation, law), generate(derivation)
+    found = derivation_json(derivation, (), code, numbers)["law"]["numbers"]
+    wet = dict(zip(NUMBERS, law.wet().parameters(), strict=True))
+    assert found["dry"]["parameters"] == NUMBERS
+    assert found["wet"]["parameters"] == wet != NUMBERS
+    for text in (
+        derivation_text(derivation, (), numbers),
+        derivation_markdown(derivation, (), code, numbers),
+        derivation_latex(derivation, (), code, numbers),
+    ):
+        assert "Law with the numbers given, dry rail" in text
+        assert "c1 = 0.2, c2 = 18, c3 = 0.08 (SI)" in text
+    assert "numbers given" not in derivation_text(derivation, ())
+
+
+def test_the_law_with_numbers_is_the_law(leaves):
+    """Evaluated at a state: to the six digits to which a formula shows its numbers."""
+    derivation = derive(law="burckhardt")
+    for one in law_numbers(derivation, load_law(leaves)):
+        symbols = dict(zip(type(load_law(leaves)).symbols(), (value for _, value in one.parameters), strict=True))
+        rest = sorted(one.torque.free_symbols, key=str)
+        state = dict(zip(rest, np.random.default_rng(1).uniform(0.5, 2.0, len(rest)), strict=True))
+        expected = derivation.law_in_adhesion.subs(symbols).subs(state)
+        assert float(one.torque.subs(state)) == pytest.approx(float(expected), rel=1e-5)
+        assert not one.torque.free_symbols & set(symbols)
+
+
+def test_the_numbers_are_in_the_code(leaves, tmp_path):
+    derivation = derive(law="burckhardt")
+    code = with_numbers(generate(derivation), law_numbers(derivation, load_law(leaves)))
+    namespace: dict[str, object] = {}
+    exec(compile(code.python, "law", "exec"), namespace)
+    assert namespace["ADHESION_DRY"] == {f"adhesion_{name}": value for name, value in NUMBERS.items()}
+    for rail in Rail:
+        assert f"#define RAILSLIP_ASMC_ADHESION_{rail.name} .adhesion_c1 = " in code.c
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler (cc) on this system")
+    main = (
+        '#include <stdio.h>\n#include "law.c"\nint main(void)\n{\n'
+        "    const railslip_asmc_parameters p = {RAILSLIP_ASMC_ADHESION_DRY, .J = 60.35};\n"
+        '    printf("%.17g %.17g %.17g", p.adhesion_c1, p.adhesion_c2, p.adhesion_c3);\n    return 0;\n}\n'
+    )
+    (tmp_path / "law.c").write_text(code.c)
+    (tmp_path / "main.c").write_text(main)
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+    subprocess.run([compiler, *flags, "main.c", "-lm", "-o", "main"], cwd=tmp_path, check=True, capture_output=True)
+    printed = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    assert [float(word) for word in printed.split()] == list(NUMBERS.values())
+
+
+def test_a_law_without_closed_form_says_so():
+    derivation = replace(
+        derive(law="burckhardt"), adhesion="table"
+    )  # a table's own takes long, and nothing of it counts
+    law = law_class("table")(slip=(0.0, 0.05, 0.1, 1.0), mu=(0.0, 0.2, 0.25, 0.1))
+    numbers = law_numbers(derivation, law)
+    assert numbers[0].torque is None
+    assert dict(numbers[0].parameters)["mu_3"] == 0.25
+    code = generate(derive(law="burckhardt"))
+    assert with_numbers(code, numbers) == code  # Ta is an argument: nothing to initialise
+    assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
+    for text in (
+        derivation_text(derivation, (), numbers),
+        derivation_markdown(derivation, (), code, numbers),
+        derivation_latex(derivation, (), code, numbers),
+    ):
+        assert "Ta is evaluated from these numbers outside the control law" in text
+
+
+def test_derive_takes_a_file_over_the_initial_speed(railslip, tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text('law = "burckhardt"\n[parameters]\nc2 = 18.0\nc3 = 0.08\n[polynomials]\nc1 = [0.5, -0.0025]\n')
+    for options, c1 in (((), 0.25), (("--initial-speed", "60"), 0.35)):
+        status, out, _ = railslip("derive", "--adhesion", path, *options, "--format", "c")
+        assert status == 0
+        assert f"ADHESION_DRY .adhesion_c1 = {c1}, .adhesion_c2 = 18.0" in out
+    status, out, err = railslip("derive", "--adhesion", "beam", "--initial-speed", "60")
+    assert (status, out) == (2, "")
+    assert "--initial-speed: goes with a file" in err
+
+
+def test_numbers_of_another_law_are_refused():
+    with pytest.raises(InputError, match="'beam' is not the one derived with, 'burckhardt'; derive with it"):
+        law_numbers(derive(law="burckhardt"), published_law("beam", Rail.DRY))
+
+
+# --- controllers from Python files ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = 1\n", "mine.py: has no CONTROLLER; name a record that has name, period"),
+        ("CONTROLLER = 3\n", "mine.py: CONTROLLER has no name, period, reference"),
+        ("1 / 0\n", "mine.py: running it fails with ZeroDivisionError: division by zero; mend the file"),
+        ("def\n", "mine.py: running it fails with SyntaxError"),
+        (None, "mine.py: no such file; check the path"),
+    ],
+)
+def test_a_python_file_without_a_controller_is_one_clear_line(railslip, tmp_path, text, told):
+    path = tmp_path / "mine.py"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=re.escape(told)):
+        controller_in(path)
+    status, out, err = railslip("simulate", "--controller", path)
+    assert (status, out) == (2, "")
+    assert err.startswith("railslip: error: --controller: ")
+    assert told in err
+    assert err.count("\n") == 1
+
+
+def test_options_of_the_named_controllers_do_not_go_with_a_python_file(railslip, tmp_path):
+    _, _, err = railslip("simulate", "--controller", tmp_path / "mine.py", "--kp", "3", "--ki", "2")
+    assert "--kp: does not go with a controller from a file" in err
+
+
+# --- progress --------------------------------------------------------------------------------------------------------
+
+
+def test_compiling_is_told_once_in_a_process(caplog, tmp_path):
+    compilation._tell_of_compiling.cache_clear()
+    with caplog.at_level(logging.WARNING):
+        for _ in range(3):
+            compilation._tell_of_compiling(tmp_path)
+    assert [record.getMessage().startswith("compiling the simulation") for record in caplog.records] == [True]
