@@ -507,6 +507,23 @@ def test_a_log_without_an_end_does_not_pull_a_polynomial():
     assert len(c2.coefficients) == 3
 
 
+@pytest.mark.parametrize(("kink", "told"), [(0.0, False), (0.05, True)])
+def test_a_polynomial_that_misses_the_logs_says_so(kink, told):
+    """Five speeds, a parabola and noise beside it, or a kink of ten standard errors."""
+    found, speeds = burckhardt_fit(), np.array([30.0, 60.0, 90.0, 120.0, 150.0])
+    noise = 0.005 * np.array([0.5, -1.0, 0.3, 0.8, -0.4])
+    values = 0.4 - 1e-3 * speeds + noise + kink * (speeds == 90.0)
+    fits = [
+        replace(found, parameters=(Parameter("c1", value, 0.005, "fitted"), *found.parameters[1:])) for value in values
+    ]
+    c1 = over_initial_speed(speeds * KMH, fits)[0]
+    assert (c1.misfit_probability < 0.01) == told
+    residual = (values - np.polyval(np.polyfit(speeds, values, 2), speeds)) / 0.005
+    # of two degrees of freedom chi-squared has the tail exp(-x/2)
+    assert c1.misfit_probability == pytest.approx(math.exp(-float(residual @ residual) / 2.0), rel=1e-6)
+    assert math.isnan(over_initial_speed([10.0, 20.0], [found] * 2)[0].misfit_probability)  # a line through both
+
+
 # --- files ---------------------------------------------------------------------------------------------------------
 
 

@@ -34,6 +34,8 @@ def header_with(quantity, cell):
 @pytest.mark.parametrize(("quantity", "name"), [(q, name) for q, names in NAMES.items() for name in names])
 def test_every_accepted_name_is_found(quantity, name):
     header = [cell for q, cell in WHOLE.items() if q != quantity] + [name.upper().replace(" ", "_")]
+    if name == "n":  # a letter for two quantities: its unit tells
+        header[-1] += f" [{UNITS[quantity]}]"
     assert find_columns(header)[quantity].index == len(header) - 1
 
 
@@ -52,7 +54,9 @@ def test_every_accepted_name_is_found(quantity, name):
         ("wheel_angular_speed", "omega [rpm]", math.pi / 30),
         ("wheel_angular_speed", "rotational speed [1/min]", math.pi / 30),
         ("wheel_angular_speed", "w [deg/s]", math.pi / 180),
+        ("wheel_angular_speed", "n [1/min]", math.pi / 30),
         ("wheel_load", "wheel load [kN]", 1e3),
+        ("wheel_load", "N [kN]", 1e3),
     ],
 )
 def test_units_in_the_header(quantity, cell, factor):
@@ -336,6 +340,13 @@ def test_paths_that_are_no_files(tmp_path):
 def test_a_column_without_a_unit_is_si_and_said_so(tmp_path):
     _, log = read(write(tmp_path, log_text(5, "time [s],v [km/h],omega,Tb [kN*m]")))
     assert log.notes == ("column 'omega' names no unit: rad/s is taken for wheel_angular_speed",)
+    assert find_columns(["t", "v", "omega", "Tb", "N"])["wheel_load"].index == 4  # as before n meant anything else
+
+
+def test_what_was_assumed_is_told_with_the_error_it_may_be_the_cause_of(tmp_path):
+    path = write(tmp_path, log_text(30, "time [s],v,omega,Tb [kN*m]"))
+    with pytest.raises(InputError, match=r"rows are under brake.*; column 'v' names no unit: m/s is taken"):
+        read_curve(path, PARK2008, Options())
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):

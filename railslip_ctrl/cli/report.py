@@ -49,6 +49,12 @@ _OF_PAGE = (*_OF_CHECK, "adhesion", "region", "gang", "responses", "stop-1", "st
     help="Write report.html too: designs, sliding-mode verdict, braking runs, the paper's numbers. It takes most of "
     "the time.",
 )
+@click.option(
+    "--fresh",
+    is_flag=True,
+    help="Decide the conditions of the sliding-mode laws, and compute the paper's numbers and errata, again; what an "
+    "earlier report of this version found for the same vehicle is taken otherwise.",
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -58,6 +64,7 @@ def command(
     ki: float | None,
     out: Path,
     page: bool,
+    fresh: bool,
 ) -> None:
     """The design check: published (or given) gains in both readings of the units and a PI that holds, dry and wet.
     report.html has that and all else a design review looks at, in one file that needs no network and prints on A4.
@@ -70,7 +77,9 @@ def command(
     gains = chosen_gains(kp, ki)
     points = cases.points()
     check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
-    files, content = _with_page(check, points, gains, provenance(ctx), told) if page else _without_page(check, told)
+    files, content = (
+        _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
+    )
     files["report.txt"] = design_check_text(check).encode()
     files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
@@ -122,6 +131,7 @@ def _with_page(
     gains: PIGains | None,
     source: Provenance,
     told: Callable[[str], None],
+    fresh: bool,
 ) -> tuple[dict[str, bytes], dict[str, Any]]:
     """report.html and its pictures by file name, and the content of report.json.
 
@@ -137,7 +147,7 @@ def _with_page(
         told(f"pictures: {', '.join(figures)}")
         pictures.update({name: figure_files(figure) for name, figure in figures.items()})
 
-    report = design_report(check, points, given=gains, progress=told, meanwhile=draw)
+    report = design_report(check, points, given=gains, fresh=fresh, progress=told, meanwhile=draw)
     told(_PAGE)
     html = design_report_html(report, {name: forms["svg"] for name, forms in pictures.items()}, source)
     files = _named(pictures) | {_PAGE: html.encode()}

@@ -16,7 +16,7 @@ from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.parameters import PIGains, Vehicle
-from railslip_ctrl.reproduction import published_facts, table5
+from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
 from railslip_ctrl.simulation import compilation
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding.derivation import derive
@@ -24,6 +24,7 @@ from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding_verification import FullVerification, Law, verify_with_actuator
 
+from .kept import kept
 from .loops import gain_region, law_curves, loop_designs
 from .records import DesignReport, LinearPart, RunPart, SlidingVerdict
 from .stops import stops
@@ -49,6 +50,7 @@ def design_report(
     *,
     given: PIGains | None = None,
     workers: int | None = None,
+    fresh: bool = False,
     progress: Progress = lambda message: None,
     meanwhile: Callable[[Part], None] = lambda part: None,
 ) -> DesignReport:
@@ -65,6 +67,9 @@ def design_report(
     workers : int, optional
         Processes beside this one; left out, as many as there are cores, and none on a single core. A script that
         leaves it out guards its own code with ``if __name__ == "__main__"``, as processes demand.
+    fresh : bool
+        Compute again what does not change from report to report (conditions of the sliding-mode laws for the vehicle,
+        the paper's numbers, its errata), and is kept otherwise.
     progress : callable
         Told what is done, a line at a time.
     meanwhile : callable
@@ -77,10 +82,10 @@ def design_report(
     """
     started = time.perf_counter()
     tasks: dict[str, Callable[[], Any]] = {
-        "paper": partial(_verified, "paper", check.vehicle),
-        "layered": partial(_verified, "layered", check.vehicle),
-        "runs": partial(_runs, tuple(points), given),
-        "errata": _errata,
+        "paper": partial(_verified, "paper", check.vehicle, fresh),
+        "layered": partial(_verified, "layered", check.vehicle, fresh),
+        "runs": partial(_runs, tuple(points), given, fresh),
+        "errata": partial(_errata, fresh),
     }
     found: dict[str, Any] = {}
     with _started(tasks, _cores() if workers is None else workers) as results:
@@ -110,25 +115,33 @@ def design_report(
 # --- tasks ----------------------------------------------------------------------------------------------------------
 
 
-def _verified(law: Law, vehicle: Vehicle) -> FullVerification | str:
+def _verified(law: Law, vehicle: Vehicle, fresh: bool) -> FullVerification | str:
     """The conditions of a law, or why they cannot be decided for this vehicle."""
-    try:
-        return verify_with_actuator(law=law, vehicle=vehicle)
-    except RailslipError as error:
-        return str(error)
+
+    def decided() -> FullVerification | str:
+        try:
+            return verify_with_actuator(law=law, vehicle=vehicle)
+        except RailslipError as error:
+            return str(error)
+
+    return kept(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
 
 
-def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None) -> RunPart:
+def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None, fresh: bool) -> RunPart:
     """Braking runs and, of the published vehicle, the paper's numbers: the same compiled kernels serve both."""
     with _compilation_told_once():
         braking = stops(points, given)
         if not is_published(points[0].vehicle):
             return RunPart(braking, None, ())
-        return RunPart(braking, table5(SEEDS), published_facts())
+        return RunPart(braking, *kept("paper", _paper_numbers, str(SEEDS), fresh=fresh))
 
 
-def _errata() -> tuple[Erratum, ...]:
-    return errata(derive())
+def _paper_numbers() -> tuple[Table5, tuple[Fact, ...]]:
+    return table5(SEEDS), published_facts()
+
+
+def _errata(fresh: bool) -> tuple[Erratum, ...]:
+    return kept("errata", lambda: errata(derive()), fresh=fresh)
 
 
 # --- processes ------------------------------------------------------------------------------------------------------

@@ -6,10 +6,11 @@ spaces, underscores and hyphens do not count. Accepted names, any one of each ro
     time              time, t, timestamp
     train_speed       train speed, v, vehicle speed, speed, reference speed
     wheel_speed       wheel speed, v wheel, vw, circumferential speed, rolling speed
-    wheel_angular_speed   wheel angular speed, omega, w, angular speed, angular velocity, rotational speed
+    wheel_angular_speed   wheel angular speed, omega, w, angular speed, angular velocity, rotational speed, n
     brake_torque      brake torque, tb, torque, braking torque
     wheel_load        wheel load, n, load, normal force, axle load
 
+n is what its unit says, and a wheel load without one.
 Time, train speed, brake torque and one of the wheel's two speeds must be there; other columns are not read.
 """
 
@@ -48,6 +49,7 @@ NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "angular speed",
             "angular velocity",
             "rotational speed",
+            "n",
         ),
         "brake_torque": ("brake torque", "tb", "torque", "braking torque"),
         "wheel_load": ("wheel load", "n", "load", "normal force", "axle load"),
@@ -153,11 +155,23 @@ def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
 
 def _recognised(header: Sequence[str], quantity: str) -> int | None:
     names = {_plain(name) for name in NAMES[quantity]}
-    at = [i for i, cell in enumerate(header) if {_plain(cell), _plain(_split(cell)[0])} & names]
+    at = [
+        i
+        for i, cell in enumerate(header)
+        if {_plain(cell), _plain(_split(cell)[0])} & names and _may_be(cell, quantity)
+    ]
     if len(at) > 1:
         cells = _cells([header[i] for i in at])
         raise InputError(f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER")
     return at[0] if at else None
+
+
+def _may_be(cell: str, quantity: str) -> bool:
+    """Whether a cell is not one of a letter that stands for another quantity: n [1/min] is no load."""
+    name, unit = _split(cell)
+    if _plain(name) != "n":
+        return True
+    return is_unit(unit, quantity) if unit else quantity == "wheel_load"
 
 
 def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:

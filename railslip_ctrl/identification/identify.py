@@ -190,7 +190,10 @@ def read_curve(
         if progress is not None:
             progress(log.share)
 
-    gathered = _gathered(told(), log.name, vehicle, options, observed)
+    try:
+        gathered = _gathered(told(), log.name, vehicle, options, observed)
+    except InputError as error:  # what was assumed may be what is wrong
+        raise InputError("; ".join([str(error), *log.notes])) from None
     return _curve(*gathered, log.name, log.broken, log.stamps, log.notes)
 
 

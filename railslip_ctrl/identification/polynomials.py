@@ -33,6 +33,9 @@ class ParameterPolynomial:
         Of the coefficients; NaN where the standard errors of the fits are.
     speeds_kmh, values : array, (logs,)
         What it goes through, or near.
+    misfit_probability : float
+        Of the values being as far from it as they are, or farther, by their standard errors alone (chi-squared); NaN
+        where it goes through all of them, or a standard error is not known.
     """
 
     name: str
@@ -40,6 +43,7 @@ class ParameterPolynomial:
     covariance: Floats
     speeds_kmh: Floats
     values: Floats
+    misfit_probability: float
 
     @property
     def stderrs(self) -> Floats:
@@ -68,8 +72,21 @@ def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> 
     for i, name in enumerate(fits[0].model.names):
         values = np.array([fit.parameters[i].value for fit in fits])
         stderrs = np.array([_stderr(fit.parameters[i]) for fit in fits])
-        found.append(ParameterPolynomial(name, *_weighted(v0, values, stderrs, degree), v0, values))
+        coefficients, covariance = _weighted(v0, values, stderrs, degree)
+        misfit = _misfit_probability(coefficients, v0, values, stderrs)
+        found.append(ParameterPolynomial(name, coefficients, covariance, v0, values, misfit))
     return tuple(found)
+
+
+def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderrs: Floats) -> float:
+    from scipy.stats import chi2
+
+    told = np.isfinite(stderrs) & (stderrs > 0.0)
+    freedom = int(told.sum()) - len(coefficients)
+    if freedom < 1:
+        return math.nan
+    error = (values - np.polynomial.polynomial.polyval(v0, coefficients)) / np.where(told, stderrs, 1.0)
+    return float(chi2.sf(np.sum(error[told] ** 2), freedom))
 
 
 def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:

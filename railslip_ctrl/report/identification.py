@@ -19,7 +19,9 @@ from railslip_ctrl.identification.reference import LARGEST_LOSS, PeakSlip
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
-from .layout import facts, fixed, heading, render, table
+from .layout import counted, facts, fixed, heading, render, table
+
+_IMPROBABLE = 0.01  # a misfit told
 
 # --- JSON ----------------------------------------------------------------------------------------------------------
 
@@ -90,6 +92,7 @@ def _polynomial_json(p: ParameterPolynomial, fit: Fit) -> dict[str, Any]:
         "stderrs": [number(float(x)) for x in p.stderrs],
         "initial_speeds_kmh": [float(x) for x in p.speeds_kmh],
         "values": [float(x) for x in p.values],
+        "misfit_probability": number(p.misfit_probability),
     }
 
 
@@ -182,7 +185,16 @@ def campaign_text(found: Campaign) -> str:
         for p in found.polynomials
     ]
     columns = ("Parameter", "Unit", *(("constant", "v0", "v0^2")[: max(len(row) for row in rows) - 2]))
-    parts += [table(columns, rows), heading("Mean absolute error of mu, by model and initial speed in km/h", "-")]
+    parts.append(table(columns, rows))
+    parts += [
+        Text(
+            f"Note: {p.name}: the polynomial passes the logs' values by more than their errors allow; errors as large "
+            f"come about with probability {p.misfit_probability:.1g}"
+        )
+        for p in found.polynomials
+        if p.misfit_probability < _IMPROBABLE
+    ]
+    parts += [heading("Mean absolute error of mu, by model and initial speed in km/h", "-")]
     return render([*parts, _error_table(found)])
 
 
@@ -227,7 +239,7 @@ def _log_facts(found: Identification) -> list[tuple[str, str]]:
         ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N, {setting.rail} rail"),
         ("Initial speed", f"{setting.initial_speed / KMH:.4g} km/h; slip ramps {ramp}"),
         ("Observer", f"{found.options.observer}, tau {curve.time_constant:.4g} s"),
-        ("Rows", f"{survey.rows}, of which {survey.used} under brake in {survey.runs} runs"),
+        ("Rows", f"{survey.rows}, of which {survey.used} under brake in {counted(survey.runs, 'run')}"),
         (
             "Regimes",
             f"adhesion {curve.adhesion_samples}, sliding {curve.sliding_samples}; "

@@ -48,6 +48,11 @@ def heading(text: str, mark: str = "=") -> Text:
     return Text(f"{text}\n{mark * min(len(text), _width.get())}")
 
 
+def counted(number: int, what: str) -> str:
+    """ "1 run", "2 runs"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def indented(text: str) -> RenderableType:
     """A paragraph."""
     return Padding(Text(text), (0, 0, 0, 2))

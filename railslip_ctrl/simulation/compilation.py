@@ -24,7 +24,7 @@ from railslip_ctrl.scalar_code import scalar_source
 logger = logging.getLogger(__name__)
 
 CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Environment variable that names another folder for compiled kernels."""
+"""Environment variable that names another folder for compiled kernels, and for results that are kept."""
 
 _HERE = Path(__file__).parent
 _HEAD = '''"""A simulation kernel, put together by railslip_ctrl.simulation.compilation: law {law!r}."""
@@ -122,18 +122,18 @@ def _tell_of_compiling(folder: Path) -> None:
     logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
 
 
-def cache_folder() -> Path:
-    """Where kernels are kept: `RAILSLIP_CACHE`, or the user's cache folder, or a temporary one where that is shut."""
+def cache_folder(kind: str = "kernels") -> Path:
+    """Where a kind of thing is kept: `RAILSLIP_CACHE`, or the user's cache folder, or a temporary one if it is shut."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
-    folder = (Path(given) if given else user_cache_path("railslip_ctrl")) / "kernels"
+    folder = (Path(given) if given else user_cache_path("railslip_ctrl")) / kind
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        return Path(tempfile.mkdtemp(prefix="railslip-kernels-"))
+        return Path(tempfile.mkdtemp(prefix=f"railslip-{kind}-"))
 
 
 def _stored(name: str, text: str) -> Path:

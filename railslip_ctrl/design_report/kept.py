@@ -1,0 +1,83 @@
+"""Results that are the same from report to report, kept in the user's cache folder beside the compiled kernels.
+
+A report of the same vehicle by the same version finds them there. What a result is kept under is a hash of all source
+of this package, of the versions of what it computes with, and of what it was computed for: nothing stale can be found.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeVar
+
+import railslip_ctrl
+from railslip_ctrl.simulation.compilation import cache_folder
+
+T = TypeVar("T")
+
+_COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")
+
+
+def kept(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
+    """The result of `compute`, as found, or computed and kept.
+
+    Parameters
+    ----------
+    name : str
+        Of the result, a word.
+    compute : callable
+        Deterministic, of what `given` says and this package's source alone.
+    given : str
+        What it is computed for.
+    fresh : bool
+        Compute it whatever is kept.
+    """
+    path = cache_folder("results") / f"{name}-{_hash(given)}.pickle"
+    content = None if fresh else _found(path)
+    if content is not None:
+        result: T = pickle.loads(content)
+        return result
+    result = compute()
+    _keep(path, pickle.dumps(result))
+    return result
+
+
+def _found(path: Path) -> bytes | None:
+    """What is kept at a path; None if nothing, or not all of it, is there."""
+    try:
+        digest, content = path.read_bytes().split(b"\n", 1)
+    except (OSError, ValueError):
+        return None
+    return content if hashlib.sha256(content).hexdigest().encode() == digest else None
+
+
+def _keep(path: Path, content: bytes) -> None:
+    """Write in one step; a folder that cannot be written to costs the next report some time, and this one nothing."""
+    content = hashlib.sha256(content).hexdigest().encode() + b"\n" + content
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+            file.write(content)
+        os.replace(file.name, path)
+    except OSError:
+        pass
+
+
+def _hash(given: str) -> str:
+    return hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
+
+
+@cache
+def _of_code() -> str:
+    """A hash of what computes."""
+    digest = hashlib.sha256(" ".join([sys.version, *(f"{name} {version(name)}" for name in _COMPUTES)]).encode())
+    root = Path(railslip_ctrl.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()

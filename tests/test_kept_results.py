@@ -1,0 +1,70 @@
+"""Results kept from report to report: found again, never stale, never half of one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from railslip_ctrl.design_report import kept as module
+from railslip_ctrl.design_report.kept import kept
+from railslip_ctrl.simulation.compilation import CACHE_VARIABLE
+
+
+@pytest.fixture
+def computed(monkeypatch, tmp_path):
+    """A result that counts how often it is computed; its list of times, and the folder it is kept in."""
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    times: list[int] = []
+
+    def compute():
+        times.append(len(times))
+        return np.arange(3.0), "text", len(times)
+
+    return compute, times, tmp_path / "results"
+
+
+def test_a_result_is_computed_once_for_what_it_is_of(computed):
+    compute, times, folder = computed
+    first, again = kept("name", compute, "vehicle"), kept("name", compute, "vehicle")
+    assert (first[0] == again[0]).all()
+    assert (first[1:], len(times)) == (again[1:], 1)
+    kept("name", compute, "another vehicle")
+    kept("other", compute, "vehicle")
+    assert len(times) == 3
+    assert len(list(folder.iterdir())) == 3
+    assert kept("name", compute, "vehicle", fresh=True)[2] == 4
+    assert kept("name", compute, "vehicle")[2] == 4  # the fresh one is kept
+
+
+@pytest.mark.parametrize("spoil", [lambda b: b[:-1], lambda b: b"", lambda b: b.replace(b"text", b"hext")])
+def test_a_spoilt_file_is_computed_again(computed, spoil):
+    compute, times, folder = computed
+    kept("name", compute)
+    (path,) = folder.iterdir()
+    path.write_bytes(spoil(path.read_bytes()))
+    assert kept("name", compute)[1] == "text"
+    assert kept("name", compute)[2] == len(times) == 2
+
+
+def test_other_source_is_another_result(computed, monkeypatch, tmp_path):
+    """The hash is of every module's text: one more line anywhere, and nothing kept is found."""
+    compute, times, _ = computed
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    monkeypatch.setattr(module.railslip_ctrl, "__file__", str(package / "__init__.py"))
+    for text, count in (("x = 1\n", 1), ("x = 1\n", 1), ("x = 2\n", 2)):
+        (package / "module.py").write_text(text)
+        module._of_code.cache_clear()
+        kept("name", compute)
+        assert len(times) == count
+    module._of_code.cache_clear()
+
+
+def test_a_folder_that_is_shut_costs_nothing_but_time(computed, monkeypatch, tmp_path):
+    compute, times, _ = computed
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "file"))
+    assert kept("name", compute)[2] == 1
+    assert kept("name", compute)[2] == 2
+    assert len(times) == 2
