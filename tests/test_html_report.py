@@ -223,7 +223,8 @@ def record():
 
     points = CaseOptions("bristle", (), (), 100.0, None, None, False, (), None, None, None).points()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "_verified", lambda law, vehicle: f"{law}: not asked here")
+        patch.setattr(assemble, "_verified", lambda law, vehicle, fresh: f"{law}: not asked here")
+        patch.setattr(assemble, "kept", lambda name, compute, given="", *, fresh: compute())
         patch.setattr(assemble, "SEEDS", 2)
         patch.setattr(assemble, "published_facts", lambda: ())
         return assemble.design_report(design_check(PARK2008, points), points, workers=1)

@@ -291,6 +291,20 @@ def test_profiles_along_a_bend_are_fieller_s(noise, bounded):
     assert high == (pytest.approx(ends[1], **upper_end) if bounded else math.inf)
 
 
+def test_no_interval_is_narrower_than_with_the_others_known():
+    """Residuals whose search over the other parameter ends too high: a wall beside the best value of it."""
+    best, own = np.array([1.0, 2.0]), np.array([50.0, 30.0])
+
+    def residuals(values):
+        wall = 1e3 * (abs(values[1] - best[1]) > 0.0)  # nothing but the best value itself is any good
+        return np.array([*(own * (values - best)), wall])
+
+    coordinates = Coordinates.of(("first", "second"), np.full(2, 1e-12), np.full(2, np.inf), np.ones(2))
+    low, high = profile_interval(residuals, coordinates, best, 0, stderr=1.0 / own[0], rise=6.6)
+    half = math.sqrt(6.6) / own[0]
+    assert (low, high) == (pytest.approx(1.0 - half, rel=1e-6), pytest.approx(1.0 + half, rel=1e-6))
+
+
 def test_coordinates_there_and_back():
     """The level and 1/gamma; their derivatives by differences; and what each bound stands for."""
     values = np.array([4.7e-3, 58.0])

@@ -19,6 +19,7 @@ _TRIALS = 12
 _FINE = 0.02  # of a standard error: how well the end is found
 _OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
 _SEARCH = 30  # evaluations at most of the residuals and their slopes
+_SLOPE_STEP = 1e-3  # of a standard error, or of the value where that is less
 _TOLERATED = 0.125  # of an interval's half width; twice that of the rise of the sum of squares, which is quadratic
 
 
@@ -57,23 +58,37 @@ def profile_interval(
     """Where the sum of squares, least over the other parameters, has risen by `rise`; a bound where it does not.
 
     `values` are the best ones; `stderr` of the parameter `index` is for the first guess. `beside` is half the interval
-    of an error that the residuals do not show, and widens the interval by the rule for independent errors.
+    of an error that the residuals do not show, and widens the interval by the rule for independent errors. No interval
+    is narrower than with the other parameters known: a search that stays above the best sum of squares tells nothing.
     """
     inverse = coordinates.by_inverse(index)
     value = float(values[index])
     best, unit = (1.0 / value, value**-2) if inverse else (value, 1.0)
     bounds = coordinates.range_of(index, coordinates.at(values))
     least, most = float(coordinates.least[index]), float(coordinates.most[index])
+    narrowest = unit * _alone(residuals, values, index, stderr, rise)
     found = []
     for side, end, bound in zip(
         (-1.0, 1.0), _ends(residuals, coordinates, values, index, stderr * unit, rise, bounds), bounds, strict=True
     ):
-        outer = best + side * math.hypot(best - end, beside * unit)
+        outer = best + side * math.hypot(max(abs(best - end), narrowest), beside * unit)
         if end == bound or side * outer >= side * bound:
             found.append(least if (side < 0.0) != inverse else most)
         else:
             found.append(1.0 / outer if inverse else outer)
     return min(found), max(found)
+
+
+def _alone(residuals: Residuals, values: Floats, index: int, stderr: float, rise: float) -> float:
+    """By how much a parameter alone moves while the sum of squares rises so far; 0 where it does not rise."""
+    value, step = float(values[index]), np.zeros_like(values)
+    step[index] = _SLOPE_STEP * min(stderr, abs(value) or stderr)
+    here = residuals(values)
+    slope = (residuals(values + step) - here) / step[index]
+    steepness, gradient = float(slope @ slope), abs(float(slope @ here))  # beside a bound the sum has a slope too
+    if not (steepness > 0.0 and math.isfinite(steepness)):
+        return 0.0
+    return rise / (gradient + math.sqrt(gradient**2 + steepness * rise))
 
 
 def _ends(
