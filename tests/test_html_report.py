@@ -288,7 +288,7 @@ def test_a_section_that_a_vehicle_does_not_allow_is_told_not_raised(monkeypatch)
         raise InputError("inertia scale: 99 is not allowed; give a value from 0.5 to 10")
 
     monkeypatch.setattr(assemble, "verify_with_actuator", refuse)
-    assert assemble._verified("paper", PARK2008).startswith("inertia scale: 99")
+    assert assemble._verified("paper", PARK2008, fresh=True).startswith("inertia scale: 99")
 
 
 def test_stop_in_words_agrees_with_its_numbers(record):
