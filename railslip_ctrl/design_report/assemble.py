@@ -117,14 +117,11 @@ def design_report(
 
 def _verified(law: Law, vehicle: Vehicle, fresh: bool) -> FullVerification | str:
     """The conditions of a law, or why they cannot be decided for this vehicle."""
-
-    def decided() -> FullVerification | str:
-        try:
-            return verify_with_actuator(law=law, vehicle=vehicle)
-        except RailslipError as error:
-            return str(error)
-
-    return kept(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
+    decided = partial(verify_with_actuator, law=law, vehicle=vehicle)
+    try:
+        return kept(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
+    except RailslipError as error:
+        return str(error)
 
 
 def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None, fresh: bool) -> RunPart:
