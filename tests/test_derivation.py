@@ -95,7 +95,7 @@ def test_each_adhesion_law(name: str, reference: str) -> None:
 
 
 def test_unknown_reference_and_law_are_refused() -> None:
-    with pytest.raises(InputError, match="choose one of proportional, constant"):
+    with pytest.raises(InputError, match="give 'proportional' or 'constant'"):
         derive(reference="falling")
     with pytest.raises(InputError, match="is not a law"):
         derive(law="glue")

@@ -8,27 +8,35 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from project import ROOT
 
+from railslip_ctrl.adhesion import load_law, published_law
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.parameters import PARK2008, Actuator, Rail, load_vehicle
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding.verdict import Condition, Verification
-from railslip_ctrl.sliding_verification import verify_with_actuator
+from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
 from railslip_ctrl.sliding_verification.layered import (
     HOLD_ERROR,
     layered_design,
     least_authority,
     rail_bounds,
-    rail_plants,
 )
 from railslip_ctrl.sliding_verification.layered_conditions import (
-    UNCERTAIN,
     bounds_kept,
     held_under_published_disturbances,
     layered_stability,
 )
-from railslip_ctrl.sliding_verification.layered_stops import held_while_the_speed_falls, hold_known, stop, tolerated
+from railslip_ctrl.sliding_verification.layered_stops import (
+    held_while_the_speed_falls,
+    hold_known,
+    published_uncertainties,
+    stop,
+    tolerated,
+    uncertainties,
+)
 from railslip_ctrl.sliding_verification.published import SPEEDS_KMH, published_behind_actuator, stop_loops
+from railslip_ctrl.sliding_verification.rail_adhesion import load_cases
 from railslip_ctrl.sliding_verification.variants import variants_behind_actuator
 from railslip_ctrl.switching import SlidingGains, largest_adaptation, layer_bound, published_loop
 from railslip_ctrl.switching.simulate import simulate
@@ -42,6 +50,7 @@ SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
 ]
 
 BEHIND = ["the layer is stable behind the actuator", "the relay slides behind the actuator"]
+UNCERTAIN = "published uncertainties"
 LAYERED = [
     "layer stable behind the actuator",
     "bound with the actuator",
@@ -215,7 +224,7 @@ def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layer
 
 def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(layered):
     assert "down to 5 km/h" in layered.verification["speed falling, simulated"].statement
-    design, plant = layered_design(PARK2008), rail_plants(PARK2008)[Rail.DRY]
+    design, plant = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)[Rail.DRY]
     found = stop(design, plant.point)
     assert found.held
     # an own Euler simulation, steps of 1 ms: 0.127 to 0.195 in 8.5 s
@@ -229,7 +238,7 @@ def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(l
 
 
 def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
-    design, point = layered_design(PARK2008), rail_plants(PARK2008)[Rail.DRY].point
+    design, point = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)[Rail.DRY].point
     below, above = tolerated(design, point)
     # the own Euler simulation with this law, K = 1500: held at 0.9 and 1.15, not at 0.8 and 1.2
     assert HOLD_ERROR < below < 0.2
@@ -242,7 +251,7 @@ def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
     )
     # the authority the bound alone asks for, 456 N m, does not do
     weak = replace(design, K=456.0)
-    edges = {rail: tolerated(weak, plant.point) for rail, plant in rail_plants(PARK2008).items()}
+    edges = {rail: tolerated(weak, plant.point) for rail, plant in PUBLISHED_ADHESION.plants(PARK2008).items()}
     assert min(edges[Rail.DRY]) < HOLD_ERROR
     assert not hold_known(weak, edges, PARK2008).holds
     assert stop(weak, point, share=1.1).lost is not None
@@ -252,8 +261,8 @@ def test_rail_is_the_uncertainty_that_the_holding_torque_does_not_bear(layered):
     evidence = layered.verification[UNCERTAIN].evidence
     assert "loaded taken for empty, dry: +2.7 %" in evidence
     assert "wet rail taken for dry: +94 %, the wheel is lost at" in evidence
-    design, plants = layered_design(PARK2008), rail_plants(PARK2008)
-    for rail, plant in rail_plants(PARK2008.loaded()).items():
+    design, plants = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)
+    for rail, plant in PUBLISHED_ADHESION.plants(PARK2008.loaded()).items():
         assert stop(design, plant.point, known=plants[rail].point).held
     assert stop(design, plants[Rail.WET].point, known=plants[Rail.DRY].point).lost is not None
     assert stop(design, plants[Rail.DRY].point, known=plants[Rail.WET].point).lost is None
@@ -261,7 +270,7 @@ def test_rail_is_the_uncertainty_that_the_holding_torque_does_not_bear(layered):
 
 def test_numbers_of_the_layered_law_are_those_of_the_bound(layered):
     design = layered_design(PARK2008)
-    for rail, plant in rail_plants(PARK2008).items():
+    for rail, plant in PUBLISHED_ADHESION.plants(PARK2008).items():
         bound = layer_bound(design, plant, PARK2008.actuator, 20.0)
         assert (
             f"{rail}: |sigma error| <= {bound.error:.3f} m/s"
@@ -321,18 +330,216 @@ def test_bounds_that_a_simulation_breaks_are_not_kept():
     assert "the wheel is lost at" in lost.evidence
 
 
+# --- another adhesion, another vehicle --------------------------------------------------------------------------------
+
+BURCKHARDT = """law = "burckhardt"
+[parameters]
+c1 = 0.31
+c2 = 24
+c3 = 0.11
+"""
+SLIPS = """[reference_slip]
+dry = 0.1235
+wet = 0.1235
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write a TOML file and return its path."""
+
+    def written(text, name="my_rail.toml"):
+        path = tmp_path / name
+        path.write_text(text)
+        return str(path)
+
+    return written
+
+
+@pytest.fixture
+def burckhardt(file):
+    return RailAdhesion(load_law(file(BURCKHARDT + SLIPS)))
+
+
+@pytest.fixture(scope="module")
+def desiro():
+    return load_vehicle(ROOT / "designs/vehicles/desiro_classic.toml")
+
+
+def _same_plants(first, second):
+    for rail in Rail:
+        for name in ("A", "B"):
+            assert np.array_equal(getattr(first[rail], name), getattr(second[rail], name))
+        assert first[rail].point.brake_torque == second[rail].point.brake_torque
+
+
+def test_a_file_with_the_published_bristle_is_the_default(file):
+    """Every condition takes the adhesion from these plants and their points alone."""
+    law = published_law("bristle", Rail.DRY)
+    numbers = "\n".join(
+        f"{name} = {value!r}" for name, value in zip(law.parameter_names(), law.parameters(), strict=True)
+    )
+    slips = "\n".join(f"{rail} = {law.reference_slip(rail)!r}" for rail in Rail)
+    text = f'law = "bristle"\n[parameters]\n{numbers}\n[reference_slip]\n{slips}\n'
+    given = RailAdhesion(load_law(file(text)))
+    for speed_kmh in (20.0, 100.0):
+        for vehicle in load_cases(PARK2008).values():
+            _same_plants(
+                given.plants(vehicle, speed_kmh=speed_kmh), PUBLISHED_ADHESION.plants(vehicle, speed_kmh=speed_kmh)
+            )
+    assert layered_stability(layered_design(PARK2008, given, K=1e3), PARK2008, given).evidence == layered_stability(
+        layered_design(PARK2008, K=1e3), PARK2008
+    ).evidence.replace("bristle model", "bristle law as given")
+
+
+@pytest.mark.parametrize("adhesion", ["bristle", "curve", "beam"])
+def test_published_laws_follow_the_wheel_load_and_the_inertia_scale(adhesion, desiro):
+    for vehicle in (desiro, desiro.loaded(), PARK2008.model_copy(update={"inertia_scale": 3.6})):
+        scale = vehicle.inertia_scale
+        loops = {
+            rail: published_loop(rail, adhesion=adhesion, vehicle=vehicle, inertia_scale=scale).plant for rail in Rail
+        }
+        _same_plants(RailAdhesion(adhesion).plants(vehicle), loops)
+
+
+def test_plants_of_a_law_in_a_file_are_those_of_its_formula(burckhardt, desiro):
+    M, J, r, B = desiro.mass, desiro.wheel.inertia, desiro.wheel.radius, desiro.wheel.viscous_friction
+    v = 60 / 3.6
+    for rail, plant in burckhardt.plants(desiro, speed_kmh=60.0).items():
+        factor = 1.0 if rail is Rail.DRY else 0.5  # the wet rail's half of c1 and c3
+        slope = factor * (0.31 * 24 * np.exp(-24 * 0.1235) - 0.11) * desiro.wheel_load / v
+        # sigma' = -(Fa + Fr)/M - (r/J)(r Fa - B omega - Tb), omega = (v - sigma)/r
+        assert plant.A[0, 0] == pytest.approx(-(1 / M + r * r / J) * slope - B / J, rel=1e-12)
+        assert plant.point.slip == 0.1235
+
+
+def test_texts_name_the_law_the_loads_and_the_changes_of_the_vehicle_verified(burckhardt, desiro):
+    design = layered_design(desiro, burckhardt, K=1500.0)
+    edges = dict.fromkeys(Rail, (0.2, 0.1))
+    unknown = uncertainties(design, edges, desiro, burckhardt)
+    found = (
+        layered_stability(design, desiro, burckhardt),
+        published_uncertainties(unknown, desiro, burckhardt),
+    )
+    for one in found:
+        assert "bristle" not in one.statement + one.evidence
+        assert "published" not in one.name + one.statement + one.evidence
+    assert "burckhardt law as given" in found[0].evidence
+    # the brake torque goes with the mass and the wheel load that goes with it: beyond a fifth
+    loaded = [one for one in unknown.errors if one.name == "loaded taken for empty"]
+    for one in loaded:
+        assert one.error == pytest.approx(desiro.wheel_load / desiro.wheel_load_loaded - 1.0, abs=0.01)
+        assert not one.tolerated
+    assert not found[1].holds
+    # what is not verified is not spoken of
+    wet = replace(burckhardt, rails=(Rail.WET,))
+    unknown = uncertainties(design, edges, desiro, wet)
+    assert not unknown.mistaken
+    assert "the rails verified are wet alone" in published_uncertainties(unknown, desiro, wet).evidence
+    assert list(load_cases(desiro.loaded())) == [f"{desiro.mass_loaded:g} kg"]
+
+
+def test_more_integral_gain_bears_a_holding_torque_that_is_wrong(burckhardt, desiro):
+    """At slip beyond the peak of mu a wheel that is braked too hard is lost unless the integral is quick."""
+    held = {}
+    for ki_min in (None, 600.0):
+        design = layered_design(desiro, burckhardt, ki_min=ki_min)
+        assert design.ki == pytest.approx(ki_min or 100.0)
+        held[ki_min] = stop(design, burckhardt.plants(desiro)[Rail.DRY].point, share=1.1).held
+    assert held == {None: False, 600.0: True}
+
+
+def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
+    text = BURCKHARDT.replace("0.31", "0.5").replace("24", "60").replace("0.11", "0.45")
+    falling = RailAdhesion(load_law(file(text)), slip=0.3)
+    found = layered_stability(layered_design(PARK2008, falling, K=2600.0), PARK2008, falling)
+    assert not found.holds
+    assert "unstable at dry, 5 km/h, empty; wet, 5 km/h, empty" in found.evidence
+    # no wonder: the wheel's unstable pole, times the dead time, is above what any PI with a lead bears
+    assert falling.plants(PARK2008, speed_kmh=5.0)[Rail.DRY].poles.real.max() * PARK2008.actuator.dead_time > 2.0
+
+
+def test_a_stop_on_ice_is_waited_for(file):
+    text = BURCKHARDT.replace("0.31", "0.02").replace("0.11", "0.0")
+    icy = RailAdhesion(load_law(file(text)), slip=0.1)
+    point = icy.plants(PARK2008)[Rail.DRY].point
+    found = stop(layered_design(PARK2008, icy, K=100.0), point)
+    # m v'/m = mu g with mu = c1 (1 - exp(-2.4)), and the travelling resistance besides
+    ideal = (100 - 5) / 3.6 * PARK2008.mass / (0.02 * (1 - np.exp(-2.4)) * PARK2008.wheel_load)
+    assert found.held
+    assert 60.0 < 0.7 * ideal < found.time < ideal
+
+
+def test_a_wheel_that_nothing_stabilises_fails_every_condition(railslip, file):
+    wheel = "name = 'light wheel'\nmass = 3517\nwheel_load = 34500\n[wheel]\nradius = 0.43\ninertia = 3.0\n"
+    status, out, _ = railslip("verify", "--law", "layered", "--vehicle", file(wheel, "my_train.toml"), "--json")
+    content = json.loads(out)
+    assert (status, content["all_hold"]) == (1, False)
+    assert [one["name"] for one in content["conditions"]] == [*LAYERED[:-1], "uncertainties"]
+    assert not any(one["holds"] for one in content["conditions"])
+    assert "no PI stabilises" in content["conditions"][0]["evidence"]
+
+
+def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch):
+    asked = {}
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **given: asked.update(given) or layered)
+    path, train = file(BURCKHARDT + SLIPS), str(ROOT / "designs/vehicles/desiro_classic.toml")
+    options = ("--law", "layered", "--adhesion", path, "--vehicle", train, "--loaded", "--slip", "0.1", "--rail", "wet")
+    _status, out, _ = railslip("verify", *options, "--ki-min", "600")
+    assert "burckhardt law as given" in out
+    assert "0.1 wet" in out
+    assert "Siemens Desiro Classic" in out
+    assert asked["vehicle"].mass == asked["vehicle"].mass_loaded
+    assert (asked["adhesion"].slip, asked["adhesion"].rails, asked["ki_min"]) == (0.1, (Rail.WET,), 600.0)
+    _status, out, _ = railslip("verify", "--law", "layered")
+    assert (asked["vehicle"], asked["adhesion"]) == (PARK2008, PUBLISHED_ADHESION)
+    assert "Adhesion" not in out
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "words"),
+    [
+        (BURCKHARDT, ("--law", "layered"), ("--slip", "no reference slip", "[reference_slip] in its file")),
+        (BURCKHARDT + SLIPS, ("--law", "paper"), ("--adhesion: burckhardt", "'paper'", "the law 'layered'")),
+        (BURCKHARDT + SLIPS, ("--law", "robust"), ("--adhesion: burckhardt", "'robust'", "bristle model")),
+        ('condition = "wet"\n' + BURCKHARDT + SLIPS, ("--law", "layered"), ("wet rail", "--rail wet")),
+        (None, ("--law", "layered", "--adhesion", "polach"), ("--slip", "'polach' has no reference slip")),
+        (None, ("--law", "layered", "--slip", "0"), ("--slip: 0 is not allowed",)),
+        (None, ("--law", "paper", "--slip", "0.1"), ("--slip: 0.1 does not go with", "leave it out")),
+        (None, ("--law", "paper", "--rail", "wet"), ("rail: wet does not go with",)),
+        (None, ("--law", "robust", "--initial-speed", "60"), ("--initial-speed: 60 does not go with",)),
+        (None, ("--law", "robust", "--ki-min", "60"), ("--ki-min: 60 is not allowed", "leave it out")),
+        (None, ("--law", "layered", "--adhesion", "curve", "--rail", "icy"), ("--rail: 'icy'",)),
+    ],
+)
+def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, arguments, words):
+    given = () if text is None else ("--adhesion", file(text))
+    status, out, err = railslip("verify", *arguments, *given)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    for word in words:
+        assert word in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         ({"law": "layered", "D": 3.0}, "D: 3 is not allowed"),
         ({"law": "theirs"}, "'theirs' is not known"),
         ({"law": "layered", "K": -1.0}, "K: -1 is not allowed"),
+        ({"law": "layered", "ki_min": 0.0}, "ki_min: 0 N\\*m/m is not allowed"),
+        ({"law": "robust", "ki_min": 5.0}, "ki_min: 5 is not allowed; the law 'robust' is not tuned"),
         ({"law": "layered", "K": 0.0}, r"K: 0 is not allowed; the layered law takes a value > 0 up to 10000 \(N\*m\)"),
     ],
 )
 def test_arguments_are_checked(arguments, words):
     with pytest.raises(InputError, match=words):
         verify_with_actuator(**arguments)
+
+
+def test_an_adhesion_needs_a_rail():
+    with pytest.raises(InputError, match="rail: none is given"):
+        RailAdhesion(rails=())
+    assert RailAdhesion(rails=(Rail.WET, Rail.DRY)) == PUBLISHED_ADHESION
 
 
 def test_plain_text_of_errata_keeps_tildes_fractions_and_no_latex():

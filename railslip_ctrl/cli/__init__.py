@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 # What the package calls a quantity, where an option gives it.
-_OPTION_NAMED = re.compile(r"^(slip|speed|initial speed|adhesion|lead filter|lead|dead time)(?=[: ])")
+_OPTION_NAMED = re.compile(r"^(slip|speed|initial speed|adhesion|rail|lead filter|lead|dead time)(?=[: ])")
 
 
 def _fail(message: str) -> NoReturn:

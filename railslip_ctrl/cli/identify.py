@@ -137,8 +137,8 @@ def command(
     LOG.csv has a header with the columns time, train speed, wheel speed or wheel angular speed, brake torque and
     optionally wheel load, each with its unit: "train speed [km/h]", "brake torque [kN*m]"; the header may be a comment
     (#), the units a line below it. It may be gzipped; - is standard input. The model is for
-    --adhesion fitted/model.toml of linearize, margins, tune, simulate, report and derive; that of several logs is over
-    v0, and is taken at --initial-speed. Exit status 0, or 2 for bad input.
+    --adhesion fitted/model.toml of linearize, margins, tune, simulate, report, derive and verify --law layered; that
+    of several logs is over v0, and is taken at --initial-speed. Exit status 0, or 2 for bad input.
 
     Example: railslip identify run.csv --rail wet --out fitted
     """

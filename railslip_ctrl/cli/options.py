@@ -86,12 +86,16 @@ class CaseOptions:
             update["actuator"] = chosen.actuator.model_copy(update=actuator)
         return _with_mass(chosen.model_copy(update=update), self.masses[0] if self.masses else None)
 
+    def law(self, rail: Rail) -> AdhesionLaw:
+        """The adhesion law on a rail, at the vehicle's wheel load."""
+        return _law(self.adhesion, rail, self.initial_speed, self.chosen_vehicle.wheel_load)
+
     def points(self) -> list[OperatingPoint]:
         """The operating points, in the order rail, mass, speed."""
         vehicle = self.chosen_vehicle
         found = []
         for rail in self.chosen_rails():
-            law = _law(self.adhesion, rail, self.initial_speed, vehicle.wheel_load)
+            law = self.law(rail)
             held = self.slip if self.slip is not None else law.reference_slip(rail)
             if held is None:
                 raise InputError(f"--slip: adhesion {self.adhesion!r} has no reference slip; give --slip X")
@@ -133,16 +137,23 @@ def family_options(function: F) -> F:
     return _collected(function, multiple_masses=True)
 
 
-def _collected(function: F, *, multiple_masses: bool) -> F:
+def stop_options(function: F) -> F:
+    """As `case_options` without the speed, for a command that looks at whole stops."""
+    return _collected(function, multiple_masses=False, speeds=False)
+
+
+def _collected(function: F, *, multiple_masses: bool, speeds: bool = True) -> F:
     @functools.wraps(function)
     def wrapped(**given: Any) -> Any:
+        if not speeds:
+            given["speeds"] = ()
         if not multiple_masses:
             mass = given.pop("mass")
             given["masses"] = () if mass is None else (mass,)
         cases = CaseOptions(**{field.name: given.pop(field.name) for field in fields(CaseOptions)})
         return function(cases=cases, **given)
 
-    options = [*_point_options(), _mass_option(multiple=multiple_masses), *_actuator_options()]
+    options = [*_point_options(speeds=speeds), _mass_option(multiple=multiple_masses), *_actuator_options()]
     command = cast(F, wrapped)
     for option in reversed(options):
         command = option(command)
@@ -162,7 +173,15 @@ def _mass_option(*, multiple: bool) -> Any:
     )
 
 
-def _point_options() -> list[Any]:
+def _point_options(*, speeds: bool) -> list[Any]:
+    speed = click.option(
+        "--speed",
+        "speeds",
+        multiple=True,
+        type=Quantity("km/h", gt=0),
+        metavar="KMH",
+        help="Train speed, km/h; repeatable.  [default: 100]",
+    )
     return [
         click.option(
             "--adhesion",
@@ -178,14 +197,7 @@ def _point_options() -> list[Any]:
             metavar="dry|wet",
             help="Rail condition; repeatable.  [default: both]",
         ),
-        click.option(
-            "--speed",
-            "speeds",
-            multiple=True,
-            type=Quantity("km/h", gt=0),
-            metavar="KMH",
-            help="Train speed, km/h; repeatable.  [default: 100]",
-        ),
+        *([speed] if speeds else []),
         click.option(
             "--initial-speed",
             default=INITIAL_SPEED_KMH,

@@ -7,12 +7,12 @@ from typing import get_args
 import click
 
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.parameters import Rail
 from railslip_ctrl.report.verification import verification_json, verification_text
 from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
-from railslip_ctrl.sliding_verification import Law, verify_with_actuator
+from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, Law, RailAdhesion, verify_with_actuator
 
-from .options import Quantity
+from .options import CaseOptions, Quantity, stop_options
 from .output import print_json, print_text
 
 _UNITS = {"--K": " (N*m)", "--D": " (N*m/(m/s))", "--inertia-scale": ""}
@@ -46,36 +46,41 @@ LAWS: tuple[Law, ...] = get_args(Law)
     "Table 4's 1.53 N*m/(km/h)]",
 )
 @click.option(
-    "--inertia-scale",
-    default=1.0,
-    show_default=True,
-    type=Quantity("1", gt=0),
+    "--ki-min",
+    type=Quantity("N*m/m", gt=0),
     metavar="X",
-    help=f"Factor on M, J and B, {INERTIA_SCALES[0]:g} to {INERTIA_SCALES[1]:g}: 1 is SI, 3.6 the as-published "
-    "reading.",
+    help="Least integral gain the layered law is tuned with, N*m/m: more takes a wrong holding torque out sooner.  "
+    "[default: 100 times the inertia scale]",
 )
 @click.option(
     "--seed", default="2008", show_default=True, metavar="N", help="First seed of samples and simulated runs."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
+@stop_options
 @click.pass_context
 def command(
     ctx: click.Context,
     law: str,
     gain: float | None,
     damping: float | None,
-    inertia_scale: float,
+    ki_min: float | None,
     seed: str,
+    cases: CaseOptions,
     as_json: bool,
 ) -> None:
     """Which stability conditions of the sliding-mode law hold, how that was decided, and on what evidence. Exit status
     1 if one fails: of the published law several do, and of the robust variants those with the actuator.
+
+    The layered law is tuned and verified for any adhesion and vehicle, on the rails named, from 100 km/h; an adhesion
+    file has to give its reference slip, or --slip does. The other laws' conditions are over the published bristle
+    model: they take --vehicle, but no other adhesion. The inertia scale, a factor on M, J and B, 0.5 to 10.
 
     Example: railslip verify --law layered
     """
     chosen = _law(law)
     if chosen == "layered" and damping is not None:
         raise InputError(f"--D: {damping:g} is not allowed; the layered law has no D, leave it out")
+    if chosen != "layered" and ki_min is not None:
+        raise InputError(f"--ki-min: {ki_min:g} is not allowed; the law {chosen!r} is not tuned, leave it out")
     if chosen == "layered" and gain == 0:
         raise InputError(
             f"--K: 0 is not allowed; the layered law takes a value > 0 up to {LARGEST_GAIN:g} (N*m), or leave it out"
@@ -83,18 +88,21 @@ def command(
     for option, value, (low, high) in (
         ("--K", gain, (0.0, LARGEST_GAIN)),
         ("--D", damping, (LEAST_D, LARGEST_GAIN)),
-        ("--inertia-scale", inertia_scale, INERTIA_SCALES),
+        ("--inertia-scale", cases.inertia_scale, INERTIA_SCALES),
     ):
         if value is not None and not low <= value <= high:
             unit = _UNITS[option]
             raise InputError(f"{option}: {value:g} is not allowed; give a value from {low:g} to {high:g}{unit}")
-    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    full = verify_with_actuator(law=chosen, vehicle=vehicle, K=gain, D=damping, seed=_seed(seed))
+    first, adhesion = _seed(seed), _adhesion(cases)
+    vehicle = cases.chosen_vehicle
+    full = verify_with_actuator(
+        law=chosen, vehicle=vehicle, K=gain, D=damping, seed=first, adhesion=adhesion, ki_min=ki_min
+    )
     result = full.verification
     if as_json:
         print_json(verification_json(result))
     else:
-        print_text(verification_text, result, full.conclusion)
+        print_text(verification_text, result, full.conclusion, _about(cases, adhesion))
     ctx.exit(0 if result.all_hold else 1)
 
 
@@ -103,6 +111,29 @@ def _law(word: str) -> Law:
         if word == law:
             return law
     raise InputError(f"--law: {word!r} is not known; choose one of {', '.join(LAWS)}")
+
+
+def _adhesion(cases: CaseOptions) -> RailAdhesion:
+    """The adhesion named. A file's parameters are for one rail, and say themselves what follows on the other."""
+    rails = cases.chosen_rails()
+    if not cases.adhesion.lower().endswith(".toml"):
+        return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
+    try:
+        law = cases.law(Rail.DRY)
+    except InputError:  # parameters for wet rail; or a file that is refused here again
+        law = cases.law(Rail.WET)
+    return RailAdhesion(law, rails, cases.slip, cases.initial_speed)
+
+
+def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str], ...]:
+    """Vehicle and adhesion with its reference slips, for the report's head, where any was named."""
+    vehicle = cases.chosen_vehicle
+    slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
+    source = f" ({cases.adhesion})" if cases.adhesion.lower().endswith(".toml") else ""
+    about = [] if cases.vehicle is None else [("Vehicle", vehicle.name)]
+    if adhesion != PUBLISHED_ADHESION:
+        about += [("Adhesion", f"{adhesion.text}{source}"), ("Reference slip", slips)]
+    return tuple(about)
 
 
 def _seed(text: str) -> int:

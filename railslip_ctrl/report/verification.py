@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -37,9 +38,13 @@ def verification_json(verification: Verification) -> dict[str, Any]:
     }
 
 
-def verification_text(verification: Verification, conclusion: str = "") -> str:
-    """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude."""
-    parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), facts(_facts(verification)), Text("")]
+def verification_text(verification: Verification, conclusion: str = "", about: Sequence[tuple[str, str]] = ()) -> str:
+    """A table of verdicts, every condition with its evidence, what fails, and what an engineer may conclude.
+
+    `about`: what else the head says of vehicle and adhesion, names and values.
+    """
+    known = facts([*_facts(verification), *about])
+    parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
     rows = [(one.name, "yes" if one.holds else "NO", one.how) for one in verification.conditions]
     parts.append(table(("Condition", "Holds", "How"), rows, left=3))
     for one in verification.conditions:
@@ -54,12 +59,18 @@ def _facts(verification: Verification) -> list[tuple[str, str]]:
     reading = {1.0: " (SI)", 3.6: " (as published)"}.get(verification.inertia_scale, "")
     return [
         ("Law", _LAWS[verification.law]),
-        ("K", f"{verification.K:.5g} N m"),
+        ("K", _authority(verification)),
         *([] if verification.D is None else [("D", f"{verification.D:.5g} N m/(m/s)")]),
         ("Inertia scale", f"{verification.inertia_scale:g}{reading}"),
         ("First seed", str(verification.seed)),
         ("Actuator", _ACTUATORS.get(verification.law, _ACTUATOR)),
     ]
+
+
+def _authority(verification: Verification) -> str:
+    if verification.law == "layered" and verification.K == 0.0:
+        return "none, as there is no law"
+    return f"{verification.K:.5g} N m"
 
 
 def _paragraphs(one: Condition) -> list[RenderableType]:

@@ -4,6 +4,7 @@
 the loop that lag and dead time really close. Here the second joins the first.
 """
 
+from .rail_adhesion import PUBLISHED_ADHESION, RailAdhesion
 from .together import FullVerification, Law, verify_with_actuator
 
-__all__ = ["FullVerification", "Law", "verify_with_actuator"]
+__all__ = ["PUBLISHED_ADHESION", "FullVerification", "Law", "RailAdhesion", "verify_with_actuator"]

@@ -1,6 +1,7 @@
-"""The layered law with a lead on the actuator's lag, tuned for a vehicle, its bounds and runs at frozen speed.
+"""The layered law with a lead on the actuator's lag, tuned for a vehicle and its adhesion, its bounds and runs at
+frozen speed.
 
-Gains: the PI of least worst Ms over dry and wet rail with the lead in the loop, as layer and rho (`switching.layered`).
+Gains: the PI of least worst Ms over the rails with the lead in the loop, as layer and rho (`switching.layered`).
 Integral gain and disturbance grow with the inertia scale, which leaves the error that is guaranteed about as it is.
 K only widens the layer, and costs nothing within it: it is what the bound asks, and what a holding torque that is
 known to `HOLD_ERROR` asks.
@@ -18,7 +19,7 @@ from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.linearization import LinearPlant
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PIGains, Rail, Vehicle
+from railslip_ctrl.parameters import PIGains, Rail, Vehicle
 from railslip_ctrl.sliding.ideal_loop import disturbance_function
 from railslip_ctrl.sliding.reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from railslip_ctrl.switching import (
@@ -26,12 +27,12 @@ from railslip_ctrl.switching import (
     LayeredDesign,
     induced_gains,
     layer_bound,
-    published_loop,
 )
 from railslip_ctrl.switching.layered import Impulse, torque_impulse
 from railslip_ctrl.switching.simulate import holding_torque, simulate
 from railslip_ctrl.switching.stepped import LayeredLaw
-from railslip_ctrl.units import KMH
+
+from .rail_adhesion import PUBLISHED_ADHESION, RailAdhesion
 
 Torque = Callable[[float], float]
 
@@ -67,39 +68,39 @@ class RailBounds:
     from_offset: LayerBound
 
 
-def rail_plants(vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> dict[Rail, LinearPlant]:
-    """The bristle model at its reference slip on either rail, speed frozen."""
-    scale = vehicle.inertia_scale
-    return {
-        rail: published_loop(rail, inertia_scale=scale, vehicle=vehicle, speed=speed_kmh * KMH).plant for rail in Rail
-    }
-
-
-def layered_design(vehicle: Vehicle, *, K: float | None = None) -> LayeredDesign:
+def layered_design(
+    vehicle: Vehicle,
+    adhesion: RailAdhesion = PUBLISHED_ADHESION,
+    *,
+    K: float | None = None,
+    ki_min: float | None = None,
+) -> LayeredDesign:
     """Tuned gains; K, N*m, is `AUTHORITY_MARGIN` times `least_authority` if left out.
 
-    InfeasibleDesignError where nothing stabilises both rails.
+    The integral gain is at least `ki_min`, N*m/m, > 0; left out, `LEAST_INTEGRAL_GAIN` times the inertia scale.
+    InfeasibleDesignError where nothing stabilises every rail.
     """
-    actuator, plants = vehicle.actuator, rail_plants(vehicle)
+    actuator, plants = vehicle.actuator, adhesion.plants(vehicle)
     lead_filter = LEAD_FILTER_SHARE * actuator.lag or _NO_LAG_FILTER
     lead = PIController(PIGains(kp=1.0, ki=0.0), actuator.lag, lead_filter).transfer_function
-    least = LEAST_INTEGRAL_GAIN * vehicle.inertia_scale
+    least = LEAST_INTEGRAL_GAIN * vehicle.inertia_scale if ki_min is None else ki_min
     loops = [actuated_plant(plant, actuator) for plant in plants.values()]
     tuned = tune_pi(loops, actuator.dead_time, minimise_ms=True, ki_min=least, compensator=lead)
     design = LayeredDesign(tuned.kp, tuned.ki, actuator.lag, lead_filter, 1.0 if K is None else K)
-    return design if K is not None else replace(design, K=AUTHORITY_MARGIN * least_authority(design, vehicle))
+    return design if K is not None else replace(design, K=AUTHORITY_MARGIN * least_authority(design, vehicle, adhesion))
 
 
-def least_authority(design: LayeredDesign, vehicle: Vehicle) -> float:
-    """Largest |Tb - hold|, N*m, on either rail: of the bound from `OFFSET`, and for a hold wrong by `HOLD_ERROR`.
+def least_authority(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION) -> float:
+    """Largest |Tb - hold|, N*m, on any rail: of the bound from `OFFSET`, and for a hold wrong by `HOLD_ERROR`.
 
     Where the wheel's nonlinearity leaves no bound, that of the linear loop takes its place.
     """
+    plants = adhesion.plants(vehicle).values()
     try:
-        asked = [bounds.from_offset.command for bounds in rail_bounds(design, vehicle).values()]
+        asked = [bounds.from_offset.command for bounds in rail_bounds(design, vehicle, adhesion).values()]
     except InfeasibleDesignError:
-        asked = [_linear_command(design, plant) for plant in rail_plants(vehicle).values()]
-    return max(*asked, *(_hold_command(design, plant) for plant in rail_plants(vehicle).values()))
+        asked = [_linear_command(design, plant) for plant in plants]
+    return max(*asked, *(_hold_command(design, plant) for plant in plants))
 
 
 def _hold_command(design: LayeredDesign, plant: LinearPlant) -> float:
@@ -119,7 +120,9 @@ def _linear_command(design: LayeredDesign, plant: LinearPlant) -> float:
     return gains.command * DISTURBANCE * vehicle.inertia_scale + of_offset
 
 
-def rail_bounds(design: LayeredDesign, vehicle: Vehicle) -> dict[Rail, RailBounds]:
+def rail_bounds(
+    design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+) -> dict[Rail, RailBounds]:
     """Bounds for |d| <= `DISTURBANCE` times the inertia scale; InfeasibleDesignError where none exists."""
     height, actuator = DISTURBANCE * vehicle.inertia_scale, vehicle.actuator
     return {
@@ -128,7 +131,7 @@ def rail_bounds(design: LayeredDesign, vehicle: Vehicle) -> dict[Rail, RailBound
             layer_bound(design, plant, actuator, height),
             layer_bound(design, plant, actuator, height, offset=OFFSET),
         )
-        for rail, plant in rail_plants(vehicle).items()
+        for rail, plant in adhesion.plants(vehicle).items()
     }
 
 

@@ -22,81 +22,143 @@ from .layered import (
     least_authority,
     published_torque,
     rail_bounds,
-    rail_plants,
     run_errors,
 )
 from .layered_stops import (
+    FALLING_HELD,
+    HOLD_KNOWN,
+    HOLD_NAME,
     Stop,
+    Uncertainties,
     held_while_the_speed_falls,
     hold_known,
     published_uncertainties,
-    rail_mistaken,
     tolerated,
+    uncertain_name,
+    uncertainties,
 )
-from .published import POINTS, SPEEDS_KMH
+from .published import SPEEDS_KMH
+from .rail_adhesion import PUBLISHED_ADHESION, RailAdhesion, load_cases
 
 RUNS = 4
 """Simulated runs with the published disturbances, each rail."""
 
-UNCERTAIN = "published uncertainties"
-"""The condition that asks for the rail to be known; the others are the design's own."""
-
 _AUTHORITY = (
     "K >= ||h_Tb||_1 (|d| + remainder): the layer is not left, from rest and from the offset. It stands for (40)."
 )
+_DISTURBED = (
+    "Under the published random force (431 N, cut at 3 sigma) and Td the slip stays between 0 and twice the reference."
+)
 _KEPT = "The nonlinear wheel with lag and dead time stays within the bounds under torques of that size."
 _GONE = 0.01  # share of the offset that counts as gone in a bound's reaching time
+_STABLE = "layer stable behind the actuator"
 
 
 def verify_layered(
-    vehicle: Vehicle, *, K: float | None, seed: int
+    vehicle: Vehicle,
+    adhesion: RailAdhesion = PUBLISHED_ADHESION,
+    *,
+    K: float | None,
+    seed: int,
+    ki_min: float | None = None,
 ) -> tuple[Verification, tuple[ActuatorEffect, ...], str]:
-    """The conditions, no analyses of the published law, and the conclusion."""
-    design = layered_design(vehicle, K=K)
-    conditions = [layered_stability(design, vehicle)]
+    """The conditions, no analyses of the published law, and the conclusion.
+
+    Where no gains stabilise the rails no condition holds; K is then 0 unless given.
+    """
     try:
-        bounds = rail_bounds(design, vehicle)
+        design = layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
+    except InfeasibleDesignError as error:
+        conditions = _without_design(str(error), vehicle, adhesion)
+        none = Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions))
+        return none, (), _no_design(vehicle, adhesion)
+    conditions = [layered_stability(design, vehicle, adhesion)]
+    try:
+        bounds = rail_bounds(design, vehicle, adhesion)
     except InfeasibleDesignError as error:
         bounds = {}
         conditions += _without_bound(str(error), vehicle)
     else:
-        conditions += _bounded(design, bounds, vehicle)
-    tolerances = {rail: tolerated(design, plant.point) for rail, plant in rail_plants(vehicle).items()}
-    mistaken = rail_mistaken(design, vehicle)
+        conditions += _bounded(design, bounds, vehicle, adhesion)
+    tolerances = {rail: tolerated(design, plant.point) for rail, plant in adhesion.plants(vehicle).items()}
+    unknown = uncertainties(design, tolerances, vehicle, adhesion)
     conditions += [
-        held_under_published_disturbances(design, vehicle, seed),
-        held_while_the_speed_falls(design, vehicle),
-        hold_known(design, tolerances, vehicle),
-        published_uncertainties(tolerances, mistaken, vehicle),
+        held_under_published_disturbances(design, vehicle, seed, adhesion),
+        held_while_the_speed_falls(design, vehicle, adhesion),
+        hold_known(design, tolerances, vehicle, adhesion),
+        published_uncertainties(unknown, vehicle, adhesion),
     ]
     found = Verification("layered", vehicle.inertia_scale, design.K, None, seed, tuple(conditions))
-    return found, (), _conclusion(found, design, bounds, least_authority(design, vehicle), mistaken)
+    promised = f"on {adhesion.rails_text} rail, {' and '.join(load_cases(vehicle))}"
+    failing = [one.name for one in found.failing if one.name != uncertain_name(vehicle)]
+    if failing:
+        asked = least_authority(design, vehicle, adhesion)
+        more = failing == [HOLD_NAME] and asked <= design.K
+        return found, (), _refusal(failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
+    return found, (), _promise(design, bounds, promised) + _unknown_advice(unknown)
 
 
-def layered_stability(design: LayeredDesign, vehicle: Vehicle) -> Condition:
+def _no_design(vehicle: Vehicle, adhesion: RailAdhesion) -> str:
+    return (
+        f"There is no layered law for {vehicle.name} with the {adhesion.text} on {adhesion.rails_text} rail: no gains "
+        "stabilise the wheel at the reference slip. Remedy: a smaller reference slip, where the adhesion falls less, a "
+        "wheel of more inertia, or an actuator with less lag and dead time."
+    )
+
+
+def layered_stability(
+    design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+) -> Condition:
     """The loop within the layer over the stop, by the exact root count."""
     margins, unstable = {}, []
-    for loaded in (False, True):
+    for load, laden in load_cases(vehicle).items():
         for speed_kmh in SPEEDS_KMH:
-            for rail, plant in rail_plants(vehicle.loaded() if loaded else vehicle, speed_kmh=speed_kmh).items():
+            for rail, plant in adhesion.plants(laden, speed_kmh=speed_kmh).items():
                 loop = layer_loop(design, plant, vehicle.actuator)
-                name = f"{rail}, {speed_kmh:g} km/h, {'loaded' if loaded else 'empty'}"
+                name = f"{rail}, {speed_kmh:g} km/h, {load}"
                 if loop.is_stable():
                     margins[name] = loop.margins().ms
                 else:
                     unstable.append(name)
     worst = max(margins, key=lambda name: margins[name], default=None)
     least = "" if worst is None else f"; largest Ms {margins[worst]:.3f} ({worst})"
+    speeds = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h"
     return Condition(
-        "layer stable behind the actuator",
-        "With dead time and lag the loop within the layer is stable on both rails, at every speed, empty and loaded.",
+        _STABLE,
+        _stable_statement(vehicle, adhesion),
         not unstable,
         "sampled",
         f"kp = K/layer = {design.kp:.4g} N m/(m/s), ki = rho kp = {design.ki:.4g} N m/m, lead {design.lead:g} s over "
-        f"{design.lead_filter:g} s. Exact root counts, bristle model, reference slip, {len(margins) + len(unstable)} "
-        f"points ({POINTS}): "
+        f"{design.lead_filter:g} s. Exact root counts, {adhesion.text}, reference slip, {len(margins) + len(unstable)} "
+        f"points ({speeds}, {adhesion.rails_text}, {' and '.join(load_cases(vehicle))}): "
         f"{'all stable' if not unstable else 'unstable at ' + '; '.join(unstable)}{least}.",
     )
+
+
+def _stable_statement(vehicle: Vehicle, adhesion: RailAdhesion) -> str:
+    rails = "both rails" if len(adhesion.rails) > 1 else f"{adhesion.rails_text} rail"
+    return (
+        f"With dead time and lag the loop within the layer is stable on {rails}, at every speed, "
+        f"{' and '.join(load_cases(vehicle))}."
+    )
+
+
+def _without_design(reason: str, vehicle: Vehicle, adhesion: RailAdhesion) -> list[Condition]:
+    """Every condition where no gains stabilise the rails: none is met without a law."""
+    none = f"There is no law to decide it by: see `{_STABLE}`."
+    simulated = (
+        ("published disturbances, simulated", _DISTURBED),
+        ("speed falling, simulated", FALLING_HELD),
+        (HOLD_NAME, HOLD_KNOWN),
+        (uncertain_name(vehicle), "What the law does not know leaves the holding torque known well enough."),
+    )
+    return [
+        Condition(_STABLE, _stable_statement(vehicle, adhesion), False, "sampled", f"No gains do that: {reason}."),
+        _bound_condition(False, none, vehicle),
+        Condition("authority", _AUTHORITY, False, "sampled", none),
+        Condition("bounds kept, simulated", _KEPT, False, "simulated", none),
+        *(Condition(name, statement, False, "simulated", none) for name, statement in simulated),
+    ]
 
 
 def _without_bound(reason: str, vehicle: Vehicle) -> list[Condition]:
@@ -120,7 +182,9 @@ def _bound_condition(holds: bool, evidence: str, vehicle: Vehicle) -> Condition:
     )
 
 
-def _bounded(design: LayeredDesign, bounds: dict[Rail, RailBounds], vehicle: Vehicle) -> list[Condition]:
+def _bounded(
+    design: LayeredDesign, bounds: dict[Rail, RailBounds], vehicle: Vehicle, adhesion: RailAdhesion
+) -> list[Condition]:
     """Bound, authority, offset, and the simulations that must keep them."""
     listed = "; ".join(
         f"{rail}: |sigma error| <= {one.at_rest.error:.3f} m/s (a slip of "
@@ -139,7 +203,7 @@ def _bounded(design: LayeredDesign, bounds: dict[Rail, RailBounds], vehicle: Veh
         _bound_condition(
             held,
             "L1 norms of the loop's impulse responses, dead time exact; the remainder of the linearisation sampled "
-            f"over the bound's own box, to a fixed point. {listed}. 100 km/h, speed frozen, bristle model.",
+            f"over the bound's own box, to a fixed point. {listed}. 100 km/h, speed frozen, {adhesion.text}.",
             vehicle,
         ),
         Condition(
@@ -183,10 +247,12 @@ def bounds_kept(design: LayeredDesign, bounds: dict[Rail, RailBounds]) -> Condit
     )
 
 
-def held_under_published_disturbances(design: LayeredDesign, vehicle: Vehicle, seed: int) -> Condition:
+def held_under_published_disturbances(
+    design: LayeredDesign, vehicle: Vehicle, seed: int, adhesion: RailAdhesion = PUBLISHED_ADHESION
+) -> Condition:
     """The published disturbances, which no L1 bound covers."""
     lines, commands, held = [], [], True
-    for rail, plant in rail_plants(vehicle).items():
+    for rail, plant in adhesion.plants(vehicle).items():
         try:
             found = [run_errors(design, plant, published_torque(design, plant, seed + i)) for i in range(RUNS)]
         except DomainError as error:
@@ -203,8 +269,7 @@ def held_under_published_disturbances(design: LayeredDesign, vehicle: Vehicle, s
     left = ", and the layer is left for moments" if any(command >= design.K for command in commands) else ""
     return Condition(
         "published disturbances, simulated",
-        "Under the published random force (431 N, cut at 3 sigma) and Td the slip stays between 0 and twice the "
-        "reference.",
+        _DISTURBED,
         held,
         "simulated",
         f"{'; '.join(lines)}. {RUNS} runs of {DURATION:g} s a rail, seeds {seed} to {seed + RUNS - 1}, 100 km/h "
@@ -213,33 +278,36 @@ def held_under_published_disturbances(design: LayeredDesign, vehicle: Vehicle, s
     )
 
 
-def _conclusion(
-    found: Verification,
-    design: LayeredDesign,
-    bounds: dict[Rail, RailBounds],
-    asked: float,
-    mistaken: dict[Rail, Stop],
-) -> str:
-    """What the law promises and under which conditions, or why not to use it as it is."""
-    failing = [one.name for one in found.failing if one.name != UNCERTAIN]
-    if failing:
-        remedy = _remedy(design, bounds, asked)
-        return f"Do not use the layered law like this; not met: {'; '.join(failing)}. Remedy: {remedy}."
+def _refusal(failing: list[str], remedy: str) -> str:
+    return f"Do not use the layered law like this; not met: {'; '.join(failing)}. Remedy: {remedy}."
+
+
+def _promise(design: LayeredDesign, bounds: dict[Rail, RailBounds], where: str) -> str:
+    """What the law promises, where all but the condition on what is not known hold."""
     worst = max(one.at_rest.error for one in bounds.values())
     height = next(iter(bounds.values())).at_rest.disturbance
     slowest = max((one.from_offset for one in bounds.values()), key=lambda bound: bound.reaching_time)
     later = max(one.from_offset.error for one in bounds.values()) + _GONE * OFFSET
-    rail = "" if found[UNCERTAIN].holds else _rail_advice(mistaken)
     return (
         f"Use kp = K/layer = {design.kp:.4g} N m/(m/s), rho = {design.rho:.4g} 1/s, a lead of {design.lead:g} s over "
         f"{design.lead_filter:g} s, K = {design.K:.0f} N m about the holding torque at the speed of the moment. Behind "
-        "the actuator this law then holds the slip from 100 to 5 km/h on dry and wet rail, empty and loaded, with the "
-        f"holding torque known to {100 * HOLD_ERROR:g} %. At 100 km/h it keeps |sigma error| below {worst:.3f} m/s for "
+        f"the actuator this law then holds the slip from 100 to 5 km/h {where}, with the holding torque known to "
+        f"{100 * HOLD_ERROR:g} %. At 100 km/h it keeps |sigma error| below {worst:.3f} m/s for "
         f"every torque error up to {height:g} N m, and from an error of {OFFSET:g} m/s below {later:.3f} m/s after "
         f"{slowest.reaching_time:.1f} s: bounds for frozen speed, in which the wheel's nonlinearity is sampled; the "
         "published random force, the falling speed and larger errors of the holding torque are covered by "
-        f"simulation.{rail}"
+        "simulation."
     )
+
+
+def _unknown_advice(unknown: Uncertainties) -> str:
+    """What has to be known; empty where nothing has to be."""
+    told = "".join(
+        f" Has to be known: {one.name}, which on {one.rail} rail puts the holding torque wrong by "
+        f"{100 * one.error:+.1f} %, more than is tolerated."
+        for one in unknown.beyond
+    )
+    return told + (_rail_advice(unknown.mistaken) if unknown.rail_matters else "")
 
 
 def _rail_advice(mistaken: dict[Rail, Stop]) -> str:
@@ -255,12 +323,21 @@ def _rail_advice(mistaken: dict[Rail, Stop]) -> str:
     )
 
 
-def _remedy(design: LayeredDesign, bounds: dict[Rail, RailBounds], asked: float) -> str:
+def _more(design: LayeredDesign) -> str:
+    """What takes a wrong holding torque out sooner, where K suffices and all else holds."""
+    return (
+        f"ask for more integral gain than ki = {design.ki:.4g} N m/m (--ki-min), as far as the other conditions bear it"
+    )
+
+
+def _remedy(design: LayeredDesign, bounds: dict[Rail, RailBounds], asked: float, adhesion: RailAdhesion) -> str:
     if not bounds:
+        slip = "" if adhesion == PUBLISHED_ADHESION else "a reference slip where the adhesion bends and falls less, "
         return (
-            "a wheel whose inertia is larger beside the adhesion (a larger inertia scale), or an actuator with less "
-            "lag and dead time: no K makes up for it"
+            f"{slip}a wheel whose inertia is larger beside the adhesion (a larger inertia scale), or an actuator with "
+            "less lag and dead time: no K makes up for it"
         )
     if math.isfinite(asked) and asked > design.K:
         return f"give K >= {asked:.0f} N m, or leave K out"
-    return "choose another vehicle or actuator; K is large enough"
+    slip = "" if adhesion == PUBLISHED_ADHESION else "reference slip, "
+    return f"choose another {slip}vehicle or actuator; K is large enough"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding.verdict import Condition
 from railslip_ctrl.switching import SlidingGains, SurfaceLoop, joint_advice, largest_adaptation, law_runs
 from railslip_ctrl.switching.effects import ActuatorEffect, actuator_effect, conclusion, published_loop
@@ -26,7 +27,9 @@ def published_behind_actuator(
     """
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     advice = joint_advice(stop_loops(K, D, vehicle))
-    told = f"{conclusion(effects, advice, POINTS)} {_as_published(D, vehicle)}"
+    told = conclusion(effects, advice, POINTS)
+    if is_published(vehicle):  # of another vehicle nothing is published
+        told = f"{told} {_as_published(D, vehicle)}"
     return tuple(_conditions(effects)), effects, told
 
 
