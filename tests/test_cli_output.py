@@ -81,7 +81,7 @@ def test_a_table_too_wide_goes_on_below_with_its_first_column():
 
 
 def test_in_a_file_the_width_is_always_the_same(monkeypatch, capsys):
-    monkeypatch.setattr(shutil, "get_terminal_size", lambda: os.terminal_size((70, 30)))
+    monkeypatch.setattr("railslip_ctrl.cli.output._terminal_width", lambda: 70)
     print_text(lambda: render([Text("word " * 60)]))
     assert max(map(len, capsys.readouterr().out.splitlines())) > 100
 

@@ -54,10 +54,12 @@ def sliding_section(report: DesignReport) -> Section:
         blocks = (Paragraph(f"Not decided: {sliding.reasons[name]}."),) if full is None else _conditions(full)
         groups.append(Group(f"sliding-{name}", title, tuple(blocks)))
     intro = Paragraph(
-        "Every claim that the law's proof makes or relies on is put as a condition and decided. Words say how: proved "
-        "or refuted are symbolic, by SymPy or in closed form; held in all samples, or in all runs, is evidence over "
-        "the set that is named under the condition, and no proof. Bounds by L1 norms: [DahlehPearson1987]; limit "
-        "cycles of a relay: [Tsypkin1984]."
+        "Every claim that the law's proof makes or relies on is put as a condition and decided. Words say how: "
+        "proved or refuted are symbolic, by SymPy or in closed form; held in all samples, or in all runs, is "
+        "evidence over the set that is named under the condition, and no proof. All are decided for this vehicle on "
+        "the published bristle model, which the paper derives its law with, whatever adhesion law this report is "
+        "about; railslip verify --law layered --adhesion decides those of the layered law for another. Bounds by L1 "
+        "norms: [DahlehPearson1987]; limit cycles of a relay: [Tsypkin1984]."
     )
     return Section("sliding", "The sliding-mode law: verdict", (intro, *groups))
 
