@@ -516,7 +516,7 @@ def test_table_from_a_file(railslip, tmp_path):
         ("[0.0, 0.2]", "[0.1, 0.2]", "no adhesion without slip"),
         ("[0.1]", "[0.1]", "at least 2"),
         ('[0.1, "2 kg"]', "[0.1, 0.2]", "dimension"),
-        ('"steep"', "[0.1, 0.2]", "tuple"),
+        ('"steep"', "[0.1, 0.2]", "give a list"),
         ("[0.1, nan]", "[0.1, 0.2]", "finite"),
     ],
 )
