@@ -87,6 +87,8 @@ def test_an_encoder_s_speed_is_half_an_interval_late_and_corrected(counted):
     assert abs(errors(late)["a"]) > 0.15
     assert any("wheel's speed seems to be half an interval (0.005 s)" in text for text in late.warnings)
     assert any("--delay wheel_angular_speed=0.005" in text for text in late.warnings)
+    more = identified(counted, seed=3, delays={"wheel_angular_speed": -HALF})
+    assert any("more than the --delay wheel_angular_speed=-0.005 that is given" in text for text in more.warnings)
     right = identified(counted, seed=3, delays={"wheel_angular_speed": HALF})
     assert not any("half an interval" in text for text in right.warnings)
     for p in right.chosen.fit.parameters:

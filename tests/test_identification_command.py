@@ -138,6 +138,9 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
         railslip("identify", log, log, "--observed", tmp_path / "none.csv")
     )
     assert "is given twice" in refused(railslip("identify", log, log))
+    before = log.read_bytes()
+    assert "is the log itself" in refused(railslip("identify", log, "--observed", log))
+    assert log.read_bytes() == before
 
 
 def test_the_course_of_a_braking_shows_the_torque_that_the_adhesion_had(log):

@@ -151,6 +151,8 @@ def command(
         if len(logs) > 1:
             raise InputError(f"--observed: is for one log, but there are {len(logs)}; give them one by one")
         check_file(observed, "--observed")
+        if observed.exists() and any(log.exists() and log.samefile(observed) for log in logs):
+            raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")
     if out is not None:
         check_directory(out, _file_names(len(logs)))
     chosen = _vehicle(vehicle, loaded)

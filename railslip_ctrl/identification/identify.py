@@ -342,20 +342,25 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         peaks=peaks,
         reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting)),
+        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting, options)),
     )
 
 
-def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step."""
+def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting, options: Options) -> tuple[str, ...]:
+    """A sentence where the motion shows that the columns are out of step; not where one v0 stands for several."""
+    if curve.survey.is_mixed:
+        return ()
     late = half_interval_late(fit, curve.record, vehicle, setting.wheel_load)
     if late is None:
         return ()
-    remedy = f"if it is a difference of counts, give --delay {curve.wheel_column}={late:.3g}"
+    given = options.delays.get(curve.wheel_column, 0.0)
+    remedy = f"if it is a difference of counts, give --delay {curve.wheel_column}={given + late:.3g}"
+    if given:
+        remedy = f"more than the --delay {curve.wheel_column}={given:.3g} that is given seems to be needed"
     if late < 0.0:
         remedy = "if torque or train speed are filtered, give their --delay"
     return (
-        f"{curve.name}: the wheel's speed seems to be half an interval ({abs(late):.3g} s) or so "
+        f"{curve.name}: the wheel's speed seems to be half an interval ({abs(late):.3g} s) or more "
         f"{'late' if late > 0 else 'early'} beside the other columns, which falsifies the fits; {remedy}",
     )
 

@@ -97,6 +97,11 @@ class Survey:
         if len(self.gaps) < _MOST_NAMED:
             self.gaps.append((line, seconds))
 
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the runs begin at speeds so different that one v0 stands for several."""
+        return self.slowest_start * _MIXED < self.fastest_start
+
     def note_starts(self, speeds: Floats) -> None:
         """Take note of the train speeds at which runs begin, m/s."""
         if len(speeds):
@@ -122,7 +127,7 @@ class Survey:
                 f"{100.0 * self.lost_share:.2g} % of the braking data ({self.lost} rows) lies within the settling time "
                 "after gaps or the start, and is not used"
             )
-        if self.slowest_start * _MIXED < self.fastest_start:
+        if self.is_mixed:
             found.append(
                 f"braking begins between {self.slowest_start / KMH:.4g} and {self.fastest_start / KMH:.4g} km/h: "
                 f"v0, with which bristles and curve change, is taken as {self.initial_speed / KMH:.4g} km/h "
