@@ -6,6 +6,7 @@ import math
 
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
 from railslip_ctrl.simulation import Run
+from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.units import KMH
 
 from .blocks import Block, Group, Items, Paragraph, Picture, Section, Table
@@ -23,7 +24,8 @@ def stops_section(report: DesignReport) -> Section:
     intro = Paragraph(
         "Nonlinear runs of the quarter car through the brake's dead time and lag, with the published random force "
         "and caliper disturbance, the same noise for every controller. The bound is the stop of a controller that "
-        "knows the rail ahead: no controller can stop in less."
+        "knows the rail ahead: on the adhesion law of the same run no controller can stop in less. Another law, as "
+        "the dynamic model below, has another bound, which is not given here."
     )
     groups = [_stop_group(i, stop) for i, stop in enumerate(report.stops, start=1)]
     laws = Paragraph(_adhesion(report), strong=True)
@@ -56,8 +58,10 @@ def _layered(report: DesignReport) -> list[Block]:
     own = next((one for one in full.verification.conditions if one.name == _LAYERED_STOPS), None)
     text = (
         "The layered law is not in these tables: it acts about the holding torque of a rail that it has to know, and "
-        "starts with that torque applied, while these controllers start with a released brake and measure only "
-        "speeds. A common table would compare unlike tasks."
+        "starts with that torque applied, while these controllers measure only speeds. A common table would compare "
+        "unlike tasks. Nor do these begin alike: PI-lead commands at once what even wet rail surely takes "
+        f"({INITIAL_SHARE:g} of wheel load times radius), while the integral of the published PI begins at nought. "
+        "The command railslip simulate prints initial torque, torque limits and anti-windup of each."
     )
     if own is not None:
         text += f" Its own stops, from 100 to 5 km/h without disturbance: {own.evidence}"
@@ -107,7 +111,9 @@ def _stop_finding(stop: Stop) -> str:
     text = f"Shortest: {name}, {short(shortest.braking_distance)} m"
     if bound is not None and math.isfinite(bound.braking_distance):
         over = 100 * (shortest.braking_distance / bound.braking_distance - 1)
-        text += f", {over:.0f} % over the {short(bound.braking_distance)} m below which no controller can stop"
+        text += (
+            f", {over:.0f} % over the {short(bound.braking_distance)} m below which no controller can stop on this law"
+        )
     text += below_reference(name, shortest)
     return text + (f". The wheel locks with: {', '.join(locked)}." if locked else ". No wheel locks.")
 

@@ -162,7 +162,7 @@ def _stop(stop: Stop) -> str:
     name = next(one.name for one in stop.runs if one.run is shortest)
     text = f"{_capital(stop.title)}: shortest with {name}, {short(shortest.braking_distance, 3)} m"
     if bound is not None and math.isfinite(bound.braking_distance):
-        text += f"; no controller can stop in less than {short(bound.braking_distance, 3)} m"
+        text += f"; no controller can stop in less than {short(bound.braking_distance, 3)} m on the same law"
     return text + below_reference(name, shortest) + "."
 
 
