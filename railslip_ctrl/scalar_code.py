@@ -1,7 +1,7 @@
 """Scalar functions of the plant for compiled simulation kernels, generated from its SymPy statement.
 
 `make generate` writes them, one module a law, to `_generated/scalar/`; they are used as text, which
-`simulation.compilation` puts together with a controller and the integration loop. A function of the statement that
+`kernels.text` puts together with a controller and the integration loop. A function of the statement that
 has no closed form (the bristle curve) is read from a table of values and slopes over the slip ratio.
 
 The functions take (v, sigma, z, Tb, Td, Tr, p, table): m/s, m/s, m, N*m three times, the array of

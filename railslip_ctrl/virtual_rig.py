@@ -21,8 +21,8 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.observer.sensors import Encoder
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
-from railslip_ctrl.simulation.compilation import step_text
 from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.kernel_text import step_text
 from railslip_ctrl.units import KMH
 
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from railslip_ctrl.cli.report import _may_write
 from railslip_ctrl.design_check import design_check
 from railslip_ctrl.design_report import assemble
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.kernels import compilation
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.plots.design_report import linear_figures, run_figures
 from railslip_ctrl.report.design_report_json import KEY_OF_SECTION
@@ -29,7 +30,6 @@ from railslip_ctrl.report.html.sliding_sections import decided
 from railslip_ctrl.report.html.typography import typeset
 from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.provenance import Provenance
-from railslip_ctrl.simulation import compilation
 from railslip_ctrl.sliding.verdict import Condition
 from railslip_ctrl.sliding_verification.layered import layered_design
 from railslip_ctrl.switching import layer_loop

@@ -7,7 +7,7 @@ import pytest
 
 from railslip_ctrl.design_report import kept as module
 from railslip_ctrl.design_report.kept import kept
-from railslip_ctrl.simulation.compilation import CACHE_VARIABLE
+from railslip_ctrl.kernels.compilation import CACHE_VARIABLE
 
 
 @pytest.fixture

@@ -28,7 +28,6 @@ from railslip_ctrl.simulation import (
     simulate,
 )
 from railslip_ctrl.simulation.catalogue import NAMES, controller_named
-from railslip_ctrl.simulation.compilation import kernel
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.designed import (
     MS_MAX,
@@ -40,6 +39,7 @@ from railslip_ctrl.simulation.designed import (
     recommended_schedule,
     slide_protection,
 )
+from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.published import published_controller, published_law_gains
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,13 +18,14 @@ from sample_laws import ALL_LAWS, sample_law
 
 from railslip_ctrl.adhesion import law_names, published_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.kernels.compilation import module_of
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.sliding import ideal_loop
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
 from railslip_ctrl.sliding.generated import LAW_FILE, SOURCES, generate_law, law_source
-from railslip_ctrl.sliding.ideal_loop import STEP, simulate
+from railslip_ctrl.sliding.ideal_loop import STEP, Disturbances, simulate
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 from railslip_ctrl.sliding.symbols import sliding_symbol
 
@@ -233,15 +233,28 @@ def test_bristle_state_settles_where_the_law_is_at_rest() -> None:
 
 def test_the_ideal_loop_runs_the_generated_control(monkeypatch) -> None:
     """Its torque is what `control` says: with half of it in its place the loop's is half."""
-    sound = python_law(derive())
-    halved = SimpleNamespace(**vars(sound))
-    halved.control = lambda *arguments: (0.5 * (answer := sound.control(*arguments))[0], *answer[1:])
     options = {"duration": 2 * STEP, "held_speed": 20.0, "start_estimate": (1e-5, 0.0)}
     whole = simulate(PARK2008, PUBLISHED_LAW, **options)
-    names = generate(derive()).law.control_arguments
-    monkeypatch.setattr(ideal_loop, "_generated", lambda: (halved, names))
+    text = ideal_loop.kernel_text(type(sample_law("bristle")), compiled=False)
+    halved = text.replace("    return bounded(torque)", "    return 0.5 * bounded(torque)")
+    assert halved != text
+    monkeypatch.setattr(ideal_loop, "_kernel", lambda law: module_of(halved, compiled=False))
     half = simulate(PARK2008, PUBLISHED_LAW, **options)
     assert half.torque[0, 0] == 0.5 * whole.torque[0, 0] != 0.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_compiled_ideal_loop_is_the_interpreted_one(monkeypatch, noise) -> None:
+    """A relay would drive rounding apart; without it the two arithmetics differ by rounding alone."""
+    options = {"duration": 1.0, "disturbances": Disturbances(random_force=90.0, torque=True, slip_noise=noise)}
+    gains = replace(PUBLISHED_LAW, K=0.0)
+    compiled = simulate(PARK2008, gains, seeds=(1, 2), **options)
+    text = ideal_loop.kernel_text(type(sample_law("bristle")), compiled=False)
+    monkeypatch.setattr(ideal_loop, "_kernel", lambda law: module_of(text, compiled=False))
+    interpreted = simulate(PARK2008, gains, seeds=(1, 2), **options)
+    for name, values in vars(interpreted).items():
+        size = np.max(np.abs(values))
+        assert np.max(np.abs(getattr(compiled, name) - values)) <= 1e-12 * size, name  # 500 steps of 1e-16
 
 
 def test_the_ideal_loop_adapts_as_the_generated_step() -> None:

@@ -378,7 +378,6 @@ def test_a_statement_of_two_actuators_is_refused(monkeypatch):
                 actuation.actuator_dead_time(ACTUATOR)
     actuation._actuation.cache_clear()
     assert actuation.actuator_dead_time(ACTUATOR) == ACTUATOR.dead_time
-    assert actuation.torque_rate_function()(100.0, 160.0, ACTUATOR.lag) == pytest.approx(100.0)
 
 
 def test_searches_that_are_refused():

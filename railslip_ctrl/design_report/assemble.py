@@ -14,10 +14,10 @@ from typing import Any
 from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.kernels import compilation
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.parameters import PIGains, Vehicle
 from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
-from railslip_ctrl.simulation import compilation
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import railslip_ctrl
-from railslip_ctrl.simulation.compilation import cache_folder
+from railslip_ctrl.kernels.compilation import cache_folder
 
 T = TypeVar("T")
 

@@ -248,9 +248,10 @@ def cleaned(roots: Complexes) -> Complexes:
         near = np.abs(roots - root) <= _MULTIPLE * np.abs(root)
         if np.count_nonzero(near) > 1:
             merged[near] = roots[near].mean()
-    candidates = [_on_axis(merged), merged, _on_axis(roots)]
-    exact = [c for c in candidates if _same_coefficients(c, roots)]
-    return exact[0] if exact else roots
+    for candidate in (_on_axis(merged), merged, _on_axis(roots)):
+        if np.array_equal(candidate, roots) or _same_coefficients(candidate, roots):
+            return candidate
+    return roots
 
 
 def _on_axis(roots: Complexes) -> Complexes:

@@ -16,10 +16,11 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import plant_parameters
 from railslip_ctrl.parameters import PIGains, Rail
 from railslip_ctrl.sliding.gains import LawGains, gain_parameters
+from railslip_ctrl.sliding.generated import generated_law
 from railslip_ctrl.units import KMH
 
-from .compilation import step_text
-from .sliding_text import generated_law, sliding_source
+from .kernel_text import step_text
+from .sliding_text import sliding_source
 
 if TYPE_CHECKING:
     from .scenario import Scenario

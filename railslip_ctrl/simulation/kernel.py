@@ -12,7 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .slots import adhesion_force, command, compiled, entry, lag_rate, rates, rates_and_powers, stiffness
+from railslip_ctrl.kernels.slots import (
+    adhesion_force,
+    command,
+    compiled,
+    entry,
+    lag_rate,
+    rates,
+    rates_and_powers,
+    stiffness,
+)
 
 # --- layout --------------------------------------------------------------------------------------------------------
 

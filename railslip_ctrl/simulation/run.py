@@ -16,8 +16,8 @@ from railslip_ctrl.scalar_code import WORKS
 from railslip_ctrl.units import shown
 
 from . import kernel as layout
-from .compilation import kernel
 from .controllers import Controller
+from .kernel_text import kernel
 from .plan import make_plan
 from .scenario import Scenario
 

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from functools import cache
-from types import ModuleType
-from typing import Any
 
 from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.kernels.text import plain, prefixed
 from railslip_ctrl.scalar_code import scalar_source
-from railslip_ctrl.sliding.generated import law_source
+from railslip_ctrl.sliding.generated import generated_law, law_kernel_text
 
-from .compilation import plain, prefixed, step_text
-
-
-@cache
-def generated_law() -> Any:
-    """The law as a module: `Parameters`, `State`, `step`."""
-    module = ModuleType("railslip_sliding_law")
-    exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
-    return module
+from .kernel_text import step_text
+from .steps import sliding as steps
 
 
 @cache
@@ -29,15 +20,9 @@ def sliding_source(model: type[AdhesionLaw] | None) -> str:
     Without a model of its own the law assumes the plant's, whose functions the kernel has; they are named again, so
     that the text is the same for every law.
     """
-    law, first = generated_law(), 2
-    fields, states = law.Parameters._fields, law.State._fields
-    after = first + len(fields)
+    law = generated_law()
+    states, after = law.State._fields, steps.FIRST + len(law.Parameters._fields)
     glue = f"""
-@compiled
-def law_parameters(c):
-    return Parameters({", ".join(f"float(c[{first + i}])" for i in range(len(fields)))})
-
-
 @compiled
 def law_state(x):
     return State({", ".join(f"float(x[{1 + i}])" for i in range(len(states)))})
@@ -57,5 +42,6 @@ def assumed_torque(v, omega, c, table):
 
 """
     own = "" if model is None else prefixed(plain(scalar_source(model)), "assumed_")
-    law_text = re.sub(r"^def ", "@compiled\ndef ", plain(law_source()), flags=re.MULTILINE)
-    return own + law_text + glue.replace("{prefix}", "" if model is None else "assumed_") + step_text("sliding")
+    return (
+        own + law_kernel_text() + glue.replace("{prefix}", "" if model is None else "assumed_") + step_text("sliding")
+    )

@@ -7,8 +7,13 @@ at once.
 from __future__ import annotations
 
 import hashlib
+import re
 from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from railslip_ctrl.kernels.text import plain
 
 PACKAGE = Path(__file__).parents[1]
 LAW_FILE = PACKAGE / "_generated" / "sliding_law.py"
@@ -34,6 +39,23 @@ def law_source() -> str:
         if text.startswith(_HEAD) and text.endswith(foot):
             return text.removeprefix(_HEAD).removesuffix(foot)
     return _derived()
+
+
+@cache
+def generated_law() -> Any:
+    """The law as a module: `Parameters`, `State`, `start`, `control`, `valid`, `step`."""
+    module = ModuleType("railslip_sliding_law")
+    exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
+    return module
+
+
+@cache
+def law_kernel_text() -> str:
+    """The law's functions for a kernel, and `law_parameters(c, first)`: its parameters, in order from c[first] on."""
+    fields = len(generated_law().Parameters._fields)
+    numbers = ", ".join(f"float(c[first + {i}])" for i in range(fields))
+    text = re.sub(r"^def ", "@compiled\ndef ", plain(law_source()), flags=re.MULTILINE)
+    return f"{text}\n\n@compiled\ndef law_parameters(c, first):\n    return Parameters({numbers})\n\n"
 
 
 def generate_law() -> str:

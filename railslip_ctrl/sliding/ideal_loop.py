@@ -1,8 +1,7 @@
 """The loop the proof is about, simulated: the derived law acting at once on the plant, without the actuator.
 
-The law is the generated one (`code.python_law`), its `control` called for each run. The torque is computed once a step
-and held; the plant is integrated by Heun's method; runs that differ by their seed
-are integrated together. A relay's s chatters within (one step) * K0 of zero.
+The law is the generated one, its `control` compiled into the loop of `ideal_kernel`. A relay's s chatters within
+(one step) * K0 of zero.
 """
 
 from __future__ import annotations
@@ -10,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import repeat
+from inspect import signature
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -21,13 +21,17 @@ from numpy.typing import NDArray
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.errors import DomainError
-from railslip_ctrl.numeric import NumericPlant, numeric_plant, plant_parameters
+from railslip_ctrl.kernels.compilation import module_of
+from railslip_ctrl.kernels.text import module_text, plain
+from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
 from railslip_ctrl.units import KMH
 
+from . import ideal_kernel as loop
 from .code import generate, python_law
 from .derivation import derive
 from .gains import LawGains, gain_parameters
+from .generated import generated_law, law_kernel_text
 from .reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from .symbols import sliding_symbol
 
@@ -105,172 +109,134 @@ def simulate(
     DomainError where a run diverges beyond the slip the bristle model holds for.
     """
     law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
-    if not disturbances.resistance:
-        none = {"resistance": Resistance()}
-        vehicle = vehicle.model_copy(update=none)
-        change = change and (change[0], change[1].model_copy(update=none))
-    loop = _Loop(vehicle, nominal or vehicle, gains, law, rail, disturbances, held_speed, len(seeds))
+    slip = law.reference_slip(rail)
+    assert slip is not None, "the bristle model has a published reference"
     steps = round(duration / STEP)
+    vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
+    if not disturbances.resistance:
+        vehicles = tuple(one.model_copy(update={"resistance": Resistance()}) for one in vehicles)
+    plants = np.array([plant_parameters(law, one) for one in vehicles])
+    changed = steps if change is None else round(change[0] / STEP)
+    speed = held_speed if held_speed is not None else INITIAL_SPEED_KMH * KMH
+    limit = law.domain_limit(speed)[0] * speed  # does not move with v
+    start = _start(law, plants[0], speed, 0.0 if held_speed is None else slip * speed)
     force, noise = _random(disturbances, seeds, steps)
-    start_speed = held_speed if held_speed is not None else INITIAL_SPEED_KMH * KMH
-    state = loop.start(start_speed, start_estimate)
-    rows = []
-    with np.errstate(over="raise", divide="raise", invalid="raise"):  # a run that leaves the range of doubles
-        for i in range(steps):
-            if change is not None and i == round(change[0] / STEP):
-                loop.exchange(change[1])
-            _check_slip(law, start_speed, state.sigma)
-            rows.append(loop.step(i * STEP, state, force[i // round(_NOISE_HELD / STEP)], noise[i]))
-            if not np.any(loop.running(state)):
-                break
-    return _run(np.array(rows, dtype=np.float64), loop.theta)
-
-
-def _check_slip(law: AdhesionLaw, speed: float, sigma: Floats) -> None:
-    """DomainError where a diverging run has left the law's domain, whose end in slip velocity does not move with v."""
-    limit = law.domain_limit(speed)[0] * speed
-    if not np.all(np.abs(sigma) < limit):
+    rows = np.full((len(seeds), steps, loop.COLUMNS), np.nan)
+    left = _kernel(type(law)).run(
+        *(rows, np.array([*start, *start_estimate]), force, noise, plants, changed),
+        _common(disturbances, gains, slip, held_speed is not None, limit),
+        np.array(_law_of(gains, slip, vehicle, nominal or vehicle)),
+        np.zeros(1),  # the bristle model is in closed form
+    )
+    if left != 0.0:
         raise DomainError(
-            f"slip velocity: {np.max(np.abs(sigma)):.4g} m/s in the ideal loop is outside the domain of adhesion "
-            f"{law.name!r}, {limit:.4g} m/s; give smaller gains"
+            f"slip velocity: {abs(left):.4g} m/s in the ideal loop is outside the domain of adhesion {law.name!r}, "
+            f"{limit:.4g} m/s; give smaller gains"
         )
+    return _run(rows, force, disturbances, vehicles, changed, gains, nominal or vehicle)
+
+
+def _start(law: AdhesionLaw, p: Floats, speed: float, sigma: float) -> tuple[float, float, float]:
+    """v, sigma, z at rest there."""
+    state = numeric_plant(type(law)).rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p) if sigma else 0.0
+    return speed, sigma, float(state)
 
 
 def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Random forces, N, and slip noise, m/s: one column a seed, each with a generator of its own."""
-    held = steps // round(_NOISE_HELD / STEP) + 1
-    force, noise = np.empty((held, len(seeds))), np.empty((steps, len(seeds)))
-    for column, seed in enumerate(seeds):
+    """Random forces, N, and slip noise, m/s: one row a seed, each with a generator of its own."""
+    each = round(_NOISE_HELD / STEP)
+    force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
+    for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        force[:, column] = disturbances.random_force * np.clip(generator.standard_normal(held), -3.0, 3.0)
-        noise[:, column] = disturbances.slip_noise * generator.standard_normal(steps)
+        held = disturbances.random_force * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(held, each)[:steps]
+        noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
 
 
-def _run(rows: Floats, theta: Floats) -> IdealRun:
-    time = np.asarray(STEP * np.arange(len(rows)), dtype=np.float64)
-    speed, sigma, s, V, theta1, theta2, disturbance, torque = rows.transpose(1, 0, 2)
-    return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), disturbance, torque, theta)
+def _common(disturbances: Disturbances, gains: LawGains, slip: float, held: bool, limit: float) -> Floats:
+    """What holds for all runs, in the kernel's order."""
+    common = np.empty(12)
+    common[[loop.STEP, loop.REFERENCE, loop.HELD, loop.SLIP_LIMIT]] = STEP, slip, held, limit
+    common[loop.END_SPEED] = END_SPEED
+    common[loop.FRACTION] = TORQUE_FRACTION if disturbances.torque else 0.0
+    common[[loop.DECAY, loop.FREQUENCY]] = TORQUE_DECAY, TORQUE_FREQUENCY
+    # the box is kept by the loop, as the generated step keeps it
+    box = ((-np.inf, np.inf), (-np.inf, np.inf)) if gains.box is None else gains.box
+    common[[loop.LOW1, loop.HIGH1, loop.LOW2, loop.HIGH2]] = np.ravel(box)
+    return common
 
 
-@dataclass
-class _State:
-    v: Floats
-    sigma: Floats
-    z: Floats
-    e_integral: Floats
-    theta_hat: Floats  # (2, seeds)
+def _law_of(gains: LawGains, slip: float, vehicle: Vehicle, nominal: Vehicle) -> Any:
+    """Parameters of the generated law with the numbers of `nominal`, wheel and inertia those of `vehicle`."""
+    return law_parameters(
+        **gain_parameters(replace(gains, box=None)),
+        J=vehicle.effective_inertia,
+        r=vehicle.wheel.radius,
+        Mn=nominal.effective_mass,
+        Bn=nominal.effective_viscous_friction,
+        lambda_d=slip,
+    )
 
 
-class _Loop:
-    """The closed loop of one batch."""
+def _run(
+    rows: Floats,
+    force: Floats,
+    disturbances: Disturbances,
+    vehicles: tuple[Vehicle, ...],
+    changed: int,
+    gains: LawGains,
+    nominal: Vehicle,
+) -> IdealRun:
+    """The signals to the end of the longest stop, with d and V, which the loop does without."""
+    length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, loop.SPEED]), axis=1)))
+    signals, random_force = rows[:, :length].transpose(2, 1, 0), force[:, :length].T
+    time = np.asarray(STEP * np.arange(length), dtype=np.float64)
+    parts = [slice(0, min(changed, length)), slice(min(changed, length), length)]
+    d, V = np.empty((2, length, len(rows)))
+    adapts = gains.k1 > 0 and gains.k2 > 0
+    for part, vehicle in zip(parts, vehicles, strict=True):
+        at = signals[:, part]
+        theta = true_theta(vehicle, nominal)
+        d[part] = _disturbance(vehicle, disturbances, time[part], at[loop.SPEED], at[loop.TORQUE], random_force[part])
+        errors = (theta[0] - at[loop.THETA1], theta[1] - at[loop.THETA2])
+        V[part] = lyapunov_function()(at[loop.SURFACE], *errors, gains.k1, gains.k2) if adapts else np.nan
+    theta_hat = np.stack((signals[loop.THETA1], signals[loop.THETA2]), axis=-1)
+    last = true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
+    speed, sigma, s, torque = (signals[one] for one in (loop.SPEED, loop.SIGMA, loop.SURFACE, loop.TORQUE))
+    return IdealRun(time, speed, sigma, s, V, theta_hat, d, torque, last)
 
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        nominal: Vehicle,
-        gains: LawGains,
-        law: AdhesionLaw,
-        rail: Rail,
-        disturbances: Disturbances,
-        held_speed: float | None,
-        size: int,
-    ) -> None:
-        slip = law.reference_slip(rail)
-        assert slip is not None, "the bristle model has a published reference"
-        self.gains, self.disturbances, self.slip, self.held, self.size = gains, disturbances, slip, held_speed, size
-        self.plant: NumericPlant = numeric_plant(type(law))
-        self.law, self.nominal = law, nominal
-        self.exchange(vehicle)
-        self.law_parameters = law_parameters(
-            **gain_parameters(replace(gains, box=None)),  # the box is kept in `_adapt`, as the generated step does
-            J=self.J,
-            r=self.r,
-            Mn=nominal.effective_mass,
-            Bn=nominal.effective_viscous_friction,
-            lambda_d=slip,
-        )
-        self.rates = np.array([gains.k1, gains.k2])
 
-    def exchange(self, vehicle: Vehicle) -> None:
-        """The vehicle the law acts on; its resistance counts where the run has one."""
-        self.p = plant_parameters(self.law, vehicle)
-        self.M, self.J, self.r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-        self.theta = true_theta(vehicle, self.nominal)
-        self.resistance = vehicle.resistance
+def _disturbance(
+    vehicle: Vehicle, disturbances: Disturbances, time: Floats, speed: Floats, torque: Floats, force: Floats
+) -> Floats:
+    """(J/r) d, N*m, arrays (steps, seeds)."""
+    M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
+    resistance = vehicle.resistance
+    Fr = resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
+    fading = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time)
+    Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
+    return np.asarray(disturbance_function()(r * force, Fr, Td, M, J, r) * J / r)
 
-    def start(self, speed: float, estimate: tuple[float, float]) -> _State:
-        ones = np.ones(self.size)
-        v, sigma = speed * ones, (0.0 if self.held is None else self.slip * speed) * ones
-        z = 0.0 * ones if self.held is None else self.plant.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, self.p) * ones
-        return _State(v, sigma, z, 0.0 * ones, np.outer(np.array(estimate), ones))
 
-    def running(self, state: _State) -> Any:
-        return state.v > END_SPEED
+@cache
+def _kernel(law: type[AdhesionLaw]) -> ModuleType:
+    return module_of(kernel_text(law))
 
-    def step(self, t: float, state: _State, force: Floats, noise: Floats) -> Floats:
-        """The row of signals at t; moves `state` on by one step."""
-        Tr = self.r * force
-        v_rate = self._plant_rates(state.v, state.sigma, state.z, 0.0, 0.0, Tr)[0]
-        Ta = self._measured_torque(state, noise)
-        measured = state.sigma + noise
-        e = self.slip * state.v - measured
-        signals = {"e": e, "e_integral": state.e_integral, "omega": (state.v - measured) / self.r, "Ta": Ta}
-        signals |= {"v_rate": v_rate, "theta1_hat": state.theta_hat[0], "theta2_hat": state.theta_hat[1]}
-        Tb, s, *rates = generated_control(signals, repeat(self.law_parameters))
-        Td = self._disturbance_torque(t, Tb)
-        fr = self.resistance.constant + self.resistance.linear * state.v + self.resistance.quadratic * state.v**2
-        d = disturbance_function()(Tr, fr, Td, self.M, self.J, self.r) * self.J / self.r
-        running = self.running(state)
-        row = np.array([state.v, state.sigma, s, self._lyapunov(s, state.theta_hat), *state.theta_hat, d, Tb])
-        self._move(state, running, e, noise, (Tb, Td, Tr))
-        self._adapt(state, np.where(running, np.array(rates), 0.0))
-        return np.where(running, row, np.nan)
 
-    def _plant_rates(self, *arguments: Any) -> tuple[Any, Any, Any]:
-        v_rate, sigma_rate, z_rate = self.plant.rates(*arguments, self.p)
-        if self.held is not None:
-            v_rate = 0.0 * v_rate
-        return v_rate, sigma_rate, z_rate
+def kernel_text(law: type[AdhesionLaw], *, compiled: bool = True) -> str:
+    """The kernel's module: the plant with a law, the generated sliding-mode law, and the loop."""
+    # floats: the law, run in the interpreter, counts with them and not with NumPy's
+    names = list(signature(generated_law().control).parameters)[:-1]
+    arguments = ", ".join(f"float({name})" for name in names)
+    joined = f"""
+@compiled
+def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
+    return control({arguments}, p)
 
-    def _measured_torque(self, state: _State, noise: Floats) -> Any:
-        """Ta of the law: the true one, moved by what the noise moves the model at rest."""
-        Ta = self.r * self.plant.force(state.v, state.sigma, state.z, 0.0, 0.0, 0.0, self.p)
-        if self.disturbances.slip_noise == 0.0:
-            return Ta
-        at_rest = [
-            self.plant.force(state.v, x, self.plant.rest_state(state.v, x, 0.0, 0.0, 0.0, 0.0, self.p), 0, 0, 0, self.p)
-            for x in (state.sigma + noise, state.sigma)
-        ]
-        return Ta + self.r * (at_rest[0] - at_rest[1])
-
-    def _disturbance_torque(self, t: float, Tb: Floats) -> Any:
-        if not self.disturbances.torque:
-            return 0.0 * Tb
-        return TORQUE_FRACTION * Tb * np.exp(-TORQUE_DECAY * t) * np.sin(TORQUE_FREQUENCY * t)
-
-    def _lyapunov(self, s: Floats, theta_hat: Floats) -> Floats:
-        if not np.all(self.rates > 0):
-            return np.full_like(s, np.nan)
-        error = self.theta[:, None] - theta_hat
-        return np.asarray(lyapunov_function()(s, *error, *self.rates))
-
-    def _move(self, state: _State, running: Any, e: Floats, noise: Floats, torques: tuple[Any, Any, Any]) -> None:
-        first = self._plant_rates(state.v, state.sigma, state.z, *torques)
-        ahead = [x + STEP * rate for x, rate in zip((state.v, state.sigma, state.z), first, strict=True)]
-        second = self._plant_rates(*ahead, *torques)
-        h = np.where(running, 0.5 * STEP, 0.0)
-        state.v = state.v + h * (first[0] + second[0])
-        state.sigma = state.sigma + h * (first[1] + second[1])
-        state.z = state.z + h * (first[2] + second[2])
-        state.e_integral = state.e_integral + h * (e + self.slip * state.v - state.sigma - noise)
-
-    def _adapt(self, state: _State, rates: Floats) -> None:
-        theta_hat = state.theta_hat + STEP * rates
-        if self.gains.box is not None:
-            low, high = np.array(self.gains.box).T
-            theta_hat = np.clip(theta_hat, low[:, None], high[:, None])
-        state.theta_hat = theta_hat
+"""
+    own = plain(Path(loop.__file__).read_text("utf-8"))
+    return module_text(law, law_kernel_text(), joined, own, compiled=compiled)
 
 
 # --- the derived expressions as functions ---------------------------------------------------------------------------

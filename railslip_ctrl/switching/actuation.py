@@ -27,14 +27,13 @@ class _Actuation:
     """Functions made of the statement.
 
     response(s, tau, T): Ga; numerator(T), denominator(T): its coefficients in s without the dead time, highest first;
-    delay(tau, T): the dead time; torque_rate(Tb, Tc, T): Tb', N*m/s.
+    delay(tau, T): the dead time.
     """
 
     response: Callable[..., Any]
     numerator: Callable[..., Any]
     denominator: Callable[..., Any]
     delay: Callable[..., Any]
-    torque_rate: Callable[..., Any]
 
 
 def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
@@ -57,11 +56,6 @@ def actuator_dead_time(actuator: Actuator) -> float:
     return float(_actuation().delay(actuator.dead_time, actuator.lag))
 
 
-def torque_rate_function() -> Callable[[float, float, float], float]:
-    """Tb' of (Tb, Tc, T): acting torque, command after the dead time, N*m, and lag, s, > 0."""
-    return _actuation().torque_rate
-
-
 @cache
 def _actuation() -> _Actuation:
     """DomainError where transfer function and state equation of the statement are not the same actuator."""
@@ -81,5 +75,4 @@ def _actuation() -> _Actuation:
         numerator=sp.lambdify(T, numerator, "numpy"),
         denominator=sp.lambdify(T, denominator, "numpy"),
         delay=sp.lambdify((tau, T), delay, "numpy"),
-        torque_rate=sp.lambdify((plant.Tb, Tc, T), rate, "math"),
     )

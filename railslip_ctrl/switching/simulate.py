@@ -9,23 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.kernels.compilation import module_of
+from railslip_ctrl.kernels.text import module_text, plain
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import Actuator
+from railslip_ctrl.scalar_code import adhesion_table
 from railslip_ctrl.units import KMH
-
-from .actuation import torque_rate_function
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+_State = tuple[float, float, float, float]  # v, sigma, z, acting torque
+_Stepped = tuple[float, float, float, float, float]  # and v'
 
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
@@ -111,11 +118,11 @@ def simulate(
     h = actuator.dead_time / delay if delay else step
     count = math.ceil(duration / h)
     hold = holding_torque(point) if frozen else point.brake_torque
-    rates = _rates(point, actuator, frozen)
-    state = (point.speed, point.sigma + offset, point.adhesion_state or 0.0, hold)
+    advance, load = _stepping(point, actuator, frozen), disturbance or _nothing
+    state = (point.speed, point.sigma + offset, point.adhesion_state or 0.0, float(hold))
+    *_, v_rate = advance(state, hold, (load(0.0),) * 3, 0.0)
     log = np.empty((count, 6))
     commands = [hold] * delay
-    load = disturbance or _nothing
     for n in range(count):
         t = n * h
         v, sigma, _, torque = state
@@ -127,58 +134,43 @@ def simulate(
                 f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
                 f"outside +-{limit:.4g} m/s"
             )
-        command, surface = controller.command(v, sigma, rates(state, 0.0, load(t))[0], h)
+        command, surface = controller.command(v, sigma, v_rate, h)
         commands.append(command)
         acting = torque if actuator.lag > 0 else commands[n]
         log[n] = (t, v, sigma, surface, command, acting)
         # the delayed command over the step: both its ends are known if there is a dead time
         now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
-        state = _advance(rates, state, now, (load(t), load(t + 0.5 * h), load(t + h)), h)
+        *after, v_rate = advance(state, float(now), (load(t), load(t + 0.5 * h), load(t + h)), h)
+        state = (after[0], after[1], after[2], after[3])
     return Run(*log.T)
-
-
-_State = tuple[float, float, float, float]
 
 
 def _nothing(_t: float) -> float:
     return 0.0
 
 
-def _rates(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[[_State, float, float], _State]:
-    functions, p = numeric_plant(type(point.law)).rates, plant_parameters(point.law, point.vehicle)
-    lag, torque_rate = actuator.lag, torque_rate_function()
-
-    def rates(state: _State, command: float, load: float) -> _State:
-        v, sigma, z, torque = state
-        acting = torque if lag > 0 else command
-        v_rate, sigma_rate, z_rate = functions(v, sigma, z, acting, load, 0.0, p)
-        return (
-            0.0 if frozen else float(v_rate),
-            float(sigma_rate),
-            float(z_rate),
-            torque_rate(torque, command, lag) if lag > 0 else 0.0,
-        )
-
-    return rates
+@cache
+def _kernel(law: type[AdhesionLaw]) -> ModuleType:
+    return module_of(kernel_text(law))
 
 
-def _advance(
-    rates: Callable[[_State, float, float], _State],
-    state: _State,
-    command: float,
-    load: tuple[float, float, float],
-    h: float,
-) -> _State:
-    k1 = rates(state, command, load[0])
-    k2 = rates(_moved(state, k1, 0.5 * h), command, load[1])
-    k3 = rates(_moved(state, k2, 0.5 * h), command, load[1])
-    k4 = rates(_moved(state, k3, h), command, load[2])
-    mean = tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
-    return _moved(state, (mean[0], mean[1], mean[2], mean[3]), h)
+def kernel_text(law: type[AdhesionLaw], *, compiled: bool = True) -> str:
+    """The step's module for a law."""
+    own = Path(__file__).with_name("step_kernel.py").read_text("utf-8")
+    return module_text(law, plain(own), compiled=compiled)
 
 
-def _moved(state: _State, rate: _State, h: float) -> _State:
-    return (state[0] + h * rate[0], state[1] + h * rate[1], state[2] + h * rate[2], state[3] + h * rate[3])
+def _stepping(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[..., _Stepped]:
+    """The step of (state, command, loads, h)."""
+    p = np.array(plant_parameters(point.law, point.vehicle))
+    table, lag = adhesion_table(point.law, point.vehicle.wheel_load), float(actuator.lag)
+    run = _kernel(type(point.law)).run
+
+    def advance(state: _State, command: float, loads: tuple[float, float, float], h: float) -> _Stepped:
+        stepped: _Stepped = run(*state, command, *loads, h, lag, frozen, p, table)
+        return stepped
+
+    return advance
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from railslip_ctrl.numeric import plant_parameters
 from railslip_ctrl.parameters import TABLE4_PI
 from railslip_ctrl.scalar_code import adhesion_table, powers
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
-from railslip_ctrl.simulation.compilation import kernel
+from railslip_ctrl.simulation.kernel_text import kernel
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 GAINS = TABLE4_PI["bristle"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.simulation.slots import compiled
+from railslip_ctrl.kernels.slots import compiled
 
 
 @compiled

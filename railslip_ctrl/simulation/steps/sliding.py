@@ -6,13 +6,15 @@ x: s, then the generated `State`.
 
 from __future__ import annotations
 
-from railslip_ctrl.simulation.slots import assumed_torque, compiled, law_parameters, law_state, step, store_state
+from railslip_ctrl.kernels.slots import assumed_torque, compiled, law_parameters, law_state, step, store_state
+
+FIRST = 2  # place of the law's numbers in c
 
 
 @compiled
 def command(x, t, v, omega, applied, c, table):
     """See the package of the steps."""
-    p = law_parameters(c)
+    p = law_parameters(c, FIRST)
     # floats: the generated law, run in the interpreter, counts with them and not with NumPy's
     torque, s, state = step(law_state(x), float(v), float(omega), float(assumed_torque(v, omega, c, table)), p)
     x[0] = s

@@ -1,6 +1,6 @@
 """What a kernel's text finds in its own module when it is put together: here only named and typed, for reading.
 
-`kernel.py` and the files of `steps/` are ordinary modules, but they are run as text: `compilation` joins the scalar
+Loops and controllers are ordinary modules, but they are run as text: `text` joins the scalar
 functions of an adhesion law, one controller and the kernel into one module, in which these names are real, and has
 numba compile it.
 """
@@ -32,7 +32,7 @@ def entry(function: F) -> F:
 
 def _filled_in(name: str) -> Callable[..., object]:
     def slot(*_: object) -> object:
-        raise NotImplementedError(f"{name} is filled in by simulation.compilation")
+        raise NotImplementedError(f"{name} is filled in where a kernel is put together")
 
     return slot
 
@@ -47,6 +47,7 @@ stiffness = _filled_in("stiffness")
 
 # of the sliding-mode law
 assumed_torque = _filled_in("assumed_torque")
+law_control = _filled_in("law_control")
 law_parameters = _filled_in("law_parameters")
 law_state = _filled_in("law_state")
 step = _filled_in("step")

@@ -1,0 +1,29 @@
+"""The kernel of a braking run: the functions of a law, a controller and the loop of `kernel`, as one module."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.kernels.compilation import module_of
+from railslip_ctrl.kernels.text import module_text, plain
+
+_HERE = Path(__file__).parent
+
+
+def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> str:
+    """The module of a law and a controller's source text (see `steps`), to be compiled or to be interpreted."""
+    return module_text(law, controller, plain((_HERE / "kernel.py").read_text("utf-8")), compiled=compiled)
+
+
+def step_text(name: str) -> str:
+    """The source of a file of `steps/`, without its imports."""
+    return plain((_HERE / "steps" / f"{name}.py").read_text("utf-8"))
+
+
+@cache
+def kernel(law: type[AdhesionLaw], controller: str, *, compiled: bool = True) -> ModuleType:
+    """The kernel module, ready to run."""
+    return module_of(kernel_text(law, controller, compiled=compiled), compiled=compiled)
