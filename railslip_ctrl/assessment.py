@@ -69,7 +69,11 @@ class Assessment:
         """The verdict in a sentence, with the number that decides it."""
         if self.margins is not None:
             return f"{self.verdict.value} (Ms {self.margins.ms:.3g})"
-        how_many = "a chain of" if math.isinf(self.unstable_poles) else f"{self.unstable_poles:g}"
+        how_many = (
+            "a chain of closed-loop poles"
+            if math.isinf(self.unstable_poles)
+            else f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
+        )
         where = "on the imaginary axis" if self.marginal else "in the right half plane"
         usable = self.stabilizing_gain_range
         remedy = (
@@ -77,7 +81,7 @@ class Assessment:
             if usable is None
             else f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
         )
-        return f"{self.verdict.value}: {how_many} closed-loop pole(s) {where}; {remedy}"
+        return f"{self.verdict.value}: {how_many} {where}; {remedy}"
 
 
 def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:

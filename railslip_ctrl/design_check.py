@@ -102,8 +102,8 @@ def design_check(
     groups.append(
         _group(
             f"Holding PI, {_scale_name(vehicle.inertia_scale)}",
-            f"least worst Ms at integral time {holding.integral_time:g} s; kp from {holding.gain_range[0]:.4g} to "
-            f"{holding.gain_range[1]:.4g} N*m/(m/s) stabilises all operating points",
+            f"least worst Ms at integral time {holding.integral_time:g} s; with that integral time, kp from "
+            f"{holding.gain_range[0]:.4g} to {holding.gain_range[1]:.4g} N*m/(m/s) stabilises all operating points",
             [(plant, holding.controller) for plant in plants],
         )
     )

@@ -130,7 +130,7 @@ def test_classic_smith_predictor_keeps_the_unstable_pole_as_a_hidden_mode(rail):
     assert abs(design.loop.characteristic(p)) < 1e-9 * abs(design.loop.characteristic(2 * p))
     assert not design.is_stable()
     assert design.hidden_unstable_poles == pytest.approx([p])
-    with pytest.raises(UnstableLoopError, match=rf"cancels the plant's pole\(s\) at {p:.4g} 1/s"):
+    with pytest.raises(UnstableLoopError, match=rf"cancels the plant's pole at {p:.4g} 1/s"):
         design.margins()
     # and what is hidden: L itself looks like a stable loop's
     omega = np.array([0.2, 1.0, 5.0])

@@ -6,6 +6,7 @@ import json
 import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
 from railslip_ctrl.report.design_report_json import design_report_json
 from railslip_ctrl.report.html import design_report_html
+from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.provenance import Provenance
 
 from .options import CaseOptions, case_options, chosen_gains, gain_options
@@ -27,7 +29,19 @@ from .output import print_json, print_text, progress
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
 _OF_CHECK = ("bode", "nyquist", "nichols")
-_OF_PAGE = (*_OF_CHECK, "adhesion", "region", "gang", "responses", "stop-1", "stop-2", "stop-3", "table5")
+_OF_PAGE = (
+    *_OF_CHECK,
+    "adhesion",
+    "region",
+    "gang",
+    "responses",
+    "recommended",
+    "range",
+    "stop-1",
+    "stop-2",
+    "stop-3",
+    "table5",
+)
 
 
 @click.command()
@@ -66,8 +80,9 @@ def command(
     page: bool,
     fresh: bool,
 ) -> None:
-    """The design check: published (or given) gains in both readings of the units and a PI that holds, dry and wet.
-    report.html has that and all else a design review looks at, in one file that needs no network and prints on A4.
+    """The design check: a recommendation with its margins from 100 km/h to walking pace, dry and wet, beside the
+    published (or given) gains in both readings of the units and a PI that holds. report.html has that and all else a
+    design review looks at, in one file that needs no network and prints on A4; the text begins with its verdict.
     Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to: nothing is written then.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
@@ -77,16 +92,16 @@ def command(
     gains = chosen_gains(kp, ki)
     points = cases.points()
     check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
-    files, content = (
+    files, content, text = (
         _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
     )
-    files["report.txt"] = design_check_text(check).encode()
+    files["report.txt"] = text().encode()
     files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
     if as_json:
         print_json(content)
     else:
-        print_text(design_check_text, check)
+        print_text(text)
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if page else ""))
 
 
@@ -115,14 +130,18 @@ def _named(pictures: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
     return {f"{name}.{suffix}": content for name, forms in pictures.items() for suffix, content in forms.items()}
 
 
-def _without_page(check: DesignCheck, told: Callable[[str], None]) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """The pictures of the check by file name, and the content of report.json."""
+Made = tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]
+"""Pictures and page by file name, the content of report.json, and what writes the text at the width of the moment."""
+
+
+def _without_page(check: DesignCheck, told: Callable[[str], None]) -> Made:
+    """The check alone: no designs, no runs, no recommendation."""
     from railslip_ctrl.plots.design_report import check_figures
     from railslip_ctrl.plots.style import figure_files
 
     told("pictures")
     files = _named({name: figure_files(figure) for name, figure in check_figures(check).items()})
-    return files, design_check_json(check, [*_TEXTS, *files])
+    return files, design_check_json(check, [*_TEXTS, *files]), partial(design_check_text, check)
 
 
 def _with_page(
@@ -132,8 +151,8 @@ def _with_page(
     source: Provenance,
     told: Callable[[str], None],
     fresh: bool,
-) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """report.html and its pictures by file name, and the content of report.json.
+) -> Made:
+    """The whole report.
 
     What can be drawn is drawn while the rest is computed, each picture once.
     """
@@ -151,7 +170,8 @@ def _with_page(
     told(_PAGE)
     html = design_report_html(report, {name: forms["svg"] for name, forms in pictures.items()}, source)
     files = _named(pictures) | {_PAGE: html.encode()}
-    return files, design_report_json(report, html, source, [*_TEXTS, *files])
+    content = design_report_json(report, html, source, [*_TEXTS, *files])
+    return files, content, partial(design_check_text, report.whole_check, verdict(report))
 
 
 def provenance(ctx: click.Context) -> Provenance:

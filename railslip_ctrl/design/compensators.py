@@ -59,10 +59,13 @@ class Compensator:
         """Why it is not stable inside; empty if no hidden mode forbids it."""
         if not self.hidden_unstable_poles:
             return ""
+        one = len(self.hidden_unstable_poles) == 1
+        word, stay = ("pole", "stays") if one else ("poles", "stay")
         poles = ", ".join(f"{p.real:.4g}" if p.imag == 0 else f"{p:.4g}" for p in self.hidden_unstable_poles)
         return (
-            f"the {self.structure} cancels the plant's pole(s) at {poles} 1/s, which stay in the closed loop as hidden "
-            "modes: any disturbance at the plant's input grows with them; use a filtered predictor or an observer"
+            f"the {self.structure} cancels the plant's {word} at {poles} 1/s, which {stay} in the closed loop as "
+            f"{'a hidden mode' if one else 'hidden modes'}: any disturbance at the plant's input grows with "
+            f"{'it' if one else 'them'}; use a filtered predictor or an observer"
         )
 
     def margins(self) -> Margins:

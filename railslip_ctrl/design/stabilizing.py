@@ -177,7 +177,9 @@ class StabilizingRegion(Region):
             return self._reason_of_sign()
         unstable = np.sort(self.plant.poles[self.plant.poles.real >= 0].real)[::-1]
         which = ", ".join(f"{p:.6g}" for p in unstable)
-        told = f"no kp stabilises with small ki: at least {self._fewest_unstable:g} closed-loop pole(s) stay unstable"
+        one = self._fewest_unstable == 1
+        poles = f"{self._fewest_unstable:g} closed-loop {'pole stays' if one else 'poles stay'} unstable"
+        told = f"no kp stabilises with small ki: at least {poles}"
         if unstable.size:
             told += f" (real part of the plant's unstable poles: {which} 1/s"
             told += f"; unstable pole times dead time is {unstable[0] * self.dead_time:.6g})"

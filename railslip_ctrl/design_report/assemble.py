@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from railslip_ctrl.assessment import limits_of
+from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.kernels import compilation
@@ -21,12 +22,12 @@ from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
-from railslip_ctrl.sliding.erratum import Erratum
+from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding_verification import FullVerification, Law, verify_with_actuator
 
 from .kept import kept
-from .loops import gain_region, law_curves, loop_designs
-from .records import DesignReport, LinearPart, RunPart, SlidingVerdict
+from .loops import gain_region, law_curves, loop_designs, recommended_group
+from .records import DesignReport, LinearPart, LoopDesigns, RunPart, SlidingVerdict
 from .stops import stops
 
 Progress = Callable[[str], None]
@@ -42,6 +43,11 @@ SECTIONS = {
     "errata": "errata of the paper",
 }
 """What is computed beside the loops, by name, the longest first."""
+
+KEPT = SECTIONS | {"runs": "the paper's numbers (Table 5 and what follows from it)"}
+"""What an earlier report may have kept, by name; braking runs are made anew each time."""
+
+_FROM_CACHE = " (taken from the cache of results)"
 
 
 def design_report(
@@ -84,7 +90,9 @@ def design_report(
     tasks: dict[str, Callable[[], Any]] = {
         "paper": partial(_verified, "paper", check.vehicle, fresh),
         "layered": partial(_verified, "layered", check.vehicle, fresh),
-        "runs": partial(_runs, tuple(points), given, fresh),
+        "runs": partial(
+            _runs, tuple(points), given, None if check.holding is None else check.holding.controller, fresh
+        ),
         "errata": partial(_errata, fresh),
     }
     found: dict[str, Any] = {}
@@ -94,51 +102,99 @@ def design_report(
         curves, region = law_curves(plants), gain_region(check, plants)
         limits = tuple(limits_of(plant, check.vehicle.actuator) for plant in plants)
         progress("designs side by side")
-        linear = LinearPart(check, plants, limits, curves, region, loop_designs(check, plants, given))
+        loops = loop_designs(check, plants, given)
+        linear = LinearPart(check, plants, limits, curves, region, loops, recommended=recommended_group(loops))
         meanwhile(linear)
         for name, found[name] in results:
-            progress(f"done: {SECTIONS[name]}")
+            progress(f"done: {SECTIONS[name]}{_FROM_CACHE if found[name].from_cache else ''}")
             if name == "runs":
-                meanwhile(found[name])
-    verdicts = {name: found[name] for name in ("paper", "layered")}
-    reasons = {name: one for name, one in verdicts.items() if isinstance(one, str)}
-    decided = {name: None if name in reasons else one for name, one in verdicts.items()}
+                meanwhile(found[name].value)
     return DesignReport(
         **vars(linear),
-        **vars(found["runs"]),
-        sliding=SlidingVerdict(decided["paper"], decided["layered"], reasons),
-        errata=found["errata"],
+        **vars(found["runs"].value),
+        sliding=_sliding(found["paper"].value, found["layered"].value, loops),
+        errata=found["errata"].value,
         seconds=time.perf_counter() - started,
+        from_cache=tuple(KEPT[name] for name in SECTIONS if found[name].from_cache),
+    )
+
+
+def _sliding(paper: FullVerification | str, layered: FullVerification | str, loops: LoopDesigns) -> SlidingVerdict:
+    """Both laws' conditions, or the reasons, with the gains they were decided with."""
+    reasons = {name: one for name, one in (("paper", paper), ("layered", layered)) if isinstance(one, str)}
+    gains: dict[str, tuple[tuple[str, float, str], ...]] = {}
+    if not isinstance(paper, str):
+        gains["paper"] = (
+            ("ρ", PUBLISHED_LAW.rho, "1/s"),
+            ("k1", PUBLISHED_LAW.k1, "s²/(kg² m⁴)"),
+            ("k2", PUBLISHED_LAW.k2, "-"),
+        )
+    within = next((one.controller for one in loops.designs if one.needs_hold), None)
+    if not isinstance(layered, str) and within is not None:
+        kp, ki = within.gains.kp, within.gains.ki
+        gains["layered"] = (
+            ("kp = K/layer", kp, "N·m/(m/s)"),
+            ("ki = ρ K/layer", ki, "N·m/m"),
+            ("ρ", ki / kp, "1/s"),
+            ("layer", layered.verification.K / kp, "m/s"),
+            ("lead", within.lead, "s"),
+            ("filter of the lead", within.lead_filter, "s"),
+        )
+    return SlidingVerdict(
+        None if isinstance(paper, str) else paper, None if isinstance(layered, str) else layered, reasons, gains
     )
 
 
 # --- tasks ----------------------------------------------------------------------------------------------------------
 
 
-def _verified(law: Law, vehicle: Vehicle, fresh: bool) -> FullVerification | str:
+class _Found(NamedTuple):
+    """What a task gave, and whether an earlier report had kept it."""
+
+    value: Any
+    from_cache: bool = False
+
+
+def _taken(name: str, compute: Callable[[], Any], given: str = "", *, fresh: bool) -> _Found:
+    """A result kept or computed, and which of the two."""
+    computed = False
+
+    def noted() -> Any:
+        nonlocal computed
+        computed = True
+        return compute()
+
+    value = kept(name, noted, given, fresh=fresh)
+    return _Found(value, not computed)
+
+
+def _verified(law: Law, vehicle: Vehicle, fresh: bool) -> _Found:
     """The conditions of a law, or why they cannot be decided for this vehicle."""
     decided = partial(verify_with_actuator, law=law, vehicle=vehicle)
     try:
-        return kept(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
+        return _taken(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
     except RailslipError as error:
-        return str(error)
+        return _Found(str(error))
 
 
-def _runs(points: tuple[OperatingPoint, ...], given: PIGains | None, fresh: bool) -> RunPart:
+def _runs(
+    points: tuple[OperatingPoint, ...], given: PIGains | None, holding: PIController | None, fresh: bool
+) -> _Found:
     """Braking runs and, of the published vehicle, the paper's numbers: the same compiled kernels serve both."""
     with _compilation_told_once():
-        braking = stops(points, given)
+        braking = stops(points, given, holding)
         if not is_published(points[0].vehicle):
-            return RunPart(braking, None, ())
-        return RunPart(braking, *kept("paper", _paper_numbers, str(SEEDS), fresh=fresh))
+            return _Found(RunPart(braking, None, ()))
+        paper, from_cache = _taken("paper", _paper_numbers, str(SEEDS), fresh=fresh)
+        return _Found(RunPart(braking, *paper), from_cache)
 
 
 def _paper_numbers() -> tuple[Table5, tuple[Fact, ...]]:
     return table5(SEEDS), published_facts()
 
 
-def _errata(fresh: bool) -> tuple[Erratum, ...]:
-    return kept("errata", lambda: errata(derive()), fresh=fresh)
+def _errata(fresh: bool) -> _Found:
+    return _taken("errata", lambda: errata(derive()), fresh=fresh)
 
 
 # --- processes ------------------------------------------------------------------------------------------------------

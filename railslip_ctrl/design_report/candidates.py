@@ -19,7 +19,7 @@ from .records import Origin
 KI_MIN = 5.0
 """Least ki of the tuned designs, N*m/m: without a least one the integral action vanishes."""
 
-MOST_ROBUST, RECOMMENDED = "PI-lead, most robust", "PI-lead, recommended"
+LEAST_MS, FULL_RANGE = "PI-lead, least Ms", "PI-lead, full range"
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ def candidates(
         how = f"least worst Ms over these points at an integral time of {check.holding.integral_time:g} s"
         found.append(Candidate("holding PI", how, check.holding.controller))
     made: dict[str, Made] = {
-        MOST_ROBUST: lambda: _most_robust(plants, vehicle),
-        RECOMMENDED: lambda: _recommended(vehicle),
+        LEAST_MS: lambda: least_ms(plants, vehicle),
+        FULL_RANGE: lambda: _full_range(vehicle),
         "layered law, in its layer": lambda: _layered(vehicle),
     }
     for name, make in made.items():
@@ -65,20 +65,21 @@ def candidates(
     return tuple(found), refused
 
 
-def _most_robust(plants: Sequence[LinearPlant], vehicle: Vehicle) -> Candidate:
+def least_ms(plants: Sequence[LinearPlant], vehicle: Vehicle) -> Candidate:
+    """The PI behind a lead of least worst Ms over the plants; InfeasibleDesignError if none holds them."""
     lead, lead_filter = lag_lead(vehicle.actuator)
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     loops = [actuated_plant(plant, vehicle.actuator) for plant in plants]
     tuned = tune_pi(loops, vehicle.actuator.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
     how = f"least worst Ms over these points, ki ≥ {KI_MIN:g} N·m/m, behind a lead on the brake's lag"
-    return Candidate(MOST_ROBUST, how, PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter))
+    return Candidate(LEAST_MS, how, PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter))
 
 
-def _recommended(vehicle: Vehicle) -> Candidate:
+def _full_range(vehicle: Vehicle) -> Candidate:
     tuned = is_tuned_when_asked("pi-lead", vehicle)
     how = "largest ki with Ms ≤ 2 from 20 to 100 km/h, dry and wet, empty and loaded, two adhesion laws"
     return Candidate(
-        RECOMMENDED,
+        FULL_RANGE,
         how if tuned else f"{how}; rounded, and kept with the package",
         recommended_pi_lead(vehicle).design,
         Origin.COMPUTED if tuned else Origin.KEPT,

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.assessment import assess
+from railslip_ctrl.assessment import ROBUST_MS, assess
 from railslip_ctrl.design import PIController, actuated_plant, intersection, margin_grid, outline, stabilizing_pi
 from railslip_ctrl.design.compensators import Compensator, filtered_smith_predictor, smith_predictor
 from railslip_ctrl.design.effort import Effort, control_effort
 from railslip_ctrl.design.rules import RuleTuning, simc_pi
-from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.design_check import ControllerGroup, DesignCheck, controller_group
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Rational
@@ -23,8 +24,9 @@ from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PIGains, Rail, Vehicle, table4_gains
 from railslip_ctrl.units import KMH
 
-from .candidates import MOST_ROBUST, Candidate, candidates
+from .candidates import LEAST_MS, Candidate, candidates
 from .records import Attempt, GainRegion, LawCurve, LoopDesign, LoopDesigns
+from .speed_range import speed_range
 
 COMPARED_LAWS = ("beam", "curve", "bristle")
 """Published laws drawn beside the one the report is about."""
@@ -143,7 +145,7 @@ def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGai
             refused[f"responses of {one.name}"] = str(error)
             continue
         reference[one.name], load[one.name] = step, push
-    return LoopDesigns(
+    found = LoopDesigns(
         designs=designs,
         refused=refused,
         attempts=tuple(_attempts(plants, vehicle, compared)),
@@ -153,6 +155,18 @@ def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGai
         load=load,
         gangs=gangs,
     )
+    taken = found.recommended
+    return found if taken is None else replace(found, speeds=speed_range(taken.name, taken.controller, plants))
+
+
+def recommended_group(loops: LoopDesigns) -> ControllerGroup | None:
+    """The recommended design's loops as one more group of the design check; None if none is recommended."""
+    taken = loops.recommended
+    if taken is None:
+        return None
+    scale = loops.shown_at.vehicle.inertia_scale
+    standing = "Recommended" if taken.worst_ms <= ROBUST_MS else "Least fragile"
+    return controller_group(f"{standing}: {taken.name}, inertia scale {scale:g}", taken.how, taken.assessments)
 
 
 def _design(one: Candidate, plants: Sequence[LinearPlant], vehicle: Vehicle) -> LoopDesign:
@@ -173,7 +187,7 @@ def _attempts(plants: Sequence[LinearPlant], vehicle: Vehicle, compared: Sequenc
     """A known rule and two predictors at each operating point, each made for it with its exact model."""
     tau = vehicle.actuator.dead_time
     named = {one.name: one.controller for one in compared}
-    primary = named.get(MOST_ROBUST, compared[0].controller).transfer_function
+    primary = named.get(LEAST_MS, compared[0].controller).transfer_function
     found = []
     for plant in plants:
         system = actuated_plant(plant, vehicle.actuator)

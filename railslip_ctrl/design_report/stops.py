@@ -3,41 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError, RailslipError
-from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, Scenario, Simulator, published_scenario
 from railslip_ctrl.simulation.catalogue import controller_named
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.designed import (
+    SPEEDS_KMH,
+    TRACKING_TIME,
+    full_brake_torque,
+    initial_torque,
+    is_published,
+)
 from railslip_ctrl.simulation.published import Column, published_reference
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
 
-from .records import Stop, StopRun
+from .candidates import FULL_RANGE, LEAST_MS, least_ms
+from .records import SlowEnd, Stop, StopRun
 
 CONTROLLERS = {
     "pi": "published PI",
     "asmc": "published ASMC",
-    "pi-lead": "PI-lead, recommended",
+    "pi-lead": FULL_RANGE,
     "slide-protection": "slide protection",
 }
 """Controllers of the catalogue that are run, and what the report calls them."""
 
 SEED = 0
+SPREAD_SEEDS = range(4)
+"""Noise seeds of the spread in braking distance; statistics over many are the campaign's."""
+
+SLOWEST_KMH = 1.0
+"""Where a stop that is continued below its usual end is given up."""
+
+DRY_START = 0.25
+"""Initial torque by wheel load times radius where the rail is known to be dry; the curve's peak is 0.3."""
+
+RELAY_SHARE = 1.0 / 3.0
+"""Torque of the relay by wheel load times radius: what the best dry adhesion takes, about."""
+
+STARTED_DRY, RELAY = f"{FULL_RANGE}, started for dry rail", "relay"
+HOLDING = "holding PI"
+
+_RELAY_GAIN = 1e7  # N*m/(m/s): full torque within a slip velocity of a millimetre a second
 _LOG_PERIOD = 0.05  # s: a picture needs no more
 
 
-def stops(points: Sequence[OperatingPoint], given: PIGains | None) -> tuple[Stop, ...]:
+def stops(
+    points: Sequence[OperatingPoint], given: PIGains | None, holding: PIController | None = None
+) -> tuple[Stop, ...]:
     """A stop on each rail asked for and, of the published vehicle, the published one in its own units.
 
-    Points of one vehicle. The bristle model's static curve, the same model along a slip ramp ([Park2008] Fig. 17),
-    takes its place, as in the reading that gives the paper's Table 5: controllers are compared over the curve that they
-    were published for. Linear controllers are run again with the dynamic model itself, `Stop.dynamic`.
+    Points of one vehicle; `given` and `holding` are a PI to run too. The bristle model's static curve, the same model
+    along a slip ramp ([Park2008] Fig. 17), takes its place, as in the reading that gives the paper's Table 5:
+    controllers are compared over the curve that they were published for. Linear controllers are run again with the
+    dynamic model itself, `Stop.dynamic`.
     """
     vehicle, first = points[0].vehicle, points[0]
     column: Column = "beam" if first.adhesion == "beam" else "bristle"
@@ -45,18 +72,64 @@ def stops(points: Sequence[OperatingPoint], given: PIGains | None) -> tuple[Stop
     controllers = _controllers(vehicle, column, reference)
     if given is not None:
         controllers["given PI"] = LinearControl(PIController(given), reference)
+    compared = _compared(points, holding, controllers, reference)
     found = []
     for rail in dict.fromkeys(point.rail for point in points):
         scenario = _plain(vehicle, first, rail)
         if scenario is not None:
             title = f"{rail} rail from the start, inertia scale {vehicle.inertia_scale:g}"
-            found.append(_stop(title, scenario, controllers, dynamic=first.adhesion == "bristle"))
+            found.append(_stop(title, scenario, controllers, compared, dynamic=first.adhesion == "bristle"))
     if is_published(vehicle):
         title = "the published run as published (inertia scale 3.6): loaded and wet from 25 s on"
         scenario = published_scenario()
         controllers = _controllers(scenario.vehicle, column, published_reference(column))
-        found.append(_stop(title, scenario, controllers))
+        found.append(_stop(title, scenario, controllers, {}))
     return tuple(found)
+
+
+def _compared(
+    points: Sequence[OperatingPoint],
+    holding: PIController | None,
+    controllers: dict[str, Controller | str],
+    reference: ReferenceSlip,
+) -> dict[str, Controller | str]:
+    """Linear controllers run for comparison: one kernel serves them all, so that they cost only their runs.
+
+    The designs that the linear part names, with start, limits and anti-windup of the full-range one; that one started
+    for dry rail; and a relay, full torque below the reference slip and none above.
+    """
+    vehicle = points[0].vehicle
+    load = vehicle.wheel_load * vehicle.wheel.radius
+    made: dict[str, Controller | str] = {}
+
+    def as_full_range(design: PIController, name: str) -> LinearControl:
+        return LinearControl(
+            design,
+            reference,
+            name=name,
+            torque_low=0.0,
+            torque_high=full_brake_torque(vehicle),
+            tracking_time=TRACKING_TIME,
+            initial_torque=initial_torque(vehicle),
+        )
+
+    if holding is not None:
+        made[HOLDING] = as_full_range(holding, "pi")
+    try:
+        made[LEAST_MS] = as_full_range(least_ms([linearize(point) for point in points], vehicle).controller, "pi-lead")
+    except RailslipError as error:
+        made[LEAST_MS] = str(error)
+    full_range = controllers[FULL_RANGE]
+    if isinstance(full_range, LinearControl):
+        made[STARTED_DRY] = replace(full_range, initial_torque=DRY_START * load)
+    made[RELAY] = LinearControl(
+        PIController(PIGains(kp=_RELAY_GAIN, ki=0.0)),
+        reference,
+        name="relay",
+        torque_low=0.0,
+        torque_high=RELAY_SHARE * load,
+    )
+    return made
 
 
 def _plain(vehicle: Vehicle, point: OperatingPoint, rail: Rail) -> Scenario | None:
@@ -92,27 +165,68 @@ def _controllers(vehicle: Vehicle, column: Column, reference: ReferenceSlip) -> 
     return made
 
 
-def _stop(title: str, scenario: Scenario, controllers: dict[str, Controller | str], *, dynamic: bool = False) -> Stop:
-    runs = tuple(_run(name, scenario, controller) for name, controller in controllers.items())
-    again = tuple(_dynamic(scenario, controllers)) if dynamic else ()
-    return Stop(title, scenario, SEED, runs, again, _bound(scenario))
+def _stop(
+    title: str,
+    scenario: Scenario,
+    controllers: dict[str, Controller | str],
+    compared: dict[str, Controller | str],
+    *,
+    dynamic: bool = False,
+) -> Stop:
+    spread = bool(compared)
+    runs = [_run(name, scenario, controller, spread=spread) for name, controller in controllers.items()]
+    chief = _chief(controllers | compared)
+    runs += [_run(name, scenario, one, spread=spread, drawn=name == chief) for name, one in compared.items()]
+    laws, again = [scenario.adhesion], []
+    if dynamic:
+        laws.append(named_law("bristle", scenario.vehicle, scenario.initial_speed))
+        again = list(_dynamic(scenario.with_changes(adhesion=laws[1]), controllers | compared))
+    ends = list(_slow_ends(scenario, chief, (controllers | compared)[chief], laws)) if chief and compared else []
+    return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), tuple(ends))
+
+
+def _chief(controllers: dict[str, Controller | str]) -> str:
+    """The design that is recommended where it exists, or else the next one: full range, least Ms, holding."""
+    found = (name for name in (FULL_RANGE, LEAST_MS, HOLDING) if isinstance(controllers.get(name), LinearControl))
+    return next(found, "")
 
 
 def _dynamic(scenario: Scenario, controllers: dict[str, Controller | str]) -> Iterator[StopRun]:
     """The linear controllers over the bristle model itself: one kernel to compile serves them all."""
-    law = named_law("bristle", scenario.vehicle, scenario.initial_speed)
     for name, controller in controllers.items():
         if isinstance(controller, LinearControl):
-            yield _run(name, scenario.with_changes(adhesion=law), controller)
+            yield _run(name, scenario, controller, spread=True)
 
 
-def _run(name: str, scenario: Scenario, controller: Controller | str) -> StopRun:
+def _slow_ends(
+    scenario: Scenario, name: str, controller: Controller | str, laws: Sequence[AdhesionLaw]
+) -> Iterator[SlowEnd]:
+    """The stop continued to walking pace: by the controller, and with its initial torque held from its range's end."""
+    rail, vehicle = scenario.rail, scenario.vehicle
+    assert isinstance(controller, LinearControl), "the chief design is one"
+    start, torque = min(SPEEDS_KMH), initial_torque(vehicle)
+    held = LinearControl(PIController(PIGains(kp=0.0, ki=0.0)), controller.reference, initial_torque=torque)
+    for law in laws:
+        whole = scenario.with_changes(adhesion=law, final_speed=SLOWEST_KMH * KMH)
+        end = whole.with_changes(initial_speed=min(start * KMH, scenario.initial_speed))
+        ran = [_run("", *pair).run for pair in ((whole, controller), (end, held))]
+        if ran[0] is not None and ran[1] is not None:
+            reference = getattr(controller.reference, rail.value)
+            yield SlowEnd(name, law.name, rail, reference, start, SLOWEST_KMH, torque, ran[0], ran[1])
+
+
+def _run(
+    name: str, scenario: Scenario, controller: Controller | str, *, spread: bool = False, drawn: bool = True
+) -> StopRun:
     if isinstance(controller, str):
         return StopRun(name, None, controller)
     try:
         simulator = Simulator(scenario, controller)
         every = max(round(_LOG_PERIOD / simulator.period), 1)  # of the controller's own samples
-        return StopRun(name, simulator.run(SEED, record_every=every), "")
+        run = simulator.run(SEED, record_every=every)
+        found = [simulator.run(seed, record_every=None) for seed in SPREAD_SEEDS if spread and seed != SEED]
+        distances = tuple(one.braking_distance for one in [run, *found] if one.stopped) if spread else ()
+        return StopRun(name, run, "", distances, drawn)
     except RailslipError as error:
         return StopRun(name, None, str(error))
 

@@ -91,7 +91,10 @@ class DeadTimeLoop:
     # -- frequency response -------------------------------------------------------------------------------
 
     def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """L(j omega), complex, of the shape of `omega` (rad/s). InputError for a frequency that is not finite."""
+        """L(j omega), complex, of the shape of `omega` (rad/s). InputError for a frequency that is not finite.
+
+        At a pole on the axis, as at 0 with an integrator, it is inf + 0j; there S is 0 and T is 1.
+        """
         return self._response(numbers("omega", omega, "rad/s"))
 
     def sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
@@ -212,7 +215,7 @@ class DeadTimeLoop:
             return UnstableLoopError(
                 f"margins are not defined: {_ILL_POSED}", unstable_poles=count, stabilizing_gain_range=usable
             )
-        number = "infinitely many" if math.isinf(count) else f"{count:g}"
+        number = "infinitely many poles" if math.isinf(count) else f"{count:g} pole{'' if count == 1 else 's'}"
         where = " (on the imaginary axis)" if self.root_count.marginal else ""
         remedy = (
             "no factor on the loop gain alone stabilises it"
@@ -220,7 +223,7 @@ class DeadTimeLoop:
             else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
         )
         return UnstableLoopError(
-            f"margins are not defined: the closed loop is unstable with {number} pole(s) in the closed right half "
+            f"margins are not defined: the closed loop is unstable with {number} in the closed right half "
             f"plane{where}; {remedy}",
             unstable_poles=count,
             stabilizing_gain_range=usable,

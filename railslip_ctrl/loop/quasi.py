@@ -285,7 +285,8 @@ class DelayedLoop:
         """All margins; see `Margins`. Raises UnstableLoopError where the closed loop is not stable."""
         if not self.is_stable():
             count = self.root_count.right
-            where = "pole(s) on the imaginary axis" if self.root_count.marginal else f"{count:g} unstable pole(s)"
+            unstable = f"{count:g} unstable pole{'' if count == 1 else 's'}"
+            where = "poles on the imaginary axis" if self.root_count.marginal else unstable
             raise UnstableLoopError(
                 f"margins are not defined: the closed loop has {where}; change the design",
                 unstable_poles=count,

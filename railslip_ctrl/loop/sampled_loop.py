@@ -36,13 +36,14 @@ class SampledLoop(SampledSystem):
             return compute_sampled_margins(self)
         usable = self.stabilizing_gain_range
         count = int(np.count_nonzero(np.abs(self.closed_loop_poles) >= 1))
+        poles = "1 pole" if count == 1 else f"{count} poles"
         remedy = (
             "no factor on the loop gain alone stabilises it"
             if usable is None
             else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
         )
         raise UnstableLoopError(
-            f"margins are not defined: the sampled loop (period {self.period:g} s) is unstable with {count} pole(s) "
+            f"margins are not defined: the sampled loop (period {self.period:g} s) is unstable with {poles} "
             f"on or outside the unit circle; {remedy}",
             unstable_poles=count,
             stabilizing_gain_range=usable,

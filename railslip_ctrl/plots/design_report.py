@@ -7,20 +7,33 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_check import DesignCheck
-from railslip_ctrl.design_report import LawCurve, LinearPart, RunPart, Stop
+from railslip_ctrl.design_report import LawCurve, LinearPart, RunPart, SpeedRange, Stop
 from railslip_ctrl.reproduction import QUANTITIES, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.units import KMH
 
 from .designs import gang_of_four_figure, region_figure, response_figure
-from .loops import bode_figure, nichols_figure, nyquist_figure
-from .style import PAGE_HEIGHT, TEXT, legend_below, line_style, mark_style, new_figure, panels
+from .loops import bode_figure, nichols_figure, nyquist_figure, one_group_figure
+from .style import (
+    PAGE_HEIGHT,
+    TEXT,
+    legend_below,
+    legend_of_figure,
+    line_style,
+    mark_style,
+    new_figure,
+    panels,
+    plain_log_ticks,
+)
 
 _COLUMNS = ("speed (km/h)", "slip ratio λ (-)", "brake torque (kN·m)")
 _QUANTITIES = dict(
     zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
 )
+_ROW = 1.25  # inches, of a controller in the picture of a stop
+_MS_TOP = 5.0  # an Ms beyond it is as good as unstable; the axis ends there
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
 
 
@@ -37,6 +50,8 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             title=f"PI gains that stabilise each of the {len(part.plants)} operating points; dead time exact",
         )
     figures |= check_figures(part.check)
+    if part.recommended is not None:
+        figures["recommended"] = one_group_figure(part.recommended)
     if loops.gangs:
         figures["gang"] = gang_of_four_figure(loops.gangs, title=title)
     if loops.reference:
@@ -47,6 +62,8 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             reference_label="step of 1 km/h of the reference slip velocity",
             load_label=f"step of {loops.load_step:g} N·m of torque at the wheel",
         )
+    if loops.speeds is not None:
+        figures["range"] = _range(loops.speeds)
     return figures
 
 
@@ -88,13 +105,40 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     return figure
 
 
+def _range(speeds: SpeedRange) -> Figure:
+    """Ms and phase margin over speed, a line a law and rail: the worse of its loads."""
+    figure = new_figure(3.9, f"{speeds.name}: margins over speed, worse of the loads; a line ends where it is unstable")
+    top, bottom = panels(figure, 2, 1, sharex=True)[:, 0]
+    kinds = list(dict.fromkeys((line.law, line.rail) for line in speeds.lines))
+    for i, (law, rail) in enumerate(kinds):
+        lines = [line for line in speeds.lines if (line.law, line.rail) == (law, rail)]
+        # NaN of one load, unstable there, is NaN of both
+        ms = np.max([line.margins.ms for line in lines], axis=0)
+        phase = np.min([line.margins.phase_deg for line in lines], axis=0)
+        top.semilogx(lines[0].speeds_kmh, ms, label=f"{law}, {rail}", **line_style(i))
+        bottom.semilogx(lines[0].speeds_kmh, phase, **line_style(i))
+        end = max(line.stable_from for line in lines)
+        if np.isfinite(end) and end > lines[0].speeds_kmh[0]:
+            for ax in (top, bottom):
+                ax.axvline(end, linewidth=0.8, **line_style(i))
+    top.axhspan(ROBUST_MS, _MS_TOP, color="0.93", zorder=0)
+    top.set_ylim(1.0, _MS_TOP)
+    top.set_ylabel("Ms (-)")
+    bottom.set_ylim(bottom=0.0)
+    bottom.set_ylabel("phase margin (deg)")
+    bottom.set_xlabel("speed (km/h)")
+    plain_log_ticks(bottom.xaxis)
+    legend_of_figure(figure, top, columns=4)
+    return figure
+
+
 def _ran(stop: Stop) -> dict[str, Run]:
-    return {one.name: one.run for one in stop.runs if one.run is not None}
+    return {one.name: one.run for one in stop.runs if one.run is not None and one.drawn}
 
 
 def _stop(stop: Stop) -> Figure:
     runs = _ran(stop)
-    height = min(1.0 + 1.15 * len(runs), PAGE_HEIGHT)
+    height = min(1.0 + _ROW * len(runs), PAGE_HEIGHT)
     figure = new_figure(height, f"{stop.title}; adhesion law {stop.scenario.adhesion.name}; seed {stop.seed}")
     axes = panels(figure, len(runs), len(_COLUMNS), sharex=True, sharey="col")
     for row, (name, run) in zip(axes, runs.items(), strict=True):

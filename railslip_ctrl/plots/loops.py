@@ -20,6 +20,7 @@ from .style import (
     TEXT,
     folded,
     legend_below,
+    legend_of_figure,
     line_style,
     new_figure,
     panels,
@@ -84,6 +85,31 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         legend_below(phase, 0.22)
     axes[0, 0].set_ylabel("magnitude |L| (dB)")
     axes[1, 0].set_ylabel("phase arg L (deg),\ndead time exact")
+    return figure
+
+
+def one_group_figure(group: ControllerGroup) -> Figure:
+    """Magnitude, continuous phase and the Nyquist curve near -1 of one group's L(j omega), side by side."""
+    figure = new_figure(3.0, _title((group,)))
+    magnitude, phase, near = panels(figure, 1, 3)[0]
+    for assessment, curve, style in _lines(group):
+        magnitude.semilogx(curve.omega, curve.magnitude_db, label=_label(assessment), **style)
+        phase.semilogx(curve.omega, curve.phase_deg, **style)
+        _nyquist_line(near, curve.response, style)
+        at = np.searchsorted(curve.omega, assessment.loop.gain_crossovers)
+        at = at[at < curve.omega.size]
+        for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
+            ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
+    magnitude.axhline(0, color="black", linewidth=0.8)
+    magnitude.set_ylim(-42, 42)
+    _critical_phases(phase, group.curves)
+    _decorate_near(near)
+    near.set_ylabel("Im L (-)")
+    for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
+        ax.set_ylabel(label)
+        ax.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(ax.xaxis)
+    legend_of_figure(figure, magnitude, columns=3)
     return figure
 
 

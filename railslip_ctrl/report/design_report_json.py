@@ -14,7 +14,10 @@ from railslip_ctrl.design_report import (
     LawCurve,
     LoopDesign,
     LoopDesigns,
+    RangeLine,
     SlidingVerdict,
+    SlowEnd,
+    SpeedRange,
     Stop,
     StopRun,
 )
@@ -24,14 +27,17 @@ from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding_verification import FullVerification
 
 from .html.closing_sections import unchecked
+from .html.loop_sections import SETTLED
 from .html.page import cited_sources
+from .html.range_sections import RANGE
+from .html.sliding_sections import PAPER_LAW
 from .html.verdict import gains_not_computed, verdict
 from .jsonable import case_json, design_check_json, linear_plant_json, margin_numbers, number
 from .provenance import Provenance, software
 from .reproduction import row_json
 from .simulation import simulation_json
 
-KEY_OF_SECTION = {"margins": "groups"}
+KEY_OF_SECTION = {"margins": "groups", PAPER_LAW: "sliding"}
 """Where a section of the page, by its anchor, stands under a key of another name."""
 
 
@@ -43,13 +49,14 @@ def design_report_json(
     `page` is the HTML; the sources are those that it cites.
     """
     found = verdict(report)
-    return design_check_json(report.check, files) | {
-        "verdict": {"paragraph": found.paragraph, "points": dict(found.points)},
+    return design_check_json(report.whole_check, files) | {
+        "verdict": {"paragraph": found.paragraph, "numbers": dict(found.numbers), "points": dict(found.points)},
         "adhesion": [_curve(curve) for curve in report.curves],
         "linearisation": [linear_plant_json(plant) for plant in report.plants],
         "limits": [_limits(*pair) for pair in zip(report.plants, report.limits, strict=True)],
         "region": _region(report.region),
         "designs": _designs(report.loops),
+        RANGE: _speeds(report.loops.speeds),
         "sliding": _sliding(report.sliding),
         "stops": [_stop(stop) for stop in report.stops],
         "reproduction": _reproduction(report),
@@ -61,6 +68,7 @@ def design_report_json(
             "options": dict(provenance.options),
             "software": software(),
             "not_computed": list(gains_not_computed(report)),
+            "from_cache": list(report.from_cache),
             "seconds": report.seconds,
         },
     }
@@ -147,6 +155,45 @@ def _designs(loops: LoopDesigns) -> dict[str, Any]:
         "refused": dict(loops.refused),
         "known_rules_and_predictors": [_attempt(one) for one in loops.attempts],
         "shown_at": case_json(loops.shown_at),
+        "reference_steps": {
+            name: {
+                "overshoot": number(step.overshoot),
+                "settling_time_s": number(step.settling_time(step.reference, SETTLED * step.reference)),
+            }
+            for name, step in loops.reference.items()
+        },
+    }
+
+
+def _speeds(speeds: SpeedRange | None) -> dict[str, Any] | None:
+    if speeds is None:
+        return None
+    return {
+        "design": speeds.name,
+        "speeds_kmh": speeds.lines[0].speeds_kmh.tolist(),
+        "stable_from_kmh": number(speeds.stable_from),
+        "robust_from_kmh": number(speeds.robust_from),
+        "lines": [_line(line) for line in speeds.lines],
+        "skipped": list(speeds.skipped),
+    }
+
+
+def _line(line: RangeLine) -> dict[str, Any]:
+    of = line.margins
+    return {
+        "adhesion": line.law,
+        "rail": line.rail.value,
+        "mass_kg": line.mass,
+        "slip": line.slip,
+        "tuned_for": line.tuned,
+        "stable_from_kmh": number(line.stable_from),
+        "robust_from_kmh": number(line.robust_from),
+        "stable": [bool(one) for one in of.stable],
+        "gain_decrease": [number(x) for x in of.gain_decrease],
+        "gain_increase": [number(x) for x in of.gain_increase],
+        "phase_margin_deg": [number(x) for x in of.phase_deg],
+        "delay_margin_s": [number(x) for x in of.delay_s],
+        "ms": [number(x) for x in of.ms],
     }
 
 
@@ -192,16 +239,21 @@ def _attempt(one: Attempt) -> dict[str, Any]:
 
 
 def _sliding(sliding: SlidingVerdict) -> dict[str, Any]:
-    return {"paper": _verified(sliding.paper), "layered": _verified(sliding.layered), "reasons": dict(sliding.reasons)}
+    return {
+        "paper": _verified(sliding.paper, sliding.gains.get("paper", ())),
+        "layered": _verified(sliding.layered, sliding.gains.get("layered", ())),
+        "reasons": dict(sliding.reasons),
+    }
 
 
-def _verified(full: FullVerification | None) -> dict[str, Any] | None:
+def _verified(full: FullVerification | None, gains: Iterable[tuple[str, float, str]]) -> dict[str, Any] | None:
     if full is None:
         return None
     one = full.verification
     return {
         "K_nm": one.K,
         "D_si": one.D,
+        "gains": [{"name": name, "value": value, "unit": unit} for name, value, unit in gains],
         "inertia_scale": one.inertia_scale,
         "seed": one.seed,
         "conclusion": full.conclusion,
@@ -230,6 +282,7 @@ def _stop(stop: Stop) -> dict[str, Any]:
         "seed": stop.seed,
         "runs": [_run(one) for one in stop.runs],
         "runs_with_the_dynamic_law": [_run(one) for one in stop.dynamic],
+        "below_its_range": [_slow(one) for one in stop.slow],
         "bound": None
         if bound is None
         else {"braking_time_s": number(bound.braking_time), "braking_distance_m": number(bound.braking_distance)},
@@ -238,7 +291,20 @@ def _stop(stop: Stop) -> dict[str, Any]:
 
 def _run(one: StopRun) -> dict[str, Any]:
     told = None if one.run is None else simulation_json(one.run, None)
-    return {"name": one.name, "reason": one.reason, "run": told}
+    return {"name": one.name, "reason": one.reason, "run": told, "distances_m": list(one.distances)}
+
+
+def _slow(end: SlowEnd) -> dict[str, Any]:
+    return {
+        "adhesion": end.law,
+        "from_kmh": end.from_kmh,
+        "highest_slip": number(end.highest_slip(end.from_kmh)),
+        "over_twice_its_reference_from_kmh": number(end.first_beyond(2 * end.reference, end.from_kmh)),
+        "locked_from_kmh": number(end.locks_at),
+        "torque_held_nm": end.torque,
+        "controlled": simulation_json(end.controlled, None),
+        "torque_held": simulation_json(end.cut_out, None),
+    }
 
 
 def _reproduction(report: DesignReport) -> dict[str, Any] | None:

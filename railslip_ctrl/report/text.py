@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -19,7 +20,7 @@ from railslip_ctrl.loop import Margins
 from railslip_ctrl.parameters import Actuator, Vehicle
 from railslip_ctrl.units import KMH
 
-from .layout import facts, fixed, heading, render, roots_text, table
+from .layout import counted, facts, fixed, heading, render, roots_text, table
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -147,7 +148,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
-        ("Open loop", f"{assessment.loop.open_loop_unstable_poles} unstable pole(s)"),
+        ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
         ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
@@ -255,10 +256,32 @@ def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
 # -- report ---------------------------------------------------------------------------------------------------
 
 
-def design_check_text(check: DesignCheck) -> str:
-    """The whole design check: vehicle, summary, then the margin report of every loop."""
+@dataclass(frozen=True)
+class Verdict:
+    """A paragraph that can be read alone; what it rests on in numbers, by name; and points with their headings."""
+
+    paragraph: str
+    numbers: tuple[tuple[str, str], ...]
+    points: tuple[tuple[str, str], ...]
+
+    @property
+    def text(self) -> str:
+        """All of it in one string."""
+        told = (f"{head}: {text}" for head, text in (*self.numbers, *self.points))
+        return " ".join([self.paragraph, *told])
+
+
+_NO_VERDICT = "none is made without report.html (--no-html), which compares designs and runs stops."
+
+
+def design_check_text(check: DesignCheck, verdict: Verdict | None = None) -> str:
+    """The whole design check: verdict, vehicle, summary, then the margin report of every loop.
+
+    `verdict` is that of the page, in the same words; without it the text says that there is no recommendation.
+    """
     parts: list[RenderableType] = [
         heading(f"Wheel-slip control: design check (railslip_ctrl {__version__}, {check.date.isoformat()})"),
+        *_verdict(verdict),
         facts(vehicle_facts(check.vehicle)),
         Text(f"\nConclusion: {check.conclusion}\n"),
         heading("Summary", "-"),
@@ -269,6 +292,16 @@ def design_check_text(check: DesignCheck) -> str:
         for assessment, peer in zip(group.assessments, group.python_control, strict=True):
             parts += [*_assessment(assessment), _peer_line(peer), Text("")]
     return render(parts[:-1])
+
+
+def _verdict(verdict: Verdict | None) -> list[RenderableType]:
+    if verdict is None:
+        return [Text(f"Recommendation: {_NO_VERDICT}\n")]
+    parts: list[RenderableType] = [heading("Verdict", "-"), Text(f"{verdict.paragraph}\n")]
+    if verdict.numbers:
+        parts += [facts(verdict.numbers), Text("")]
+    headings = "; ".join(head for head, _ in verdict.points)
+    return [*parts, Text(f"In report.html and report.json besides: {headings}.\n")]
 
 
 def _peer_line(peer: PythonControlMargins) -> Text:

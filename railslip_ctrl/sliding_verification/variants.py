@@ -70,6 +70,6 @@ def _conclusion(conditions: tuple[Condition, ...], carried: float, asked: float)
     )
     return (
         "These variants are proved for torque that acts at once; do not use them behind the pneumatic brake. "
-        f"{both}Use the layered law with a lead on the actuator's lag instead: `railslip verify --law layered` decides "
-        "its conditions with the actuator, designs/asmc_robust.py designs it."
+        f"{both}If it is to be a sliding-mode law, use the layered one with a lead on the actuator's lag: "
+        "`railslip verify --law layered` decides its conditions with the actuator, designs/asmc_robust.py designs it."
     )

@@ -125,8 +125,8 @@ def _peak(loop: SurfaceLoop, relay_gain: float, k: float) -> float:
 def advice_text(advice: JointAdvice, points: str) -> str:
     """What to do with the published structure, from gains that were checked together."""
     layered = (
-        "Use the layered law with a lead on the actuator's lag instead: `railslip verify --law layered` gives its "
-        "gains and decides its conditions."
+        "If it is to be a sliding-mode law, use the layered one with a lead on the actuator's lag: "
+        "`railslip verify --law layered` gives its gains and decides its conditions."
     )
     if advice.unstable:
         named = "; ".join(advice.unstable[:_NAMED]) + (" and others" if len(advice.unstable) > _NAMED else "")

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 Cells = Sequence[str]
 
-_NUMBER = re.compile(r"[−+±\d.,·e∞– ×%]*|unstable|unbounded|none holds")
-_SHORT = 8  # rows
+_NUMBER = re.compile(r"[−+±≤>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
+_SHORT = 10  # rows
 
 
 @dataclass(frozen=True)

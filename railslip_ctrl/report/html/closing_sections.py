@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.design_report.stops import SPREAD_SEEDS
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
 from .blocks import Items, Section
@@ -21,13 +22,14 @@ def unchecked(report: DesignReport) -> tuple[str, ...]:
     rails = listed(f"{rail} rail" for rail in dict.fromkeys(point.rail for point in points))
     mass = points[0].vehicle.mass
     texts = [
-        f"Margins hold at the operating points only: {speeds}, {rails}, M {mass:g} kg, the slips of the table above. "
-        "Other "
-        "speeds, loads and slips: --speed, --mass and --slip. Tolerances of dead time and lag: "
-        "railslip_ctrl.design.robustness.",
+        f"Margins hold at the operating points only: {speeds}, {rails}, M {mass:g} kg, the slips of the table above; "
+        "those of the recommended design over speed at its reference slips. Other speeds, loads and slips: --speed, "
+        "--mass and --slip. Tolerances of dead time and lag: railslip_ctrl.design.robustness.",
         *_laws(report),
         "The speed is frozen in every linear loop. A stop passes through all speeds; the braking runs do, the "
         "margins do not.",
+        "Handing over from slip control to a held torque at low speed: the torque was run from free rolling, not from "
+        "the state in which slip control leaves the wheel.",
         "One quarter car: no pitching of body or bogie, no other wheelset, no running gear that twists or rolls.",
         "Adhesion is the law's, with its parameters: no measurement of this rail or this wheel is in it unless the "
         "law was "
@@ -38,7 +40,9 @@ def unchecked(report: DesignReport) -> tuple[str, ...]:
         "The brake is a dead time and a lag. Valves that saturate in rate, and brake cylinders that fill and empty "
         "differently, "
         "are in scenarios of railslip simulate, not here.",
-        "Each braking run has one noise seed; statistics over many: railslip campaign.",
+        f"Braking runs have one noise seed; the spread of the distances is over {len(SPREAD_SEEDS)} of them, and of "
+        "the "
+        "published run there is none. Statistics over many: railslip campaign.",
     ]
     if report.table5 is not None:
         texts.append(
@@ -58,5 +62,6 @@ def _laws(report: DesignReport) -> list[str]:
         return []
     return [
         "Margins are for the dynamic bristle model, braking runs for its static curve: only the linear controllers "
-        "were run with both, and the nonlinear ones (sliding mode, slide protection) never with the dynamic model."
+        "were run with both, and the nonlinear ones (sliding mode, slide protection) never with the dynamic model. No "
+        "bound on the braking distance is given for the dynamic model."
     ]

@@ -13,10 +13,15 @@ from railslip_ctrl.units import KMH
 from .blocks import Block, Details, Facts, Items, Paragraph, Picture, Section, Table
 from .numbers import MARGIN_HEAD, NONE, listed, margin_cells, roots, short, where
 
+SETTLED = 0.02
+"""Share of a step within which a response counts as settled."""
+
+_BACK, _BACK_WORD = 0.1, "tenth"  # of the largest deviation
+
 
 def margins_section(report: DesignReport) -> Section:
     """Every loop's margins, dead time exact, and what Pade approximations would have said."""
-    groups = report.check.groups
+    groups, drawn = report.whole_check.groups, report.check.groups
     rows = [
         (group.title if i == 0 else "", where(one.point), *margin_cells(one.margins), one.verdict.value)
         for group in groups
@@ -27,6 +32,7 @@ def margins_section(report: DesignReport) -> Section:
         "margins",
         "Margins, exact against Padé",
         (
+            *_whose(report),
             Paragraph(
                 "The dead time is exact: stability is decided by counting the roots of the quasi-polynomial, and "
                 "margins come from all crossovers ([WaltonMarshall1987]). Robust means "
@@ -44,13 +50,41 @@ def margins_section(report: DesignReport) -> Section:
                 rows,
                 wide=True,
             ),
-            _bode(groups),
-            _nichols(groups),
-            _nyquist(groups),
+            *_recommended(report),
+            _bode(drawn),
+            _nichols(drawn),
+            _nyquist(drawn),
             _pade_table(groups),
             Paragraph(_pade_finding(groups), strong=True),
             *(_loop_details(group, one) for group in groups for one in group.assessments),
             Paragraph(f"{loops} loops in all; each is opened above with its poles, and is in report.json."),
+        ),
+    )
+
+
+def _whose(report: DesignReport) -> tuple[Paragraph, ...]:
+    """That Table 4's gains are another vehicle's, in a report about a vehicle that is not the paper's."""
+    if report.table5 is not None:
+        return ()
+    return (
+        Paragraph(
+            "Table 4's gains were made for the vehicle of [Park2008]: here they are a comparison and no proposal, and "
+            "inertia scale 3.6 is that paper's mix of units."
+        ),
+    )
+
+
+def _recommended(report: DesignReport) -> tuple[Picture, ...]:
+    group = report.recommended
+    if group is None:
+        return ()
+    told = "; ".join(f"{where(a.point)}: {a.verdict_line}" for a in group.assessments)
+    return (
+        Picture(
+            "recommended",
+            f"{group.title}: magnitude and continuous phase of the open loop, dead time exact (dots: gain crossovers), "
+            f"and its Nyquist curve near −1 with the circle of Ms = {ROBUST_MS:g}.",
+            f"Magnitude, phase and Nyquist curve of the open loops of the recommended design. {told}.",
         ),
     )
 
@@ -183,14 +217,14 @@ def designs_section(report: DesignReport) -> Section:
 
 
 def _best(loops: LoopDesigns) -> str:
-    best = loops.best
-    if best is None:
-        return "None of these designs holds every operating point."
-    taken = loops.recommended
-    text = f"Least worst Ms over these operating points: {best.name}, {short(best.worst_ms, 3)}."
-    if taken is None:
-        return f"{text} None is recommended."
-    return f"{text} Recommended: {taken.name}, worst Ms {short(taken.worst_ms, 3)}; why is in the verdict."
+    best, taken = loops.best, loops.recommended
+    if best is None or taken is None:
+        return "None of these designs holds every operating point, or is a controller by itself: none is recommended."
+    standing = "Recommended" if taken.worst_ms <= ROBUST_MS else "None is robust. The least fragile"
+    text = f"{standing}: {taken.name}, worst Ms {short(taken.worst_ms, 3)}; the verdict says why."
+    if best is taken:
+        return text
+    return f"{text} The least worst Ms at these points, {short(best.worst_ms, 3)}, has {best.name}: shown to compare."
 
 
 def _gain_table(loops: LoopDesigns) -> Table:
@@ -226,6 +260,39 @@ def _design_table(loops: LoopDesigns) -> Table:
     )
 
 
+def _step_table(loops: LoopDesigns) -> Table:
+    rows = []
+    for name, step in loops.reference.items():
+        load = loops.load[name]
+        settled = step.settling_time(step.reference, SETTLED * step.reference)
+        back = load.settling_time(0.0, _BACK * load.largest_output)
+        rows.append(
+            (
+                name,
+                short(100 * step.overshoot, 3),
+                _within(settled, step.time[-1]),
+                short(load.largest_output / KMH, 3),
+                _within(back, load.time[-1]),
+            )
+        )
+    head = (
+        "Design", "Overshoot, %", f"Within {100 * SETTLED:g} % after, s", "Largest slip velocity, km/h",
+        f"Back to a {_BACK_WORD} of it after, s",
+    )  # fmt: skip
+    return Table(
+        f"Linear responses, {where(loops.shown_at)}, slip {loops.shown_at.slip:g}: to a step of the reference "
+        "(overshoot "
+        f"and settling), and to a step of {loops.load_step:g} N·m of torque at the wheel (largest slip and return). An "
+        "unstable plant cannot be held without overshoot.",
+        head,
+        rows,
+    )
+
+
+def _within(time: float, end: float) -> str:
+    return f"> {end:g}" if math.isinf(time) else short(time, 3)
+
+
 def _design_rows(one: LoopDesign) -> list[tuple[str, ...]]:
     rows = []
     for i, (assessment, effort) in enumerate(zip(one.assessments, one.efforts, strict=True)):
@@ -247,7 +314,8 @@ def _pictures(loops: LoopDesigns) -> list[Block]:
         f"The gang of four, {at}: sensitivity, complementary sensitivity, disturbance to slip, noise to torque.",
         f"Four panels of magnitudes over frequency for {listed(loops.gangs)}.",
     )
-    return [*([responses] if loops.reference else []), gang]
+    shown: list[Block] = [responses, _step_table(loops)] if loops.reference else []
+    return [*shown, gang]
 
 
 def _attempts(loops: LoopDesigns) -> list[Block]:

@@ -18,7 +18,8 @@ from .closing_sections import unchecked_section
 from .loop_sections import designs_section, margins_section
 from .paper_sections import errata_section, reproduction_section
 from .plant_sections import adhesion_section, limits_section, linear_section, region_section, vehicle_section
-from .sliding_sections import sliding_section
+from .range_sections import range_section
+from .sliding_sections import paper_law_section, sliding_section
 from .stop_sections import stops_section
 from .verdict import gains_not_computed, verdict
 
@@ -30,13 +31,15 @@ _SECTIONS = (
     linear_section,
     limits_section,
     region_section,
-    margins_section,
     designs_section,
-    sliding_section,
+    range_section,
+    margins_section,
     stops_section,
+    sliding_section,
+    unchecked_section,
+    paper_law_section,
     reproduction_section,
     errata_section,
-    unchecked_section,
 )
 
 
@@ -81,6 +84,7 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
         version=__version__,
         date=report.check.date.isoformat(),
         seconds=report.seconds,
+        from_cache=report.from_cache,
     )
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 

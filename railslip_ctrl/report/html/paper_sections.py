@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.reproduction import QUANTITIES, READING, TOLERANCE_PERCENT, Fact, Row, Table5
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
@@ -17,6 +18,10 @@ QUANTITY_WORDS = dict(
     )
 )
 """What a row of Table 5 is called, with its unit."""
+
+ERRATA_TITLE = "Appendix: errata found in the paper"
+
+_ENERGY = QUANTITIES[2]
 
 _DECIDED = {
     "symbolic": "as expressions, symbolically",
@@ -34,11 +39,11 @@ def reproduction_section(report: DesignReport) -> Section:
             f"{report.check.vehicle.name}. "
             "railslip reproduce computes them."
         )
-        return Section("reproduction", "Reproduction of the paper", (Paragraph(text),))
+        return Section("reproduction", "Appendix: reproduction of the paper", (Paragraph(text),))
     facts = tuple(_fact(one) for one in report.facts)
     return Section(
         "reproduction",
-        "Reproduction of the paper",
+        "Appendix: reproduction of the paper",
         (
             Paragraph(reproduction_finding(comparison), strong=True),
             Picture(
@@ -118,11 +123,20 @@ def _table5(comparison: Table5) -> Table:
         f"Within {TOLERANCE_PERCENT:g} %",
     )
     return Table(
-        f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energy in the printed reading: "
-        "3.6 times the joules.",
+        f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energies are in the printed reading, "
+        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}.",
         head,
         rows,
     )
+
+
+def _energy(comparison: Table5) -> str:
+    """A printed energy in joules, as the tables of braking runs have them."""
+    row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
+    if row is None:
+        return ""
+    joules = row.published / AS_PUBLISHED_INERTIA_SCALE
+    return f": the printed {short(row.published)} are {short(joules / 1e6, 3)} MJ in the tables of the braking runs"
 
 
 def _reading() -> Table:
@@ -142,6 +156,11 @@ def errata_section(report: DesignReport) -> Section:
             strong=True,
         )
     ]
+    if report.table5 is None:
+        text = (
+            f"They differ at: {listed(one.where for one in wrong)}. railslip derive prints each; report.json has them."
+        )
+        return Section("errata", ERRATA_TITLE, (*blocks, Paragraph(typeset(text))))
     for one in wrong:
         rows = (
             ("Printed", formula(one.printed_latex)),
@@ -151,4 +170,4 @@ def errata_section(report: DesignReport) -> Section:
         )
         blocks.append(Details(typeset(one.where), "differs", (Facts(rows), Paragraph(typeset(one.explanation)))))
     blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
-    return Section("errata", "Errata found", tuple(blocks))
+    return Section("errata", ERRATA_TITLE, tuple(blocks))

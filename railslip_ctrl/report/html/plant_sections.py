@@ -206,6 +206,19 @@ def _points(count: int) -> str:
 # --- stabilising gains ----------------------------------------------------------------------------------------------
 
 
+def _at_holding(report: DesignReport) -> str:
+    """The range of kp along the line of the holding PI's integral time, which is another one."""
+    holding = report.check.holding
+    if holding is None:
+        return ""
+    low, high = holding.gain_range
+    return (
+        f"; along the line ki = kp/({holding.integral_time:g} s), on which the holding PI was found, kp from "
+        f"{short(low)} "
+        f"to {short(high)}"
+    )
+
+
 def region_section(report: DesignReport) -> Section:
     """The stabilising region, or why there is none."""
     region = report.region
@@ -224,9 +237,9 @@ def region_section(report: DesignReport) -> Section:
         "Stabilising gains",
         (
             Paragraph(
-                f"All plain PI that stabilise {_points(len(report.plants))}: kp from {short(low)} to "
-                f"{short(high)} "
-                "N·m/(m/s), and ki up to the outline. The outline is exact: D-decomposition ([Gryazina2008], "
+                f"All plain PI that stabilise {_points(len(report.plants))}: over all ki, kp from {short(low)} to "
+                f"{short(high)} N·m/(m/s), and ki up to the outline{_at_holding(report)}. The outline is exact: "
+                "D-decomposition ([Gryazina2008], "
                 "[Silva2005]) and root count ([WaltonMarshall1987]), the dead time not approximated. Inside "
                 "it the worst Ms, phase margin and delay margin over the operating points."
             ),

@@ -10,12 +10,14 @@ from railslip_ctrl.design_report import DesignReport
 from railslip_ctrl.sliding.verdict import Condition
 from railslip_ctrl.sliding_verification import FullVerification
 
-from .blocks import Block, Details, Facts, Group, Items, Paragraph, Section
+from .blocks import Block, Details, Facts, Items, Paragraph, Section
 from .numbers import listed, short
 from .typography import typeset
 
 _SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Za-z])")
-_LAWS = {"paper": "The published law", "layered": "A layered law with a lead on the brake's lag"}
+PAPER_LAW = "paper-law"
+"""Anchor of the appendix about the published law."""
+
 _HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "held in all runs"}
 _FAILED = {"symbolic": "refuted", "sampled": "failed in samples", "simulated": "failed in runs"}
 
@@ -45,26 +47,50 @@ def claims_and_own(full: FullVerification) -> tuple[str, str]:
     return tally(claims) if claims else "", tally(own) if own else ""
 
 
+_HOW = (
+    "Every claim is put as a condition and decided. Words say how: proved or refuted are symbolic, by SymPy or in "
+    "closed "
+    "form; held in all samples, or in all runs, is evidence over the set that is named under the condition, and no "
+    "proof. All are decided for this vehicle on the published bristle model, whatever adhesion law this report is about"
+)
+
+
 def sliding_section(report: DesignReport) -> Section:
-    """Which stability conditions of the sliding-mode laws hold, each with its evidence."""
-    sliding = report.sliding
-    groups = []
-    for name, title in _LAWS.items():
-        full: FullVerification | None = getattr(sliding, name)
-        blocks = (Paragraph(f"Not decided: {sliding.reasons[name]}."),) if full is None else _conditions(full)
-        groups.append(Group(f"sliding-{name}", title, tuple(blocks)))
+    """Which conditions the layered law meets, this project's own sliding-mode design, each with its evidence."""
     intro = Paragraph(
-        "Every claim that the law's proof makes or relies on is put as a condition and decided. Words say how: "
-        "proved or refuted are symbolic, by SymPy or in closed form; held in all samples, or in all runs, is "
-        "evidence over the set that is named under the condition, and no proof. All are decided for this vehicle on "
-        "the published bristle model, which the paper derives its law with, whatever adhesion law this report is "
-        "about; railslip verify --law layered --adhesion decides those of the layered law for another. Bounds by L1 "
-        "norms: [DahlehPearson1987]; limit cycles of a relay: [Tsypkin1984]."
+        f"{_standing(report)} {_HOW}; railslip verify --law layered --adhesion decides them for another. Bounds by L1 "
+        "norms: [DahlehPearson1987]."
     )
-    return Section("sliding", "The sliding-mode law: verdict", (intro, *groups))
+    return Section("sliding", "Sliding mode: the layered law", (intro, *_law_blocks(report, "layered")))
 
 
-def _conditions(full: FullVerification) -> list[Block]:
+def paper_law_section(report: DesignReport) -> Section:
+    """Which conditions the published law meets."""
+    intro = Paragraph(
+        f"About the law of [Park2008], not about what to use. {_HOW}, which the paper derives its law with. Limit "
+        "cycles of a relay: [Tsypkin1984]."
+    )
+    return Section(PAPER_LAW, "Appendix: the published sliding-mode law", (intro, *_law_blocks(report, "paper")))
+
+
+def _standing(report: DesignReport) -> str:
+    """What the recommendation is, so that no condition that holds is taken for one."""
+    taken = report.loops.recommended
+    which = "none" if taken is None else f"the design “{taken.name}”"
+    return (
+        f"The recommendation of this report is that of the verdict: {which}. The layered law is what to "
+        "take where it has to be a sliding-mode law: it needs the rail's holding torque, which none of the others does."
+    )
+
+
+def _law_blocks(report: DesignReport, name: str) -> list[Block]:
+    full: FullVerification | None = getattr(report.sliding, name)
+    if full is None:
+        return [Paragraph(f"Not decided: {report.sliding.reasons[name]}.")]
+    return _conditions(full, report.sliding.gains.get(name, ()))
+
+
+def _conditions(full: FullVerification, gains: Sequence[tuple[str, float, str]]) -> list[Block]:
     verification = full.verification
     claims, own = claims_and_own(full)
     told = []
@@ -81,6 +107,7 @@ def _conditions(full: FullVerification) -> list[Block]:
     rows = [("K", f"{short(verification.K)} N·m")]
     if verification.D is not None:
         rows.append(("D", f"{short(verification.D)} N·m/(m/s)"))
+    rows += [(symbol, f"{short(value)} {unit}".removesuffix(" -")) for symbol, value, unit in gains]
     rows += [("Inertia scale", f"{verification.inertia_scale:g}"), ("Seed", str(verification.seed))]
     failing = [one.name for one in verification.failing]
     if failing:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
+from railslip_ctrl.design_report.candidates import FULL_RANGE, LEAST_MS
+from railslip_ctrl.design_report.stops import DRY_START, HOLDING, RELAY, RELAY_SHARE, STARTED_DRY
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.units import KMH
@@ -12,6 +12,7 @@ from railslip_ctrl.units import KMH
 from .blocks import Block, Group, Items, Paragraph, Picture, Section, Table
 from .numbers import NONE, listed, minus, short
 from .typography import typeset
+from .words import percent_over, reference_of
 
 _LAYERED_STOPS = "speed falling, simulated"
 
@@ -25,11 +26,17 @@ def stops_section(report: DesignReport) -> Section:
         "Nonlinear runs of the quarter car through the brake's dead time and lag, with the published random force "
         "and caliper disturbance, the same noise for every controller. The bound is the stop of a controller that "
         "knows the rail ahead: on the adhesion law of the same run no controller can stop in less. Another law, as "
-        "the dynamic model below, has another bound, which is not given here."
+        f"the dynamic model below, has another bound, which is not given here.{_alone(report)}"
     )
     groups = [_stop_group(i, stop) for i, stop in enumerate(report.stops, start=1)]
     laws = Paragraph(_adhesion(report), strong=True)
-    return Section("stops", "Braking runs", (intro, laws, *_layered(report), *groups))
+    return Section("stops", "Braking runs", (intro, laws, *_compared(report), *_layered(report), *groups))
+
+
+def _alone(report: DesignReport) -> str:
+    """Which controllers have no run with the dynamic law."""
+    names = list(dict.fromkeys(name for stop in report.stops if stop.dynamic for name in stop.without_dynamic))
+    return f" Without a run on the dynamic model: {listed(names)}." if names else ""
 
 
 def _adhesion(report: DesignReport) -> str:
@@ -48,6 +55,22 @@ def _adhesion(report: DesignReport) -> str:
         "shown: on each rail the linear controllers are run again with the dynamic model, in a table of their own. A "
         "margin of this report and a run with the static curve do not vouch for each other."
     )
+
+
+def _compared(report: DesignReport) -> list[Block]:
+    """What the controllers are that stand in the tables to compare, and not in the pictures."""
+    load = report.check.vehicle.wheel_load * report.check.vehicle.wheel.radius
+    told = {
+        HOLDING: f"{HOLDING} and {LEAST_MS}: the designs of those names, with limits, anti-windup and initial torque "
+        "of "
+        f"{FULL_RANGE}.",
+        STARTED_DRY: f"{STARTED_DRY}: begun with {DRY_START:g} of wheel load times radius in place of "
+        f"{INITIAL_SHARE:g}, which wet rail does not take.",
+        RELAY: f"{RELAY}: {short(RELAY_SHARE * load)} N·m while the slip is below the reference, none above.",
+    }
+    there = {one.name for stop in report.stops for one in stop.runs if one.run is not None}
+    texts = tuple(text for name, text in told.items() if name in there)
+    return [Paragraph("To compare, in the tables only:"), Items(texts)] if texts else []
 
 
 def _layered(report: DesignReport) -> list[Block]:
@@ -73,7 +96,9 @@ def _stop_group(i: int, stop: Stop) -> Group:
     missing = tuple(f"{one.name}: none. {one.reason}." for one in stop.runs if one.run is None)
     if missing:
         blocks.append(Items(missing))
-    ran = [one for one in stop.runs if one.run is not None]
+    if stop.dynamic:
+        blocks += [_dynamic_table(stop), Paragraph(_dynamic_finding(stop))]
+    ran = [one for one in stop.runs if one.run is not None and one.drawn]
     if ran:
         told = "; ".join(f"{one.name}: {_words(one)}" for one in ran)
         blocks.append(
@@ -85,8 +110,6 @@ def _stop_group(i: int, stop: Stop) -> Group:
                 f"{told}.",
             )
         )
-    if stop.dynamic:
-        blocks += [_dynamic_table(stop), Paragraph(_dynamic_finding(stop))]
     return Group(f"stop-group-{i}", stop.title[0].upper() + stop.title[1:], tuple(blocks))
 
 
@@ -103,19 +126,21 @@ def _words(one: StopRun) -> str:
 
 
 def _stop_finding(stop: Stop) -> str:
-    shortest, bound = stop.shortest, stop.bound
+    shortest, unlocked = stop.shortest, stop.shortest_unlocked
     locked = [one.name for one in stop.runs if one.run is not None and one.run.locked_fraction > 0]
     if shortest is None:
         return "No controller stops the train."
-    name = next(one.name for one in stop.runs if one.run is shortest)
-    text = f"Shortest: {name}, {short(shortest.braking_distance)} m"
-    if bound is not None and math.isfinite(bound.braking_distance):
-        over = 100 * (shortest.braking_distance / bound.braking_distance - 1)
-        text += (
-            f", {over:.0f} % over the {short(bound.braking_distance)} m below which no controller can stop on this law"
-        )
-    text += below_reference(name, shortest)
-    return text + (f". The wheel locks with: {', '.join(locked)}." if locked else ". No wheel locks.")
+    text = _told("Shortest", shortest, stop)
+    if unlocked is not shortest and unlocked is not None:
+        text += f" {_told('Shortest without a locked wheel', unlocked, stop)}"
+    return f"{text} The wheel locks with: {', '.join(locked)}." if locked else f"{text} No wheel locks."
+
+
+def _told(what: str, one: StopRun, stop: Stop) -> str:
+    run = one.run
+    assert run is not None, "only runs are told"
+    text = f"{what}: {one.name}, {short(run.braking_distance)} m{percent_over(run, stop.bound)}"
+    return f"{text}{below_reference(one.name, run)}."
 
 
 def below_reference(name: str, run: Run) -> str:
@@ -128,6 +153,7 @@ def below_reference(name: str, run: Run) -> str:
 
 def _stop_table(stop: Stop) -> Table:
     rows = []
+    spread = any(one.distances for one in stop.runs)
     for one in stop.runs:
         run = one.run
         if run is None:
@@ -138,6 +164,7 @@ def _stop_table(stop: Stop) -> Table:
                 run.outcome.value,
                 short(run.braking_time),
                 short(run.braking_distance),
+                *([_spread(one)] if spread else []),
                 short(run.brake_energy / 1e6),
                 short(run.mean_abs_slip_error, 3),
                 short(run.max_slip, 3),
@@ -147,18 +174,24 @@ def _stop_table(stop: Stop) -> Table:
         )
     if stop.bound is not None:
         bound = (short(stop.bound.braking_time), short(stop.bound.braking_distance))
-        rows.append(("least possible", "bound", *bound, *(NONE,) * 5))
+        rows.append(("least possible", "bound", *bound, *(NONE,) * (6 if spread else 5)))
     head = (
-        "Controller", "Outcome", "Time, s", "Distance, m", "Energy, MJ", "Mean |slip error|, -",
-        "Highest slip, -", "Locked, %", "Highest torque, kN·m",
+        "Controller", "Outcome", "Time, s", "Distance, m", *(["Spread, m"] if spread else []), "Energy, MJ",
+        "Mean |slip error|, -", "Highest slip, -", "Locked, %", "Highest torque, kN·m",
     )  # fmt: skip
+    count = max(len(one.distances) for one in stop.runs)
+    seeds = f" Spread: the distance over {count} noise seeds." if spread else " One noise seed, without a spread."
     return Table(
-        f"{_from_to(stop)}, {_law(stop)}. Slip error: mean over time against the controller's own reference; locked: "
-        "share of the time with rω < 0.02 v.",
+        f"{_from_to(stop)}, {_law(stop)}.{seeds} Slip error: mean over time against the controller's own reference; "
+        "locked: share of the time with rω < 0.02 v.",
         head,
         rows,
         wide=True,
     )
+
+
+def _spread(one: StopRun) -> str:
+    return f"{min(one.distances):.1f}–{max(one.distances):.1f}" if len(one.distances) > 1 else NONE
 
 
 def _from_to(stop: Stop) -> str:
@@ -171,29 +204,34 @@ def _dynamic_table(stop: Stop) -> Table:
     rows = []
     for one in stop.dynamic:
         curve = stop.run_of(one.name)
-        for law, run in (("static curve", curve), ("dynamic bristle model", one.run)):
-            if run is None:
-                rows.append((one.name, law, one.reason or NONE, *(NONE,) * 5))
-                continue
-            rows.append(
-                (
-                    one.name,
-                    law,
-                    run.outcome.value,
-                    short(run.braking_time),
-                    short(run.braking_distance),
-                    short(run.mean_abs_slip_error, 3),
-                    short(run.max_slip, 3),
-                    f"{100 * run.locked_fraction:.2g}",
-                )
+        if one.run is None:
+            rows.append((one.name, one.reason or NONE, *(NONE,) * 8))
+            continue
+        run = one.run
+        change = NONE
+        if curve is not None and curve.stopped and run.stopped:
+            change = minus(f"{100 * (run.braking_distance / curve.braking_distance - 1):+.1f}")
+        rows.append(
+            (
+                one.name,
+                run.outcome.value,
+                short(run.braking_time),
+                short(run.braking_distance),
+                _spread(one),
+                change,
+                short(run.mean_abs_slip_error, 3),
+                short(run.max_slip, 3),
+                short(one.speed_of_highest_slip, 3),
+                f"{100 * run.locked_fraction:.2g}",
             )
+        )
     head = (
-        "Controller", "Adhesion", "Outcome", "Time, s", "Distance, m", "Mean |slip error|, -", "Highest slip, -",
-        "Locked, %",
+        "Controller", "Outcome", "Time, s", "Distance, m", "Spread, m", "Against the curve, %",
+        "Mean |slip error|, -", "Highest slip, -", "at, km/h", "Locked, %",
     )  # fmt: skip
     return Table(
-        f"The linear controllers again with the dynamic bristle model, which the margins are for, beside the static "
-        f"curve. {_from_to(stop)}.",
+        f"The linear controllers again with the dynamic bristle model, which the margins are for. {_from_to(stop)}; "
+        "highest slip with the speed at which it comes.",
         head,
         rows,
         wide=True,
@@ -201,16 +239,10 @@ def _dynamic_table(stop: Stop) -> Table:
 
 
 def _dynamic_finding(stop: Stop) -> str:
-    """By how much the dynamic law changes the stops."""
-    told = []
-    for one in stop.dynamic:
-        curve = stop.run_of(one.name)
-        if one.run is None or curve is None:
-            continue
-        if one.run.stopped and curve.stopped:
-            change = minus(f"{100 * (one.run.braking_distance / curve.braking_distance - 1):+.1f} %")
-            lost = ", and the wheel locks" if one.run.locked_fraction > curve.locked_fraction == 0 else ""
-            told.append(f"{one.name} stops in {short(one.run.braking_distance)} m, {change}{lost}")
-        else:
-            told.append(f"{one.name}: {_words(one)}")
-    return f"With the dynamic model in place of its curve: {'; '.join(told)}."
+    """What the dynamic law changes."""
+    runs = [one for one in stop.dynamic if one.run is not None]
+    locked = [one.name for one in runs if one.run is not None and one.run.locked_fraction > 0]
+    passed = [one.name for one in runs if one.run is not None and one.run.max_slip > 2 * reference_of(one.run)]
+    text = "With the dynamic model in place of its curve "
+    text += f"the wheel locks with: {', '.join(locked)}." if locked else "no wheel locks."
+    return text + (f" Slip over twice the reference: {', '.join(passed)}." if passed else "")

@@ -1,122 +1,337 @@
-"""What stands at the top: one paragraph, and up to four points that go with it."""
+"""What stands at the top of the page, report.txt and report.json: one paragraph, numbers beside it, and points."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from railslip_ctrl.assessment import ROBUST_MS
-from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, Stop
-from railslip_ctrl.simulation.designed import SPEEDS_KMH
+from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedRange, Stop, StopRun
+from railslip_ctrl.design_report.candidates import FULL_RANGE
+from railslip_ctrl.design_report.stops import DRY_START, STARTED_DRY
+from railslip_ctrl.report.text import Verdict
+from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
+from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.sliding_verification import FullVerification
 
 from .numbers import listed, short, where
 from .paper_sections import reproduction_finding
 from .sliding_sections import claims_and_own
-from .stop_sections import below_reference
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A paragraph that can be read alone, and points with their headings."""
-
-    paragraph: str
-    points: tuple[tuple[str, str], ...]
-
-    @property
-    def text(self) -> str:
-        """All of it in one string."""
-        return " ".join([self.paragraph, *(f"{head}: {told}" for head, told in self.points)])
+from .words import (
+    controller_words,
+    distance_spread,
+    load_words,
+    lost_words,
+    percent_over,
+    policy_words,
+    reference_of,
+    slow_words,
+)
 
 
 def verdict(report: DesignReport) -> Verdict:
     """What the report finds and recommends."""
-    paragraph = " ".join([_limits(report), report.check.conclusion, _recommended(report)])
+    taken = report.loops.recommended
+    if taken is None:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in report.loops.refused.items())
+        paragraph = f"{report.check.vehicle.name}: none of the designs compared here holds all operating points."
+        none = (("Why none", reasons), ("Limits", _limits(report)), ("The paper", _paper(report)))
+        return Verdict(paragraph, (), tuple((head, text) for head, text in none if text))
     points = (
-        ("Why, and what it does not cover", _reasons(report)),
+        ("Why this one", _reasons(report, taken)),
+        ("Low speed", _low_speed(report, taken)),
+        ("Dry against wet", _dry_against_wet(report, taken)),
+        ("Not covered", _not_covered(report, taken)),
         ("Sliding mode", _sliding(report)),
-        ("Braking runs", _stops(report)),
         ("The paper", _paper(report)),
     )
-    return Verdict(paragraph, tuple((head, text) for head, text in points if text))
+    return Verdict(
+        _paragraph(report, taken), _numbers(report, taken), tuple((head, text) for head, text in points if text)
+    )
+
+
+# --- the paragraph --------------------------------------------------------------------------------------------------
+
+
+def _paragraph(report: DesignReport, taken: LoopDesign) -> str:
+    stops = _stops(report)
+    found = (_recommended(report, taken), _over_speed(report), *(_stop(stop, taken, stops) for stop in stops))
+    return " ".join(text for text in (*found, _surge(report, taken)) if text)
+
+
+def _recommended(report: DesignReport, taken: LoopDesign) -> str:
+    count = len(report.plants)
+    points = "the operating point" if count == 1 else f"the {count} operating points"
+    name, gains = report.check.vehicle.name, controller_words(taken.controller)
+    worst = f"(worst Ms {short(taken.worst_ms, 3)})"
+    if taken.worst_ms > ROBUST_MS:
+        return (
+            f"No robust design was found for {name}. The least fragile is “{taken.name}”, {gains}: stable at {points} "
+            f"asked for {worst}, and not to be used without more."
+        )
+    return f"Recommended for {name}: the design “{taken.name}”, {gains}. It is robust at {points} asked for {worst}."
+
+
+def _over_speed(report: DesignReport) -> str:
+    speeds = report.loops.speeds
+    if speeds is None:
+        return ""
+    if math.isinf(speeds.robust_from):
+        text = f"On some law, rail or load Ms is above {ROBUST_MS:g} up to the highest speed"
+    else:
+        text = f"Ms stays at most {ROBUST_MS:g} from {short(speeds.robust_from, 3)} km/h up, on {_conditions(speeds)}"
+    if speeds.stable_from > speeds.least_kmh and math.isinf(speeds.robust_from):
+        return f"{text}, and {lost_words(speeds)}, where slip control has to be cut out."
+    if speeds.stable_from > speeds.least_kmh:
+        return f"{text}. Slip control has to be cut out below: {lost_words(speeds)}."
+    return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
+
+
+def _conditions(speeds: SpeedRange) -> str:
+    laws = list(dict.fromkeys(line.law for line in speeds.lines))
+    rails = list(dict.fromkeys(str(line.rail) for line in speeds.lines))
+    loaded = ", empty and loaded" if len({line.mass for line in speeds.lines}) > 1 else ""
+    return f"{listed(rails)} rail{loaded}, with the adhesion {'law' if len(laws) == 1 else 'laws'} {listed(laws)}"
+
+
+def _stops(report: DesignReport) -> list[Stop]:
+    """The stops on one rail from the start; the published run changes its rail on the way."""
+    return [stop for stop in report.stops if not stop.scenario.events]
+
+
+def _of(runs: Iterable[StopRun], name: str) -> StopRun | None:
+    return next((one for one in runs if one.name == name and one.run is not None), None)
+
+
+def _stop(stop: Stop, taken: LoopDesign, others: Sequence[Stop]) -> str:
+    """The stop of the recommended design in a sentence, beside the shortest that does not lock and the bound."""
+    one = _of(stop.runs, taken.name)
+    if one is None or one.run is None:
+        return ""
+    rail, run = stop.scenario.rail, one.run
+    if not run.stopped:
+        return f"On {rail} rail the train does not stop with it."
+    text = f"On {rail} rail it stops in {short(run.braking_distance, 3)} m{percent_over(run, stop.bound)}"
+    if run.max_slip < reference_of(run):
+        text += f", its slip never above {short(run.max_slip, 2)} (reference {reference_of(run):g})"
+    best = stop.shortest_unlocked
+    if best is one:
+        text += ", the shortest without a locked wheel"
+    elif best is not None and best.run is not None:
+        locks = [str(other.scenario.rail) for other in others if _locks(_of(other.runs, best.name))]
+        but = f", but locks the wheel on {listed(locks)} rail" if locks else ""
+        text += f"; {best.name} takes {short(best.run.braking_distance, 3)} m{but}"
+    if run.locked_fraction > 0:
+        text += f"; the wheel is locked for {100 * run.locked_fraction:.2g} % of the time"
+    return text + "."
+
+
+def _locks(one: StopRun | None) -> bool:
+    return one is not None and one.run is not None and one.run.locked_fraction > 0
+
+
+def _surge(report: DesignReport, taken: LoopDesign) -> str:
+    """Where the design's own runs with the dynamic law pass twice the reference, which no margin tells."""
+    told = []
+    for stop in _stops(report):
+        one = _of(stop.dynamic, taken.name)
+        if one is not None and one.run is not None and one.run.max_slip > 2 * reference_of(one.run):
+            told.append(
+                f"{short(one.run.max_slip, 2)} on {stop.scenario.rail} rail (reference {reference_of(one.run):g}), at "
+                f"{short(one.speed_of_highest_slip, 2)} km/h"
+            )
+    return f"With the dynamic bristle model its slip overshoots to {listed(told)}." if told else ""
+
+
+# --- the numbers ----------------------------------------------------------------------------------------------------
+
+
+def _numbers(report: DesignReport, taken: LoopDesign) -> tuple[tuple[str, str], ...]:
+    """What the recommendation rests on, a row each."""
+    margins = [one.margins for one in taken.assessments if one.margins is not None]
+    rows = [
+        ("Design", f"{taken.name}: {controller_words(taken.controller)}"),
+        (
+            "Margins at the operating points",
+            f"Ms ≤ {short(max(m.ms for m in margins), 3)}, phase ≥ {short(min(m.phase_deg for m in margins), 3)} deg, "
+            f"added dead time ≤ {short(min(m.delay_s for m in margins), 2)} s, gain "
+            f"{short(max(m.gain_decrease for m in margins), 2)} to {short(min(m.gain_increase for m in margins), 3)}",
+        ),
+    ]
+    speeds = report.loops.speeds
+    if speeds is not None:
+        rows.append((f"Ms ≤ {ROBUST_MS:g}", _from(speeds.robust_from, speeds.least_kmh)))
+        rows.append(("Stable", f"{_from(speeds.stable_from, speeds.least_kmh)}{_first_lost(report)}"))
+    for stop in _stops(report):
+        one, again = _of(stop.runs, taken.name), _of(stop.dynamic, taken.name)
+        if one is not None:
+            rows.append((f"Stop, {stop.scenario.rail} rail", _stop_words(one, stop.bound)))
+        if again is not None:
+            rows.append((f"Stop, {stop.scenario.rail} rail, dynamic bristle model", _stop_words(again, None)))
+    return tuple(rows)
+
+
+def _from(speed: float, least: float) -> str:
+    if math.isinf(speed):
+        return "not at all of the speeds, laws, rails and loads"
+    if speed <= least:
+        return f"at all speeds from {least:g} km/h up"
+    return f"from {short(speed, 3)} km/h up"
+
+
+def _first_lost(report: DesignReport) -> str:
+    speeds = report.loops.speeds
+    if speeds is None or speeds.stable_from <= speeds.least_kmh:
+        return ""
+    line = speeds.first_lost
+    return f" (first lost: law {line.law}, {line.rail} rail, {load_words(line, speeds)})"
+
+
+def _stop_words(one: StopRun, bound: ClairvoyantStop | None) -> str:
+    run = one.run
+    assert run is not None, "only runs are told"
+    if not run.stopped:
+        return run.outcome.value
+    text = (
+        f"{distance_spread(one)}{percent_over(run, bound)}; slip at most {short(run.max_slip, 2)} (at "
+        f"{short(one.speed_of_highest_slip, 2)} km/h), reference {reference_of(run):g}"
+    )
+    return text + (f"; locked {100 * run.locked_fraction:.2g} % of the time" if run.locked_fraction > 0 else "")
+
+
+# --- the points -----------------------------------------------------------------------------------------------------
 
 
 def _limits(report: DesignReport) -> str:
-    name, count = report.check.vehicle.name, len(report.plants)
+    count = len(report.plants)
     points = "its operating point" if count == 1 else f"its {count} operating points"
     pairs = zip(report.limits, (plant.point for plant in report.plants), strict=True)
     worst, point = max(pairs, key=lambda pair: pair[0].unstable_pole)
     if worst.unstable_pole == 0:
-        return f"{name}: the wheel is stable by itself at {points}."
+        return f"The wheel is stable by itself at {points}."
     return (
-        f"{name}: at {points} the wheel runs away by itself, doubling its slip error in as little as "
+        f"At {points} the wheel runs away by itself, doubling its slip error in as little as "
         f"{short(worst.doubling_time, 2)} s ({where(point)}), and no linear controller gets Ms below "
         f"{short(worst.ms_bound, 3)} there."
     )
 
 
-def _recommended(report: DesignReport) -> str:
-    taken = report.loops.recommended
-    if taken is None:
-        return "Recommendation: none. No design compared here holds all operating points."
-    holds = "robust at all these points" if taken.worst_ms <= ROBUST_MS else "stable at all these points, but fragile"
-    controller = taken.controller
-    gains = f"kp {short(controller.gains.kp)} N·m/(m/s), ki {short(controller.gains.ki)} N·m/m"
-    if controller.lead > 0:
-        gains += f", behind the lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1)"
-    return f"Recommendation: the design “{taken.name}”, {gains}: {holds} (worst Ms {short(taken.worst_ms, 3)})."
-
-
-def _reasons(report: DesignReport) -> str:
-    taken, best = report.loops.recommended, report.loops.best
-    if taken is None or best is None:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in report.loops.refused.items())
-        return f"Every design is unstable at one of the points, or does not exist. {reasons}".strip()
+def _reasons(report: DesignReport, taken: LoopDesign) -> str:
+    best = report.loops.best
     if taken.over_range and taken.worst_ms <= ROBUST_MS:
-        why = f"It keeps Ms ≤ {ROBUST_MS:g} here and is the only one tuned for more than these points: {taken.how}."
-        if best is not taken:
-            why += (
-                f" “{best.name}” has the least worst Ms at these points ({short(best.worst_ms, 3)}), but {_weak(best)}."
-            )
+        why = (
+            f"Of the designs with Ms ≤ {ROBUST_MS:g} it is the only one tuned for more than these points: {taken.how}."
+        )
     elif taken.worst_ms <= ROBUST_MS:
         why = f"It has the least worst Ms of the robust ones; {taken.how}."
     else:
-        why = f"None is robust (Ms ≤ {ROBUST_MS:g}); it is the least fragile, to be used with care."
-    return f"{why} {_not_covered(report, taken)}"
+        why = f"None is robust (Ms ≤ {ROBUST_MS:g}); it is the least fragile."
+    if FULL_RANGE in report.loops.refused:
+        why += f" There is no {FULL_RANGE}: {report.loops.refused[FULL_RANGE]}."
+    if best is not None and best is not taken:
+        least = short(best.worst_ms, 3)
+        why += f" “{best.name}” has the least worst Ms at these points ({least}), but {_weak(report, best)}."
+    return f"{_limits(report)} {why}"
 
 
-def _weak(design: LoopDesign) -> str:
+def _weak(report: DesignReport, design: LoopDesign) -> str:
+    """What speaks against a design of less Ms, with its runs where there are any."""
     if design.needs_hold:
         return "needs a known holding torque"
     gains = design.controller.gains
-    return f"an integral time of {short(gains.kp / gains.ki, 2)} s" if gains.ki > 0 else "no integral action"
+    text = f"an integral time of {short(gains.kp / gains.ki, 2)} s" if gains.ki > 0 else "no integral action"
+    told = []
+    for stop in _stops(report):
+        one = _of(stop.runs, design.name)
+        if one is not None and one.run is not None and one.run.stopped:
+            told.append(f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail")
+    return f"{text}, and takes {listed(told)} to stop" if told else text
+
+
+def _low_speed(report: DesignReport, taken: LoopDesign) -> str:
+    speeds = report.loops.speeds
+    ends = [end for stop in report.stops for end in stop.slow if end.name == taken.name]
+    texts = []
+    if speeds is not None and speeds.stable_from > speeds.least_kmh:
+        texts.append(f"Linearised at each speed, {lost_words(speeds)}.")
+    if ends:
+        texts += [slow_words(ends), policy_words(ends)]
+    return " ".join(texts)
+
+
+def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
+    """The recommended design's stop on each rail beside those that are shorter on one of them, and why."""
+    stops = _stops(report)
+    if len(stops) < 2:
+        return ""
+    own, rows = [_of(stop.runs, taken.name) for stop in stops], []
+    for name in dict.fromkeys(one.name for stop in stops for one in stop.runs):
+        runs = [_of(stop.runs, name) for stop in stops]
+        if all(one is not None for one in runs) and (name == taken.name or _shorter_somewhere(runs, own)):
+            told = " and ".join(
+                f"{short(one.run.braking_distance, 3)} m {stop.scenario.rail}"
+                f"{' (locks)' if one.run.locked_fraction > 0 else ''}"
+                for stop, one in zip(stops, runs, strict=True)
+                if one is not None and one.run is not None
+            )
+            rows.append(f"{name} {told}")
+    spread = [
+        100 * (max(one.distances) - min(one.distances)) / one.run.braking_distance
+        for stop in stops
+        for one in stop.runs
+        if one.run is not None and len(one.distances) > 1
+    ]
+    varies = f" Between noise seeds a distance changes by at most {max(spread):.1g} %." if spread else ""
+    return f"It, and what is shorter on one rail: {'; '.join(rows)}. {_why_slow(report, taken)}{varies}"
+
+
+def _shorter_somewhere(runs: Sequence[StopRun | None], own: Sequence[StopRun | None]) -> bool:
+    pairs = [(a.run, b.run) for a, b in zip(runs, own, strict=True) if a is not None and b is not None]
+    return any(a and b and a.stopped and a.braking_distance < b.braking_distance for a, b in pairs)
+
+
+def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
+    """Why the recommended design stays under its reference on a rail, if it does, and what more torque would do."""
+    texts = []
+    for stop in _stops(report):
+        one = _of(stop.runs, taken.name)
+        if one is None or one.run is None or one.run.max_slip >= reference_of(one.run) or not taken.over_range:
+            continue
+        rail = stop.scenario.rail
+        holding = max(plant.point.brake_torque for plant in report.plants if plant.point.rail is rail)
+        begins = INITIAL_SHARE * stop.scenario.vehicle.wheel_load * stop.scenario.vehicle.wheel.radius
+        texts.append(
+            f"On {rail} rail “{taken.name}” never comes to its reference: it begins with {short(begins, 3)} N·m, which "
+            f"even wet rail takes, where {short(holding, 3)} N·m would hold the slip, and the integral that Ms ≤ "
+            f"{ROBUST_MS:g} allows brings it to {short(one.run.max_torque, 3)} N·m before the train stands."
+        )
+    begun = [
+        f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
+        + (f", locked {100 * one.run.locked_fraction:.2g} % of the time" if one.run.locked_fraction > 0 else "")
+        for stop in _stops(report)
+        if (one := _of(stop.runs, STARTED_DRY)) is not None and one.run is not None
+    ]
+    if texts and begun:
+        texts.append(f"Begun with {DRY_START:g} of wheel load times radius it would take {listed(begun)}.")
+    return " ".join(texts)
 
 
 def _not_covered(report: DesignReport, taken: LoopDesign) -> str:
-    low, high = min(SPEEDS_KMH), max(SPEEDS_KMH)
-    range_ = f"speeds outside {low:g} to {high:g} km/h" if taken.over_range else "any other speed, load, rail or slip"
     noise = max((effort.noise_gain for effort in taken.efforts if effort is not None), default=math.nan)
-    return (
-        f"Not covered: {range_}; errors of the dead time and lag beyond its delay margin; sampling, and sensor noise, "
-        f"of which 1 m/s becomes {short(noise, 2)} N·m of commanded torque; adhesion laws other than those named"
-        f"{_overshoot(report, taken)}."
+    range_ = "" if taken.over_range else "any other speed, load, rail or slip; "
+    alone = list(dict.fromkeys(name for stop in report.stops if stop.dynamic for name in stop.without_dynamic))
+    text = (
+        f"{range_}errors of the dead time and lag beyond the delay margin; sampling, and sensor noise, of which 1 m/s "
+        f"becomes {short(noise, 2)} N·m of commanded torque; adhesion laws other than those named."
     )
-
-
-def _overshoot(report: DesignReport, taken: LoopDesign) -> str:
-    """Where the design's own runs with the dynamic law pass twice the reference, which no margin tells."""
-    told = []
-    for stop in report.stops:
-        run = next((one.run for one in stop.dynamic if one.name == taken.name), None)
-        if run is None:
-            continue
-        reference = getattr(run.controller.reference, stop.scenario.rail.value)
-        if run.max_slip > 2 * reference:
-            told.append(f"{stop.scenario.rail} rail up to {short(run.max_slip, 2)}, reference {reference:g}")
-    if not told:
-        return ""
-    passed = f"the slip passes twice its reference ({listed(told)})"
-    return f"; applying the brake to a free-rolling wheel, where with the dynamic model {passed}"
+    text = text[:1].upper() + text[1:]
+    if alone:
+        text += (
+            f" Run with the static adhesion law only: {listed(alone)}. The distance below which no controller can stop "
+            "is known for the static law only."
+        )
+    return text
 
 
 def _sliding(report: DesignReport) -> str:
@@ -124,59 +339,29 @@ def _sliding(report: DesignReport) -> str:
     for name, full in (("published", report.sliding.paper), ("layered", report.sliding.layered)):
         if full is not None:
             texts.append(_law(name, full))
-    return " ".join(texts)
+    return " ".join(["Not recommended.", *texts]) if texts else ""
 
 
 def _law(name: str, full: FullVerification) -> str:
     claims, own = claims_and_own(full)
     if claims:
-        text = f"Of the conditions that the {name} law's proof claims or relies on, {claims}."
-        return text + (f" Of this project's own, on mended variants of it, {own}." if own else "")
-    return f"Of the conditions set for the {name} law, this project's own design, {own}."
-
-
-def _stops(report: DesignReport) -> str:
-    texts = [_stop(stop) for stop in report.stops]
-    if any(stop.dynamic for stop in report.stops):
-        texts.append(
-            "These runs have the static bristle curve, the margins the dynamic bristle model. With the dynamic model: "
-            f"{'; '.join(_dynamic(stop) for stop in report.stops if stop.dynamic)}."
-        )
-    return " ".join(texts)
-
-
-def _dynamic(stop: Stop) -> str:
-    """What the linear controllers do over the dynamic law, in a few words."""
-    told = [
-        f"{one.name} {short(one.run.braking_distance, 3)} m, slip up to {short(one.run.max_slip, 2)}"
-        for one in stop.dynamic
-        if one.run is not None
-    ]
-    return f"{stop.scenario.rail} rail, {' and '.join(told)}"
-
-
-def _stop(stop: Stop) -> str:
-    shortest, bound = stop.shortest, stop.bound
-    if shortest is None:
-        return f"{_capital(stop.title)}: no controller stops the train."
-    name = next(one.name for one in stop.runs if one.run is shortest)
-    text = f"{_capital(stop.title)}: shortest with {name}, {short(shortest.braking_distance, 3)} m"
-    if bound is not None and math.isfinite(bound.braking_distance):
-        text += f"; no controller can stop in less than {short(bound.braking_distance, 3)} m on the same law"
-    return text + below_reference(name, shortest) + "."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+        return f"Of the conditions that the {name} law's proof claims or relies on, {claims}."
+    return (
+        f"Of the conditions set for the {name} law, this project's own design, {own}; it needs the rail's holding "
+        "torque, which has to be known."
+    )
 
 
 def _paper(report: DesignReport) -> str:
-    wrong = [one for one in report.errata if not one.agrees]
-    text = (
-        f"{len(wrong)} of {len(report.errata)} equations, numbers and claims of [Park2008] that were worked out again "
-        f"{'differs' if len(wrong) == 1 else 'differ'}."
+    if report.table5 is None:
+        return ""
+    wrong = sum(not one.agrees for one in report.errata)
+    published = tuple(group for group in report.check.groups if group.title.startswith("Table 4"))
+    return (
+        f"{replace(report.check, groups=published).conclusion} {reproduction_finding(report.table5)} {wrong} of "
+        f"{len(report.errata)} equations, numbers and claims of [Park2008] that were worked out again "
+        f"{'differs' if wrong == 1 else 'differ'}."
     )
-    return text if report.table5 is None else f"{reproduction_finding(report.table5)} {text}"
 
 
 def gains_not_computed(report: DesignReport) -> tuple[str, ...]:

@@ -1,0 +1,174 @@
+"""Section about the recommended design over speed: margins down to walking pace, and what stops do there."""
+
+from __future__ import annotations
+
+import math
+
+from railslip_ctrl.assessment import ROBUST_MS
+from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SpeedRange
+from railslip_ctrl.simulation.designed import SPEEDS_KMH
+
+from .blocks import Block, Items, Paragraph, Picture, Section, Table
+from .numbers import NONE, short
+from .words import USUAL_END_KMH, load_words, lost_words, policy_words, slow_words
+
+RANGE = "range"
+"""Anchor of the section, and name of its picture."""
+
+
+def range_section(report: DesignReport) -> Section:
+    """Margins of the recommended design at every speed, law, rail and load; None of them where none is recommended."""
+    speeds = report.loops.speeds
+    title = "The recommended design over speed"
+    if speeds is None:
+        return Section(RANGE, title, (Paragraph("No design is recommended, so that there is none to show."),))
+    blocks: list[Block] = [Paragraph(range_finding(speeds), strong=True), Paragraph(_how(speeds))]
+    blocks += [_ms_table(speeds), _picture(speeds), _worst_table(speeds)]
+    ends = [end for stop in report.stops for end in stop.slow if end.name == speeds.name]
+    if ends:
+        blocks += [_end_table(ends), Paragraph(f"{slow_words(ends)} {policy_words(ends)}", strong=True)]
+    blocks.append(Paragraph("Every margin of every law, rail and load at every speed is in report.json."))
+    if speeds.skipped:
+        blocks.append(Items(speeds.skipped))
+    return Section(RANGE, title, tuple(blocks))
+
+
+def range_finding(speeds: SpeedRange) -> str:
+    """Where the design is robust, where it is stable, and where it is not."""
+    low, high = min(SPEEDS_KMH), max(SPEEDS_KMH)
+    text = f"{speeds.name}: from {low:g} to {high:g} km/h the largest Ms is {_ms(speeds.worst_ms(low, high))}"
+    if math.isfinite(speeds.robust_from):
+        text += f"; Ms ≤ {ROBUST_MS:g} everywhere {_from(speeds.robust_from, speeds)}"
+    if speeds.stable_from > speeds.least_kmh:
+        return f"{text}; {lost_words(speeds)}. The other loops are stable down to {speeds.least_kmh:g} km/h."
+    return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
+
+
+def _from(speed: float, speeds: SpeedRange) -> str:
+    return f"from {short(max(speed, speeds.least_kmh), 3)} km/h up"
+
+
+def _how(speeds: SpeedRange) -> str:
+    own = list(dict.fromkeys(line.law for line in speeds.lines if not line.tuned))
+    told = f" The design was not tuned for the law {own[0]}, which this report is about." if own else ""
+    return (
+        "The loop is linearised at each speed in turn, the speed frozen, at the slip that the controller holds; the "
+        "dead "
+        "time is exact. The speed at which stability ends is found by bisection. A train slows down through these "
+        "speeds, so that a loop that is unstable only below some speed is lost only if it is there for long enough: "
+        f"what a whole stop does is in the runs.{told}"
+    )
+
+
+def _ms(value: float) -> str:
+    return "unstable" if math.isinf(value) or math.isnan(value) else short(value, 4)
+
+
+def _name(line: RangeLine, speeds: SpeedRange) -> tuple[str, str, str]:
+    return line.law, str(line.rail), load_words(line, speeds)
+
+
+def _ms_table(speeds: SpeedRange) -> Table:
+    rows = [
+        (
+            *_name(line, speeds),
+            *(_cell(line, speed) for speed in speeds.shown_kmh),
+            _end(line.stable_from, line),
+            _end(line.robust_from, line),
+        )
+        for line in speeds.lines
+    ]
+    head = (
+        "Law",
+        "Rail",
+        "Load",
+        *(f"{speed:g}" for speed in speeds.shown_kmh),
+        "Stable from",
+        f"Ms ≤ {ROBUST_MS:g} from",
+    )
+    return Table(
+        f"Ms of {speeds.name} at each speed, km/h; ×: unstable. Last two columns: the lowest speed, km/h, from which "
+        "on "
+        "the loop is stable, and robust; ≤: at all speeds.",
+        head,
+        rows,
+        wide=True,
+    )
+
+
+def _cell(line: RangeLine, speed: float) -> str:
+    i = line.at(speed)
+    return short(float(line.margins.ms[i]), 3) if line.margins.stable[i] else "×"
+
+
+def _end(speed: float, line: RangeLine) -> str:
+    if math.isinf(speed):
+        return "none"
+    return f"≤ {speed:g}" if speed <= line.speeds_kmh[0] else f"{speed:.2f}"
+
+
+def _picture(speeds: SpeedRange) -> Picture:
+    return Picture(
+        RANGE,
+        f"{speeds.name}: Ms (top) and phase margin (bottom) over speed, of the worse of empty and loaded. A line ends "
+        f"where the loop is unstable, and an upright line marks the speed. Grey: Ms above {ROBUST_MS:g}.",
+        f"Ms and phase margin over speed, a line a law and rail. {range_finding(speeds)}",
+    )
+
+
+def _worst_table(speeds: SpeedRange) -> Table:
+    """The worst of all lines at each speed."""
+    rows: list[tuple[str, ...]] = []
+    for speed in speeds.shown_kmh:
+        at = [(line, line.at(speed)) for line in speeds.lines]
+        stable = [(line, i) for line, i in at if line.margins.stable[i]]
+        count = f"{len(stable)} of {len(at)}"
+        if not stable:
+            rows.append((f"{speed:g}", count, *(NONE,) * 6))
+            continue
+        line, i = max(stable, key=lambda pair: float(pair[0].margins.ms[pair[1]]))
+        of = line.margins
+        values = (of.ms[i], of.gain_decrease[i], of.gain_increase[i], of.phase_deg[i], of.delay_s[i])
+        rows.append(
+            (
+                f"{speed:g}",
+                count,
+                *(short(float(x), 3) for x in values),
+                f"{line.law}, {line.rail}, {load_words(line, speeds)}",
+            )
+        )
+    head = ("Speed, km/h", "Stable", "Ms", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Worst of the stable ones")
+    return Table(f"Margins of {speeds.name} at each speed, of the stable loop with the largest Ms.", head, rows)
+
+
+def _end_table(ends: list[SlowEnd]) -> Table:
+    first = ends[0]
+    rows = [
+        (
+            str(end.rail),
+            end.law,
+            short(end.highest_slip(end.from_kmh), 3),
+            _speed(end.first_beyond(2 * end.reference, end.from_kmh)),
+            _speed(end.locks_at),
+            short(end.highest_slip_cut_out(USUAL_END_KMH), 3),
+            short(end.highest_slip_cut_out(end.least_kmh), 3),
+            "yes" if end.cut_out.locked_fraction > 0 else "no",
+        )
+        for end in ends
+    ]
+    head = (
+        "Rail", "Law", f"Highest slip below {first.from_kmh:g} km/h, -", "Slip over twice its reference from, km/h",
+        "Locked from, km/h", f"Torque held: highest slip down to {USUAL_END_KMH:g} km/h, -",
+        f"down to {first.least_kmh:g} km/h, -", "locks",
+    )  # fmt: skip
+    return Table(
+        f"The end of the stop, continued to {first.least_kmh:g} km/h, one noise seed: with the controller, and with "
+        f"{short(first.torque)} N·m held from {first.from_kmh:g} km/h down in its place, free rolling at first.",
+        head,
+        rows,
+        wide=True,
+    )
+
+
+def _speed(value: float) -> str:
+    return "never" if math.isnan(value) else short(value, 3)
