@@ -2,8 +2,9 @@
 
 Beam and dynamic bristle at the four speeds of [Park2008] Table 1, six tests to a log. At 30 km/h the adhesion hardly
 falls up to half slip: intervals of beta and gamma then often have no upper end, and must not be too short for that.
+SPREAD is the standard deviation, relative, of the adhesion from test to test, 0 if not said.
 
-    python analysis/interval_coverage.py [SEEDS]
+    python analysis/interval_coverage.py [SEEDS [SPREAD]]
 """
 
 from __future__ import annotations
@@ -71,9 +72,9 @@ def coverage(test: RigTest, name: str, found: Iterable[Parameter]) -> Coverage:
     )
 
 
-def run(seeds: int = SEEDS, *, workers: int | None = 1) -> tuple[Coverage, ...]:
+def run(seeds: int = SEEDS, *, spread: float = 0.0, workers: int | None = 1) -> tuple[Coverage, ...]:
     """Every law at every speed, over logs of as many seeds; `workers` processes, as many as processors if None."""
-    tests = [test for law in LAWS for test in published_tests(law)]
+    tests = [dataclasses.replace(test, spread=spread) for law in LAWS for test in published_tests(law)]
     jobs = [test for test in tests for _ in range(seeds)], list(range(seeds)) * len(tests)
     if workers == 1:
         fits = list(map(identified, *jobs))
@@ -90,8 +91,9 @@ def run(seeds: int = SEEDS, *, workers: int | None = 1) -> tuple[Coverage, ...]:
 def main() -> None:
     """Print the counts."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else SEEDS
+    spread = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
     print(f"Of {seeds} logs, those whose 99 % interval holds the truth; its median half width and the values' bias")
-    for c in run(seeds, workers=None):
+    for c in run(seeds, spread=spread, workers=None):
         width = "no end" if math.isinf(c.width) else f"{100 * c.width:5.1f} %"
         print(
             f"  {c.law:8s} {c.speed_kmh:4.0f} km/h  {c.parameter:7s} {c.held:4d}  {width:>8s} {100 * c.bias:+6.1f} %"

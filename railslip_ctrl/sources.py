@@ -105,6 +105,14 @@ SOURCES = MappingProxyType(
             "Railtoolkit rolling-stock-data, schema 2022.05. Licence CC BY 4.0. "
             "https://github.com/railtoolkit/rolling-stock-data"
         ),
+        "MacKinnon2023": (
+            "J. G. MacKinnon, M. O. Nielsen, M. D. Webb: Cluster-robust inference: a guide to empirical practice. "
+            "Journal of Econometrics 232(2), 2023, pp. 272-299. doi:10.1016/j.jeconom.2022.04.001"
+        ),
+        "ChandlerBate2007": (
+            "R. E. Chandler, S. Bate: Inference for clustered data using the independence loglikelihood. "
+            "Biometrika 94(1), 2007, pp. 167-183. doi:10.1093/biomet/asm015"
+        ),
     }
 )
 """Full references by key."""

@@ -28,3 +28,12 @@ def show(module: ModuleType, result: object, folder: Path, monkeypatch: pytest.M
     monkeypatch.setattr(module, "run", lambda *_, **__: result)
     monkeypatch.setattr(sys, "argv", [f"{module.__name__}.py", str(folder)])
     module.main()
+
+
+def refused(result: tuple[int, str, str]) -> str:
+    """The one line of an error, of what the fixture `railslip` gives: exit status 2, and nothing on standard output."""
+    status, out, err = result
+    assert (status, out) == (2, "")
+    assert err.startswith("railslip: error: ")
+    assert err.count("\n") == 1
+    return err

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from rig_logs import rig_rows
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, law_class, load_law, published_law, wheel_load_in
+from railslip_ctrl.adhesion import (
+    AdhesionLaw,
+    ReferenceSlip,
+    initial_speeds_in,
+    law_class,
+    load_law,
+    published_law,
+    wheel_load_in,
+)
 from railslip_ctrl.adhesion.bristle import published_coefficients
 from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.errors import InputError
@@ -547,10 +555,12 @@ def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     law = LAWS[name] if LAWS[name].rail is Rail.WET else LAWS[name].on(rail)
     path = tmp_path / "law.toml"
     path.write_text(
-        law_toml(law, reference=law.reference, wheel_load=LOAD, comments=["two\nlines", "é"]), encoding="utf-8"
+        law_toml(law, reference=law.reference, wheel_load=LOAD, speeds_kmh=(30.0, 31.5), comments=["two\nlines", "é"]),
+        encoding="utf-8",
     )
     assert load_law(path) == law
     assert wheel_load_in(path) == LOAD
+    assert initial_speeds_in(path) == (30.0, 31.5)
     path.write_text(path.read_text().replace(repr(LOAD), "-1"), encoding="utf-8")
     with pytest.raises(InputError, match=r"key 'wheel_load': -1 is not allowed; give a finite number > 0"):
         wheel_load_in(path)

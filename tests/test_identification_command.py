@@ -13,13 +13,12 @@ import matplotlib.image
 import numpy as np
 import pytest
 import sympy as sp
-from project import ROOT
+from project import ROOT, refused
 from rig_logs import HEADER, rig_rows, write_log
 from scipy.interpolate import PchipInterpolator
 
-from railslip_ctrl.adhesion import law_class, load_law, published_law
+from railslip_ctrl.adhesion import initial_speeds_in, law_class, load_law, published_law
 from railslip_ctrl.adhesion.table import Table, table_force, table_slope
-from railslip_ctrl.cli import main
 from railslip_ctrl.errors import DomainError
 from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.identify import Options, identify
@@ -35,28 +34,6 @@ BEAM = published_law("beam", Rail.DRY)
 def log(tmp_path_factory):
     """A log of six runs on a rig with the published beam."""
     return write_log(tmp_path_factory.mktemp("logs") / "beam.csv", rig_rows(BEAM, seed=3)[0])
-
-
-@pytest.fixture
-def railslip(capsys):
-    """Run the command in this process; gives (exit status, standard output, standard error)."""
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main([str(a) for a in arguments])
-        captured = capsys.readouterr()
-        return caught.value.code, captured.out, captured.err
-
-    return run
-
-
-def refused(result):
-    """The one line of an error."""
-    status, out, err = result
-    assert (status, out) == (2, "")
-    assert err.startswith("railslip: error: ")
-    assert err.count("\n") == 1
-    return err
 
 
 # --- the contract --------------------------------------------------------------------------------------------------
@@ -193,6 +170,10 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     assert len(mu_max["coefficients"]) == 3
     assert {"model", "parameters", "mean_abs_error", "points"} <= found.keys()
     assert load_law(tmp_path / "fitted" / "model-3.toml").mu_max == pytest.approx(0.226, abs=0.003)
+    assert initial_speeds_in(tmp_path / "fitted" / "model-3.toml") == (140.0, 140.0)
+    slow = ("linearize", "--adhesion", tmp_path / "fitted" / "model-1.toml", "--speed", "50", "--rail", "dry")
+    assert "model-1.toml was found at an initial speed v0 of 60 km/h and is used at 100 km/h" in railslip(*slow)[2]
+    assert "v0" not in railslip(*slow, "--initial-speed", "60")[2]
     assert (tmp_path / "fitted" / "coefficients.png").exists()
     # the slip to hold is that of each log at its speed, not the lowest of all
     for v0, each in zip((60.0, 100.0, 140.0), found["logs"], strict=True):

@@ -13,7 +13,7 @@ from rig_logs import rig_rows, write_log
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.identification import cells, observed
+from railslip_ctrl.identification import cells, observed, outliers, rolling
 from railslip_ctrl.identification.columns import NAMES, UNITS, find_columns
 from railslip_ctrl.identification.identify import Options, read_curve
 from railslip_ctrl.identification.logs import LONGEST_LINE, Log
@@ -366,13 +366,15 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
 
 
 def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
-    """A log four times as long takes no more, once it is beyond what is kept of it: rows of whole runs, and sums.
+    """A log four times as long takes no more, once it is beyond what is kept of it: rows of runs, windows, and sums.
 
-    Both are bounded here by less than usually, so that a short log is beyond. Without
+    All are bounded here by less than usually, so that a short log is beyond. Without
     bounds the sums take a twentieth more, the rows a third.
     """
     monkeypatch.setattr(cells, "_MOST_ENTRIES", 256)
     monkeypatch.setattr(observed, "Recorder", functools.partial(Recorder, 2000))
+    monkeypatch.setattr(outliers, "PIECE", 512)  # rows wait for a piece, which is to be short beside either log
+    monkeypatch.setattr(rolling, "_MOST_WINDOWS", 256)
     rows = rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0]
     path, options = tmp_path / "long.csv", Options(block_bytes=1 << 16)
 

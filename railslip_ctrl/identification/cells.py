@@ -36,7 +36,7 @@ _MOST_STRETCHES = 8192
 _MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still
 
 BINS = 50
-"""Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13."""
+"""Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13: to be shown. Fits take the cells, finer ones."""
 
 
 @dataclass(frozen=True)

@@ -122,6 +122,10 @@ class Coordinates:
         """Whether a parameter is followed by its inverse, for which infinity is at nought."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
+    def followed(self, index: int, value: float) -> float:
+        """What a parameter is followed by, at a value of it: its inverse, or itself; and the value again from that."""
+        return 1.0 / value if self.by_inverse(index) else value
+
     def range_of(self, index: int, x: Floats) -> tuple[float, float]:
         """Bounds of a parameter, or of its inverse where it is followed by that, at coordinates x."""
         if self.pair is not None and index == self.pair[0]:

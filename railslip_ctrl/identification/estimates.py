@@ -1,8 +1,10 @@
 """From the least squares of a problem to what is known of its parameters: covariance, bounds they rest on, intervals.
 
 One way for fits to the cells and for fits along the motion: the covariance of the coordinates of the search, from the
-slopes of the residuals and their long-run variance, and of the parameters by the derivatives of the coordinates; an
-interval from the profile of the likelihood wherever the symmetric one does not hold.
+slopes of the residuals and their long-run variance or from what differs between tests, and of the parameters by the
+derivatives of the coordinates; an interval from the profile of the likelihood wherever the symmetric one does not hold.
+The rise of the sum of squares that a profile goes to is then that which gives a nearly linear parameter its symmetric
+interval: the vertical adjustment of [ChandlerBate2007].
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .between_runs import between_runs
 from .coordinates import Coordinates
 from .profile import is_symmetric, profile_interval
 
@@ -81,24 +84,30 @@ def estimate(
     variance: float,
     freedom: int,
     *,
+    tests: NDArray[np.int64] | None = None,
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
 ) -> Estimate:
     """What is known at the best coordinates x, where the residuals have `slopes` and a long-run variance.
 
-    `shifts` of the coordinates by errors of the method, each a standard error of its own. Without `profiles` no
+    `tests` that the residuals, then of variance 1, belong to: where these disagree, that is what the errors are taken
+    from. `shifts` of the coordinates by errors of the method, each a standard error of its own. Without `profiles` no
     interval but the symmetric ones.
     """
     coordinates = problem.coordinates
     dead = unidentified(slopes * coordinates.sizes(x))
-    own = covariance_of(slopes, ~dead, variance, freedom)
+    unit = covariance_of(slopes, ~dead)
+    own = unit * variance * _wider(freedom) ** 2 if math.isfinite(variance) else np.full_like(unit, np.nan)
+    found = None if tests is None else between_runs(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
+    if found is not None:
+        own[np.ix_(~dead, ~dead)] = found.covariance * _wider(found.freedom) ** 2
     turn = coordinates.slopes(x)
     of_dead = (turn[:, dead] != 0.0).any(axis=1)
     limits = {}
-    if profiles and math.isfinite(variance):
+    if profiles and (math.isfinite(variance) or found is not None):
         bias = np.array([turn @ np.where(dead, 0.0, shift) for shift in shifts]).reshape(-1, len(x))
         beside = NORMAL_QUANTILE * np.sqrt(np.sum(bias**2, axis=0))
-        limits = _profiles(problem, x, np.where(of_dead[:, None], np.nan, turn), own, _rise(variance, freedom), beside)
+        limits = _profiles(problem, x, np.where(of_dead[:, None], np.nan, turn), unit, own, beside)
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:
         own = own + np.outer(shift, shift)
@@ -113,15 +122,11 @@ def estimate(
     )
 
 
-def _rise(variance: float, freedom: int) -> float:
-    """By how much the sum of squares rises from the best values to the ends of an interval."""
-    return variance * _student(freedom) ** 2
-
-
-def _student(freedom: int) -> float:
+def _wider(freedom: int) -> float:
+    """By how much Student's interval is wider than the normal one."""
     from scipy.stats import t as student
 
-    return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom))
+    return float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom)) / NORMAL_QUANTILE
 
 
 def _turned(own: Floats, turn: Floats, of_dead: NDArray[np.bool_], dead: NDArray[np.bool_]) -> Floats:
@@ -133,17 +138,21 @@ def _turned(own: Floats, turn: Floats, of_dead: NDArray[np.bool_], dead: NDArray
 
 
 def _profiles(
-    problem: Problem, x: Floats, turn: Floats, own: Floats, rise: float, beside: Floats
+    problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Intervals of the parameters whose symmetric one does not hold; `own` is the covariance of the coordinates."""
+    """Intervals of the parameters whose symmetric one does not hold.
+
+    `own` is the covariance of the coordinates, `unit` that by residuals of variance 1, along which the others follow.
+    """
     coordinates, residuals, found = problem.coordinates, problem.residuals, {}
-    own = np.nan_to_num(own)
+    own, unit = np.nan_to_num(own), np.nan_to_num(unit)
     for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
-        stderr = math.sqrt(turn[i] @ own @ turn[i])
+        stderr, scale = math.sqrt(turn[i] @ own @ turn[i]), float(turn[i] @ unit @ turn[i])
         if stderr == 0.0:
             continue
-        end = NORMAL_QUANTILE / stderr * (own @ turn[i])
-        if not is_symmetric(residuals, coordinates, x, end, i, NORMAL_QUANTILE * stderr, rise):
+        half = NORMAL_QUANTILE * stderr
+        end, rise = half / scale * (unit @ turn[i]), half**2 / scale
+        if not is_symmetric(residuals, coordinates, x, end, i, half, rise):
             values, wider = coordinates.values(x), float(beside[i])
             found[i] = profile_interval(residuals, coordinates, values, i, stderr=stderr, rise=rise, beside=wider)
     return found
@@ -190,13 +199,12 @@ def unidentified(scaled: Floats) -> NDArray[np.bool_]:
     return result
 
 
-def covariance_of(slopes: Floats, free: NDArray[np.bool_], variance: float, freedom: int) -> Floats:
-    """Long-run variance times the inverse of the normal matrix, widened from Student's quantile to the normal one."""
+def covariance_of(slopes: Floats, free: NDArray[np.bool_]) -> Floats:
+    """Covariance by residuals of variance 1, NaN for what is not free."""
     size = slopes.shape[1]
     covariance = np.full((size, size), np.nan)
-    if free.any() and math.isfinite(variance):
-        width = _student(freedom) / NORMAL_QUANTILE
+    if free.any():
         _, triangle = np.linalg.qr(slopes[:, free])
         root = np.linalg.inv(triangle)
-        covariance[np.ix_(free, free)] = variance * width**2 * (root @ root.T)
+        covariance[np.ix_(free, free)] = root @ root.T
     return covariance

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,108 +15,29 @@ from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Rail, Vehicle
 
-from .alignment import Alignment, check_corrections
-from .cells import Accumulator, Bins, Cells, Stretches
-from .comparison import Score, compare, peak_slip
+from .alignment import check_corrections
+from .cells import Cells
+from .comparison import Score, compare
+from .curves import Curve as Curve
+from .curves import curve_of as curve_of
+from .curves import read_curve as read_curve
 from .fits import Fit, fit
-from .logs import BLOCK_BYTES, Broken, Log
 from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
 from .motion import along_the_motion, is_followed, slip_ramp
-from .observed import AdhesionStream, Observed, Observer
-from .outliers import OutlierFilter
+from .observed import Observed
+from .options import Options as Options
 from .polynomials import ParameterPolynomial, over_initial_speed
-from .record import Record
 from .reference import PeakSlip, drift
-from .rows import Rows
-from .stamps import StampFilter
-from .survey import Survey, mu_warning
-from .timing import half_interval_late
+from .rolling import is_wrong_wheel
+from .survey import LOADS_DIFFER
+from .timing import lag_of, lag_warning
 
 Floats = NDArray[np.float64]
 
-_LEAST_SAMPLES = 20
 _LINE_POINTS = 200
 _DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the initial speed
 _RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
 _LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
-
-
-@dataclass(frozen=True)
-class Options:
-    """How to identify; None takes it from the log. See `railslip identify --help`.
-
-    Parameters
-    ----------
-    model : str
-        A model's name, or "best": of those with a formula the one with the lowest BIC.
-    rail : Rail
-    initial_speed, slip_acceleration, time_constant : float or None
-        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
-    columns, units : mapping
-        Header and unit of a quantity's column, by quantity.
-    delays, zeros : mapping
-        By how much a quantity's column is late, s, and what it reads where it should read nought, SI; by quantity.
-    fixed, bounds : mapping
-        Value (SI), or lowest and highest, of a parameter, by name.
-    block_bytes : int
-        How much of a log is read at a time.
-    """
-
-    model: str = "best"
-    rail: Rail = Rail.DRY
-    initial_speed: float | None = None
-    slip_acceleration: float | None = None
-    time_constant: float | None = None
-    observer: Observer = Observer.CORRECTED
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    delays: Mapping[str, float] = field(default_factory=dict)
-    zeros: Mapping[str, float] = field(default_factory=dict)
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    block_bytes: int = BLOCK_BYTES
-
-
-@dataclass(frozen=True)
-class Curve:
-    """What was taken from a log before anything is fitted.
-
-    Attributes
-    ----------
-    name : str
-        The file.
-    survey : Survey
-    time_constant : float
-        tau, s.
-    bins, cells, stretches : Bins, Cells, Stretches
-    record : Record
-        Rows for the fits along the motion.
-    peak_slip : float
-        Where the data's mu is highest: the adhesion regime lies below.
-    wheel_column : str
-        The quantity that the wheel's speed was read from.
-    adhesion_samples, sliding_samples : int
-    broken_lines, outliers : int
-        Lines that were no rows; rows left out as outliers, those of time among them.
-    warnings, notes : tuple of str
-        What was wrong with the log; what was assumed.
-    """
-
-    name: str
-    survey: Survey
-    time_constant: float
-    bins: Bins
-    cells: Cells
-    stretches: Stretches
-    record: Record
-    peak_slip: float
-    wheel_column: str
-    adhesion_samples: int
-    sliding_samples: int
-    broken_lines: int
-    outliers: int
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -167,128 +88,6 @@ class Identification:
     warnings: tuple[str, ...]
 
 
-def read_curve(
-    path: Path,
-    vehicle: Vehicle,
-    options: Options,
-    *,
-    progress: Callable[[float], None] | None = None,
-    observed: Callable[[Observed], None] | None = None,
-) -> Curve:
-    """The adhesion curve of a log; memory does not grow with it.
-
-    `progress` is told the share read, `observed` is given the samples as they come.
-    InputError with one line for a log that cannot be used.
-    """
-    log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
-
-    def told() -> Iterator[Rows]:
-        for rows in log.rows():
-            yield rows
-            if progress is not None:
-                progress(log.share)
-        if progress is not None:
-            progress(log.share)
-
-    try:
-        gathered = _gathered(told(), log.name, vehicle, options, observed)
-    except InputError as error:  # what was assumed may be what is wrong
-        raise InputError("; ".join([str(error), *log.notes])) from None
-    return _curve(*gathered, log.name, log.broken, log.stamps, log.notes)
-
-
-def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
-    """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
-    gathered = _gathered(iter([rows]), name, vehicle, options)
-    return _curve(*gathered, name, Broken(), StampFilter(name), ())
-
-
-def _gathered(
-    blocks: Iterator[Rows],
-    name: str,
-    vehicle: Vehicle,
-    options: Options,
-    observed: Callable[[Observed], None] | None = None,
-) -> tuple[OutlierFilter, AdhesionStream, Accumulator]:
-    outliers = OutlierFilter()
-    aligned = Alignment(options.delays, options.zeros, name)
-    stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
-    sums: Accumulator | None = None
-    for rows in aligned.rows(_kept(blocks, outliers)):
-        samples = stream.add(rows)
-        if observed is not None:
-            observed(samples)
-        sums = sums or (Accumulator(stream.time_constant) if len(rows) else None)
-        if sums is not None:
-            sums.add(samples)
-    stream.check(name)
-    if sums is None or stream.survey.used < _LEAST_SAMPLES:
-        raise InputError(
-            f"{name}: {stream.survey.used} of {stream.survey.rows} rows are under brake with slip between "
-            "0.005 and 0.98; give a log with braking, and check columns, units, --vehicle and the wheel's radius"
-        )
-    return outliers, stream, sums
-
-
-def _kept(blocks: Iterator[Rows], outliers: OutlierFilter) -> Iterator[Rows]:
-    """The rows without the outliers."""
-    for rows in blocks:
-        yield outliers.add(rows)
-    rest = outliers.finish()
-    if rest is not None:
-        yield rest
-
-
-def _curve(
-    outliers: OutlierFilter,
-    stream: AdhesionStream,
-    sums: Accumulator,
-    name: str,
-    broken: Broken,
-    stamps: StampFilter,
-    notes: tuple[str, ...],
-) -> Curve:
-    cells, bins = sums.cells(), sums.bins()
-    strange = mu_warning(bins.mean)
-    peak = peak_slip(cells)
-    below = cells.slip < peak
-    return Curve(
-        name=name,
-        survey=stream.survey,
-        time_constant=stream.time_constant,
-        bins=bins,
-        cells=cells,
-        stretches=sums.stretches(),
-        record=stream.recorder.record(),
-        peak_slip=peak,
-        wheel_column=stream.wheel_column,
-        adhesion_samples=int(cells.count[below].sum()),
-        sliding_samples=int(cells.count[~below].sum()),
-        broken_lines=broken.count,
-        outliers=outliers.count + stamps.count,
-        warnings=(
-            *_warnings(name, broken, stamps, outliers, stream),
-            *(() if strange is None else (f"{name}: {strange}",)),
-        ),
-        notes=notes,
-    )
-
-
-def _warnings(
-    name: str, broken: Broken, stamps: StampFilter, outliers: OutlierFilter, stream: AdhesionStream
-) -> tuple[str, ...]:
-    found = [f"{name}: {text}" for text in broken.first]
-    if broken.count > len(broken.first):
-        found.append(
-            f"{name}: {broken.count} broken lines in all, the last line {broken.last}; every other line is used"
-        )
-    found += [f"{name}: {text}" for text in stamps.warnings]
-    if outliers.count:
-        found.append(f"{name}: {outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
-    found += [f"{name}: {text}" for text in stream.warnings]
-    return tuple(found)
-
-
 def identify(
     path: Path,
     vehicle: Vehicle,
@@ -326,11 +125,14 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     setting = setting_of(curve, vehicle, options)
     fits, failures = _fits(names, curve, vehicle, setting)
     if not fits:
-        raise InputError("; ".join([failures[0], *(text for text in curve.warnings if "free rolling" in text)]))
+        raise InputError("; ".join([failures[0], *_wheel_told(curve)]))
     scores = compare(fits, curve.cells, curve.peak_slip)
     # the table follows any curve: it shows what a formula leaves, and is taken where it is asked for
     chosen = next((score for score in scores if score.fit.model.name != "table"), scores[0])
-    peaks = _peaks(chosen, setting, curve.cells)
+    try:
+        peaks = _peaks(chosen, setting, curve.cells)
+    except DomainError as error:
+        raise InputError("; ".join([f"{curve.name}: {error}", *_wheel_told(curve)])) from error
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -347,22 +149,21 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
 
 
 def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting, options: Options) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step; not where one v0 stands for several."""
-    if curve.survey.is_mixed:
+    """A sentence where the motion shows that the columns are out of step; not where something else is amiss first.
+
+    One v0 that stands for several, and a wheel of quite another radius, are no motion that can be followed.
+    """
+    if curve.survey.is_mixed or is_wrong_wheel(curve.rolling):
         return ()
-    late = half_interval_late(fit, curve.record, vehicle, setting.wheel_load)
-    if late is None:
+    lag = lag_of(fit, curve.record, vehicle, setting.wheel_load)
+    if lag is None:
         return ()
-    given = options.delays.get(curve.wheel_column, 0.0)
-    remedy = f"if it is a difference of counts, give --delay {curve.wheel_column}={given + late:.3g}"
-    if given:
-        remedy = f"more than the --delay {curve.wheel_column}={given:.3g} that is given seems to be needed"
-    if late < 0.0:
-        remedy = "if torque or train speed are filtered, give their --delay"
-    return (
-        f"{curve.name}: the wheel's speed seems to be half an interval ({abs(late):.3g} s) or more "
-        f"{'late' if late > 0 else 'early'} beside the other columns, which falsifies the fits; {remedy}",
-    )
+    return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
+
+
+def _wheel_told(curve: Curve) -> tuple[str, ...]:
+    """What was said of a wheel that does not follow its train, as the cause of what fails."""
+    return tuple(text for text in curve.warnings if "free rolling" in text)
 
 
 def _peaks(score: Score, setting: Setting, cells: Cells) -> tuple[PeakSlip, ...]:
@@ -439,10 +240,14 @@ def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
 
 @dataclass(frozen=True)
 class Campaign:
-    """Several logs identified with one model, and its parameters over the initial speed."""
+    """Several logs identified with one model, and its parameters over the initial speed.
+
+    `warnings` are of the logs together, beside those that each has.
+    """
 
     logs: tuple[Identification, ...]
     polynomials: tuple[ParameterPolynomial, ...]
+    warnings: tuple[str, ...] = ()
 
 
 def identify_several(
@@ -465,7 +270,25 @@ def identify_several(
     if options.model == "best":
         done = _with_one_model(done)
     fits = [each.chosen.fit for each in done]
-    return Campaign(tuple(done), over_initial_speed([each.setting.initial_speed for each in done], fits))
+    return Campaign(
+        logs=tuple(done),
+        polynomials=over_initial_speed([each.setting.initial_speed for each in done], fits),
+        warnings=_different_loads(done),
+    )
+
+
+def _different_loads(done: Sequence[Identification]) -> tuple[str, ...]:
+    """A sentence where the logs' mean wheel loads are not one."""
+    loads = {each.curve.name: each.setting.wheel_load for each in done}
+    least, most = min(loads, key=lambda name: loads[name]), max(loads, key=lambda name: loads[name])
+    if loads[least] * LOADS_DIFFER >= loads[most]:
+        return ()
+    mean = sum(each.setting.wheel_load for each in done) / len(done)
+    return (
+        f"the logs' wheel loads lie between {loads[least]:.4g} N ({least}) and {loads[most]:.4g} N ({most}): what "
+        f"changes with the load is taken to change with v0, and model.toml is of their mean, {mean:.4g} N; give logs "
+        "of one load",
+    )
 
 
 def _with_one_model(done: Sequence[Identification]) -> list[Identification]:

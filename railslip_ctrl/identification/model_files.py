@@ -9,14 +9,21 @@ from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 
 
 def law_toml(
-    law: AdhesionLaw, *, reference: ReferenceSlip | None, wheel_load: float, comments: Iterable[str] = ()
+    law: AdhesionLaw,
+    *,
+    reference: ReferenceSlip | None,
+    wheel_load: float,
+    speeds_kmh: tuple[float, float] | None = None,
+    comments: Iterable[str] = (),
 ) -> str:
     """The text of a law's file: numbers with all their digits, so that reading it gives the same law.
 
-    `wheel_load` is that of the log, N; `comments` go to its head, a line each.
+    `wheel_load` is that of the log, N, `speeds_kmh` the lowest and the highest initial speed in it; `comments` go to
+    its head, a line each.
     """
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
-    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"', _load(wheel_load), "", "[parameters]"]
+    lines += _head(law, wheel_load, speeds_kmh)
+    lines += ["", "[parameters]"]
     for name in law.parameter_names():
         info = type(law).model_fields[name]
         extra = info.json_schema_extra
@@ -27,8 +34,11 @@ def law_toml(
     return "\n".join(lines) + "\n"
 
 
-def _load(wheel_load: float) -> str:
-    return f"wheel_load = {wheel_load!r}  # N, of the log; forces among the parameters are those of this load"
+def _head(law: AdhesionLaw, wheel_load: float, speeds_kmh: tuple[float, float] | None) -> list[str]:
+    lines = [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
+    if speeds_kmh is not None:
+        lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, v0 that the parameters are for")
+    return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; forces among the parameters are those of this load"]
 
 
 def polynomials_toml(
@@ -46,9 +56,8 @@ def polynomials_toml(
     there are none; `wheel_load` and `comments` as of `law_toml`.
     """
     lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
-    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
-    lines += [f"initial_speed_range = {_number(speeds_kmh)}  # km/h", _load(wheel_load), ""]
-    lines += ["[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
+    lines += _head(law, wheel_load, speeds_kmh)
+    lines += ["", "[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
     lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
     if references:
         speeds = tuple(sorted(references))

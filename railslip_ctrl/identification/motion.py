@@ -12,6 +12,7 @@ from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Vehicle
 
+from .between_runs import whole_tests
 from .cells import Cells, Stretches
 from .estimates import estimate, slopes_of
 from .fits import Fit, long_run_variance, refitted
@@ -56,7 +57,8 @@ def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: 
     x, errors = problem.solve(starts)
     slopes = slopes_of(problem, x)
     variance, freedom = _inflation(problem.intervals, errors, len(x))
-    known = estimate(problem, x, slopes, variance, freedom, shifts=problem.discretisation(x, slopes))
+    i, shifts = problem.intervals, problem.discretisation(x, slopes)
+    known = estimate(problem, x, slopes, variance, freedom, tests=whole_tests(i.time, i.step, i.run), shifts=shifts)
     if model.name in STATIC:
         return refitted(found, model, known, cells, setting)
     model, spread = _with_ramp(model, known.values, setting)

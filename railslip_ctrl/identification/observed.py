@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.observer.filters import FilterObserver, Form
 from railslip_ctrl.observer.kalman import KalmanObserver
-from railslip_ctrl.observer.recursion import linear_recursion
 from railslip_ctrl.parameters import Vehicle
 from railslip_ctrl.units import KMH
 
+from .low_pass import LowPass
 from .record import Recorder
+from .regripping import Regripping
+from .rolling import LOWEST_SPEED, FreeRolling
 from .rows import Rows
-from .survey import FreeRolling, Survey
+from .survey import Survey
 
 Floats = NDArray[np.float64]
 
@@ -37,9 +39,6 @@ INTERVALS_PER_TIME_CONSTANT = 5.0
 SLIP_RANGE = (0.005, 0.98)
 """Slip ratios used: below, noise of the speeds is most of it; above, the wheel is locked and its torque unknown."""
 
-LOWEST_SPEED = 5.0 * KMH
-"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
-
 _GAP_INTERVALS = 5.0
 
 # An interval up to this many time constants is no gap: speeds and torque are taken to run straight through it, and
@@ -47,7 +46,6 @@ _GAP_INTERVALS = 5.0
 _BRIDGED = 1.0
 
 _SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
-_RECOVERY = 3.0  # s after a release, in which the wheel comes back to the train's speed
 _LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not applied
 
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
@@ -133,19 +131,18 @@ class AdhesionStream:
         self.vehicle, self.kind = vehicle, observer
         self.survey = Survey()
         self.recorder = Recorder()
-        self.free = FreeRolling()
+        self.free = FreeRolling(vehicle)
         self.wheel_column = ""
         self._tau = time_constant
         self._observer: TorqueObserver | None = None
         self._state: Any = None
-        self._filtered: Floats | None = None  # of each channel, after the last row
-        self._input: Floats | None = None
+        self._low_pass: LowPass | None = None  # of the channels
+        self._regripping: Regripping | None = None
         self._states: list[Any] | None = None  # of the channels, with a Kalman filter
         self._last = self._settled = -math.inf
         self._last_used = False
         self._last_slip = 0.0
         self._last_run = -math.inf
-        self._last_braked = -math.inf
         if time_constant is not None:
             self._start_with(time_constant)
 
@@ -209,11 +206,6 @@ class AdhesionStream:
                 "give a log with fewer gaps"
             )
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was wrong so far, a sentence each."""
-        return self.survey.warnings(self.free, self.vehicle.wheel)
-
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
         """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
         radius = self.vehicle.wheel.radius
@@ -221,6 +213,7 @@ class AdhesionStream:
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
         v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
+        self.free.add(np.stack([rows.columns["time"], v, omega, torque, load]))
         wheel = radius * omega
         # a wheel let go overshoots, as its contact is a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
@@ -275,32 +268,36 @@ class AdhesionStream:
         """The samples of rows without a gap in them."""
         assert self._observer is not None
         time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
-        if fresh or self._filtered is None:
-            self._state, self._filtered, self._input, self._states = None, None, None, None
+        if fresh or self._low_pass is None or self._regripping is None:
+            self._state, self._states, self._last_used = None, None, False
+            self._low_pass, self._regripping = LowPass(self.time_constant), Regripping(self.time_constant)
             self._settled = time[0] + _SETTLING * self.time_constant
-            self._last_used, self._last_braked = False, -math.inf
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
         load = self._load(rows)
         slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
         channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
-        filtered = (
-            self._low_pass(time, channels) if self.kind is not Observer.KALMAN else self._as_torques(time, channels)
-        )
-        self._count_brakes(time, filtered, torque, load)
-        return self._samples(time, steps, filtered, estimate.adhesion_torque, self._braked(torque, load))
+        kalman = self.kind is Observer.KALMAN
+        filtered = self._as_torques(time, channels) if kalman else self._low_pass.run(time, channels)
+        self._last = float(time[-1])
+        braked, regrips = self._braked(torque, load), self._regripping.add(time, slip, torque)
+        self._count_unused(time, filtered, braked, self._braked(-torque, load), regrips)
+        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~regrips)
 
-    def _count_brakes(self, time: Floats, filtered: Floats, torque: Floats, load: Floats) -> None:
-        """Count what the rows used do not show: braking not used, braking of the wrong sign, rolling without brake."""
-        braked, reverse, settled = self._braked(torque, load), self._braked(-torque, load), time >= self._settled
-        sliding = _in_range(filtered)
+    def _count_unused(
+        self,
+        time: Floats,
+        filtered: Floats,
+        braked: NDArray[np.bool_],
+        reverse: NDArray[np.bool_],
+        regrips: NDArray[np.bool_],
+    ) -> None:
+        """Count what the rows used do not show: braking not used, braking of the wrong sign, a wheel that regrips."""
+        settled, sliding = time >= self._settled, _in_range(filtered)
         self.survey.lost += int((braked & sliding & ~settled).sum())
         self.survey.reversed += int((reverse & sliding).sum())
-        applied = np.maximum.accumulate(np.where(braked | reverse, time, self._last_braked))
-        self._last_braked = float(applied[-1])
-        free = (time - applied > _RECOVERY) & settled & (filtered[3] > LOWEST_SPEED)
-        self.free.add(filtered[0][free], torque[free] / (self.vehicle.wheel.radius * load[free]))
+        self.survey.regripping += int((braked & sliding & settled & regrips).sum())
 
     def _as_torques(self, time: Floats, channels: Floats) -> Floats:
         """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
@@ -309,31 +306,14 @@ class AdhesionStream:
         still = np.zeros(len(time))
         found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
         self._states = [each.state for each in found]
-        self._filtered, self._last = np.empty(0), float(time[-1])
         return np.stack([each.adhesion_torque for each in found])
 
-    def _low_pass(self, time: Floats, channels: Floats) -> Floats:
-        """Each channel through 1/(tau s + 1), taken to run straight between samples, as in the observer."""
-        before = channels[:, 0] if self._input is None else self._input
-        start = before if self._filtered is None else self._filtered
-        h = np.diff(time, prepend=time[0] if self._input is None else self._last)
-        q = np.maximum(h / self.time_constant, np.finfo(float).tiny)
-        share = -np.expm1(-q)
-        w1 = 1.0 - share / q
-        transition = (1.0 - share)[:, None, None]
-        out = np.empty_like(channels)
-        for i, u in enumerate(channels):
-            forcing = (share - w1) * np.concatenate([before[i : i + 1], u[:-1]]) + w1 * u
-            out[i] = linear_recursion(transition, forcing[:, None], start[i : i + 1])[:, 0]
-        self._filtered, self._input, self._last = out[:, -1].copy(), channels[:, -1].copy(), float(time[-1])
-        return out
-
     def _samples(
-        self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, braked: NDArray[np.bool_]
+        self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, wanted: NDArray[np.bool_]
     ) -> Observed:
         slip, slip2, slip3, speed, slip_speed, load = filtered
         radius = self.vehicle.wheel.radius
-        used = _in_range(filtered) & (time >= self._settled) & braked
+        used = _in_range(filtered) & (time >= self._settled) & wanted
         self.survey.initial_speed = max(self.survey.initial_speed, float(speed.max()))
         follows = np.concatenate([[self._last_used], used[:-1]]) & used
         step = np.where(follows, steps, 0.0)

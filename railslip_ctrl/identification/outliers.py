@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .resolution import Resolution
 from .rows import Rows
 
 Floats = NDArray[np.float64]
@@ -21,19 +22,25 @@ _SIGMA_PER_MAD = 1.4826
 # What is never an outlier, m/s and N*m (rad/s: of a wheel of 0.5 m): resolution of the usual pickups.
 _FLOOR = {"train_speed": 0.1, "wheel_speed": 0.1, "wheel_angular_speed": 0.2, "brake_torque": 50.0}
 
-_SCALE_ROWS = 4096  # from which the noise of the log is judged
+# Steps in which a column's values come: rounding puts a value and the median of its neighbours half a step off each,
+# and a count more or less is another two, so that what is further off is none of it.
+_LEAST_STEPS = 3.5
+
+PIECE = 4096
+"""Rows judged together: from the first, the noise of the log is known."""
 
 
 class OutlierFilter:
     """Leaves out rows where a speed or the torque deviates from the median of its neighbours far beyond the noise.
 
-    Rows come in blocks of any size and the result does not depend on it, as long as the first block has 4096 rows or
-    all: the last `HALF_WINDOW` rows wait for the next block. `count` and `first_line` tell what was left out.
+    Rows come in blocks of any size and the result does not depend on it: they wait until there are `PIECE` of them, or
+    the log ends. `count` and `first_line` tell what was left out, `resolution` the steps in which values come.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.first_line: int | None = None
+        self.resolution = Resolution()
         self._waiting: Rows | None = None
         self._scale: dict[str, float] = {}
         self._before = 0  # rows at the front of `_waiting` that are there as neighbours only
@@ -41,24 +48,23 @@ class OutlierFilter:
     def add(self, rows: Rows) -> Rows:
         """The rows that can be judged now, without the outliers."""
         together = rows if self._waiting is None else self._waiting.then(rows)
-        stop = len(together) - HALF_WINDOW
-        if stop <= self._before:
-            self._waiting = together
-            return together.part(0, 0)
-        return self._judged(together, stop)
+        return self._judged(together, (len(together) - self._before - HALF_WINDOW) // PIECE * PIECE)
 
     def finish(self) -> Rows | None:
         """The rows that were waiting, at the end of the log."""
         if self._waiting is None:
             return None
-        return self._judged(self._waiting, len(self._waiting))
+        return self._judged(self._waiting, len(self._waiting) - self._before)
 
-    def _judged(self, rows: Rows, stop: int) -> Rows:
-        bad = np.zeros(len(rows), dtype=bool)
-        for name in _FLOOR.keys() & rows.columns.keys():
-            bad |= self._stands_out(name, rows.columns[name])
-        start = self._before
-        bad = bad[start:stop]
+    def _judged(self, rows: Rows, count: int) -> Rows:
+        """So many of the rows, without the outliers, piece by piece; the others wait."""
+        start, stop = self._before, self._before + max(count, 0)
+        bad = np.zeros(stop, dtype=bool)
+        for first in range(start, stop, PIECE):
+            last = min(first + PIECE, stop)
+            low = max(first - HALF_WINDOW, 0)
+            bad[first:last] = self._outliers(rows.part(low, last + HALF_WINDOW))[first - low : last - low]
+        bad = bad[start:]
         if bad.any():
             self.count += int(bad.sum())
             if self.first_line is None:
@@ -67,11 +73,20 @@ class OutlierFilter:
         self._waiting, self._before = rows.part(keep_from, None), stop - keep_from
         return rows.part(start, stop).where(~bad)
 
+    def _outliers(self, rows: Rows) -> NDArray[np.bool_]:
+        bad = np.zeros(len(rows), dtype=bool)
+        for name in _FLOOR.keys() & rows.columns.keys():
+            values = rows.columns[name]
+            self.resolution.add(name, values)
+            bad |= self._stands_out(name, values)
+        return bad
+
     def _stands_out(self, name: str, values: Floats) -> NDArray[np.bool_]:
         deviation = np.abs(values - _median(values))
         if name not in self._scale:
-            self._scale[name] = _SIGMA_PER_MAD * float(np.median(deviation[:_SCALE_ROWS]))
-        bad: NDArray[np.bool_] = deviation > max(_OVERALL_LIMIT * self._scale[name], _FLOOR[name])
+            self._scale[name] = _SIGMA_PER_MAD * float(np.median(deviation))
+        least = max(_OVERALL_LIMIT * self._scale[name], _FLOOR[name], _LEAST_STEPS * self.resolution[name])
+        bad: NDArray[np.bool_] = deviation > least
         at = np.flatnonzero(bad)
         bad[at] = deviation[at] > _LOCAL_LIMIT * _SIGMA_PER_MAD * _local_spread(values, at)
         return bad

@@ -15,8 +15,9 @@ steep rises a bias remains. The intervals are widened by the whitened errors' lo
 The bristles' deflection z is integrated along the measured slip, in which z' is linear; its value at the start of a
 run is unknown and is fitted with the rest, run by run.
 
-Between rows the brake torque is taken to bend as its neighbours say: a released brake's torque dies out so fast that
-the mean of both ends is 1 % too high, and the adhesion would seem to fall the less for it.
+Between rows brake torque and train speed are taken to bend as their neighbours say: a released brake's torque dies out
+so fast that the mean of both ends is 1 % too high, and the adhesion would seem to fall the less for it; and the slip
+where the characteristic is steep is so small that the bend of the train's speed is seen in it.
 """
 
 from __future__ import annotations
@@ -67,7 +68,10 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True)
 class Intervals:
-    """Neighbouring rows of one run, an array each of one length: at the beginning (0) and the end (1)."""
+    """Neighbouring rows of one run, an array each of one length: at the beginning (0) and the end (1).
+
+    `speed_bend` is the second derivative of the train's speed by the interval squared, m/s.
+    """
 
     step: Floats
     speed0: Floats
@@ -79,6 +83,7 @@ class Intervals:
     load: Floats
     time: Floats
     run: NDArray[np.int64]
+    speed_bend: Floats
 
     @classmethod
     def of(cls, record: Record) -> Intervals:
@@ -88,24 +93,33 @@ class Intervals:
         v1, omega1, torque1, time = (x[1:][same] for x in (record.speed, record.omega, record.torque, record.time))
         run = np.unique(record.run[:-1][same], return_inverse=True)[1].astype(np.int64)
         step, load = np.diff(record.time)[same], record.load[:-1][same]
-        return cls(step, v0, v1, omega0, omega1, torque0, torque1, load, time, run)
+        return cls(step, v0, v1, omega0, omega1, torque0, torque1, load, time, run, np.zeros_like(step))
 
     def __len__(self) -> int:
         return len(self.step)
 
-    def bent(self) -> Intervals:
-        """With torques between which a straight line has the mean of a parabola through three rows.
+    def bent(self, *, steeper: bool = False) -> Intervals:
+        """With the bend of the train's speed, and torques between which a line has the mean of a parabola.
 
-        Of the two parabolas, with the row before and with the row after, the flatter: none goes across a corner.
+        Of the two parabolas through three rows, with the row before and with the row after, the flatter: none goes
+        across a corner. The steeper does, and bounds what a corner between two rows may do.
         """
-        slope = (self.torque1 - self.torque0) / self.step
-        bend = np.full(len(self) + 1, np.inf)  # where two intervals meet; unknown at both ends of a run
+        excess = self._bend(self.torque0, self.torque1, steeper=steeper) / 12.0
+        bend = self._bend(self.speed0, self.speed1, steeper=steeper)
+        return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
+
+    def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
+        """Second derivative by the interval squared; nought where no neighbour tells it."""
+        slope = (end - begin) / self.step
+        bend = np.full(len(self) + 1, np.nan)  # where two intervals meet; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
-        bend[:-1][self.begins] = np.inf
+        bend[:-1][self.begins] = np.nan
         before, after = bend[:-1], bend[1:]
-        flatter = np.where(np.abs(before) <= np.abs(after), before, after)
-        excess = np.where(np.isfinite(flatter), flatter, 0.0) * self.step**2 / 12.0
-        return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess)
+        size = np.abs(before) - np.abs(after)
+        chosen = np.where((size > 0.0) == steeper, before, after)
+        known = np.where(np.isnan(size), np.where(np.isnan(before), after, before), chosen)
+        result: Floats = np.nan_to_num(known) * self.step**2
+        return result
 
     @property
     def begins(self) -> NDArray[np.bool_]:
@@ -167,7 +181,9 @@ class Along:
         i = self.intervals
         h = i.step / self._substeps
         dv, dtorque = (i.speed1 - i.speed0) / self._substeps, (i.torque1 - i.torque0) / self._substeps
+        bend = i.speed_bend / self._substeps**2
         v, torque, sigma, decay = i.speed0, i.torque0, i.speed0 - self.radius * i.omega0, np.ones(len(i))
+        dv = dv - bend * (self._substeps - 1) / 2.0
         for _ in range(self._substeps):
             force = self._force(values, sigma, v)
             steeper = self._force(values, sigma + _SLIP_STEP * v, v)
@@ -176,9 +192,11 @@ class Along:
             q = np.maximum(q, -_WILDEST)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
             change = self.B * dv + self.radius * dtorque - self.radius**2 * (later - force)
-            sigma = sigma + (dv + h / self.J * turning) * _phi(q) + h / self.J * change * _mean_phi(q)
+            phi, mean_phi = _phi(q), _mean_phi(q)
+            sigma = sigma + (dv + h / self.J * turning) * phi + h / self.J * change * mean_phi
+            sigma = sigma + bend * (mean_phi - phi / 2.0)
             decay = decay * np.exp(-q)
-            v, torque = v + dv, torque + dtorque
+            v, torque, dv = v + dv, torque + dtorque, dv + bend
         return Errors(i.omega1 - (i.speed1 - sigma) / self.radius, decay, None)
 
     def _bristle_errors(self, values: Floats) -> Errors:
@@ -329,14 +347,17 @@ class Along:
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
         """By how much the coordinates are shifted by what happens between the rows, cause by cause.
 
-        The torque's bend, of which a parabola takes out most, is counted as if none of it were taken out. The steps
-        inside an interval shift them by Richardson's estimate, of order 2; the bristles' state has none, as it is
-        integrated exactly along the measured slip.
+        The bends of torque and train speed, of which parabolas take out most, are counted as if none of it were taken
+        out, and once more as if each interval had the steeper of its two parabolas, as where the brake is released
+        between rows. The steps inside an interval shift them by Richardson's estimate, of order 2; the bristles' state
+        has none, as it is integrated exactly along the measured slip.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, bent = self.residuals(values), self.intervals
-        self.intervals = self._straight
-        shifts = [inverse @ (self.residuals(values) - here)]
+        shifts = []
+        for other in (self._straight, self._straight.bent(steeper=True)):
+            self.intervals = other
+            shifts.append(inverse @ (self.residuals(values) - here))
         self.intervals = bent
         if self.model.name in STATIC:
             steps = self._substeps

@@ -61,9 +61,8 @@ def profile_interval(
     of an error that the residuals do not show, and widens the interval by the rule for independent errors. No interval
     is narrower than with the other parameters known: a search that stays above the best sum of squares tells nothing.
     """
-    inverse = coordinates.by_inverse(index)
-    value = float(values[index])
-    best, unit = (1.0 / value, value**-2) if inverse else (value, 1.0)
+    inverse, value = coordinates.by_inverse(index), float(values[index])
+    best, unit = coordinates.followed(index, value), value**-2 if inverse else 1.0
     bounds = coordinates.range_of(index, coordinates.at(values))
     least, most = float(coordinates.least[index]), float(coordinates.most[index])
     narrowest = unit * _alone(residuals, values, index, stderr, rise)
@@ -75,7 +74,7 @@ def profile_interval(
         if end == bound or side * outer >= side * bound:
             found.append(least if (side < 0.0) != inverse else most)
         else:
-            found.append(1.0 / outer if inverse else outer)
+            found.append(coordinates.followed(index, outer))
     return min(found), max(found)
 
 
@@ -101,15 +100,14 @@ def _ends(
     bounds: tuple[float, float],
 ) -> tuple[float, float]:
     """Of the interval of the parameter, or of its inverse where it is followed by that."""
-    inverse = coordinates.by_inverse(index)
-    best = 1.0 / float(values[index]) if inverse else float(values[index])
+    best = coordinates.followed(index, float(values[index]))
     least = float(np.sum(residuals(values) ** 2))
     above, ways = {best: -rise}, {best: coordinates.at(values)}
 
     def excess(x: float) -> float:
         if x not in above:  # a search from elsewhere could end a little lower, and turn the sign
             start = coordinates.values(_between(ways, x))
-            squares, there = _held(residuals, coordinates, start, index, 1.0 / x if inverse else x)
+            squares, there = _held(residuals, coordinates, start, index, coordinates.followed(index, x))
             above[x], ways[x] = squares - least - rise, coordinates.at(there)
         return above[x]
 

@@ -2,46 +2,117 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.parameters import Vehicle
 
+from .alignment import LONGEST_DELAY
 from .fits import Fit
 from .motion import is_followed
 from .prediction import Along
 from .record import Record
 
-_MOST_ROWS = 4000  # of whole runs from the record's beginning: some twenty rig tests are more than enough
+Floats = NDArray[np.float64]
+
+_MOST_ROWS = 2000  # of whole runs from the record's beginning: ten rig tests tell a tenth of an interval
 _LEAST_GAIN = 40.0  # of the deviance; a model that is not the rig's own gains up to 26 by a shift there is no cause for
+_RESOLVED = 0.03  # of the log's interval, to which a lag is looked for: a fifth or less of its error
+_MOST_LAGS = 10  # of the search between two ends, as each is a fit
+_BETWEEN = 0.1  # of the interval: standard error that what happens between rows adds, as seen on the virtual rig
+_CURVED = 0.25  # of the interval, over which the deviance's bend about the lag is taken
 
 
-def half_interval_late(fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> float | None:
-    """Half the log's interval, s, where the wheel's speed is late by about as much, negative where early; else None.
+@dataclass(frozen=True)
+class Lag:
+    """By how much the wheel's speed is late beside the other columns, s, with its standard error; negative: early.
 
-    The motion is followed with the other columns read off half an interval earlier, and later; told is the one of
-    these that is far more likely than the log as it stands.
+    The error is NaN where the likelihood does not bend as at a maximum.
+    """
+
+    seconds: float
+    stderr: float
+
+
+def lag_of(fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> Lag | None:
+    """The likeliest lag of the wheel's speed; None where none is far more likely than no lag.
+
+    The motion is followed with the other columns read off earlier, or later, and the parameters are fitted anew for
+    each lag that is tried: first half an interval either way, then further while it gets likelier.
     """
     if not is_followed(fit.model, record):
         return None
     kept = replace(record, **{name: values[: _whole_runs(record)] for name, values in vars(record).items()})
-    step = np.diff(kept.time)[np.diff(kept.run) == 0]
     if not is_followed(fit.model, kept):
         return None
-    half = float(np.median(step)) / 2.0
-
-    def deviance(late: float) -> float:
-        return Along(fit.model, _earlier(kept, late), vehicle, wheel_load).deviance([fit.values])
-
+    interval = float(np.median(np.diff(kept.time)[np.diff(kept.run) == 0]))
     try:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
-            now = deviance(0.0)
-            gains = {late: now - deviance(late) for late in (half, -half)}
+            return _likeliest(_Shifted(fit, kept, vehicle, wheel_load), interval)
     except ValueError:  # SciPy's and LAPACK's word for errors that are not finite: nothing can be told
         return None
-    late = max(gains, key=lambda each: gains[each])
-    return late if gains[late] > _LEAST_GAIN else None
+
+
+class _Followed(Along):
+    """The whitened errors, with the likelihood of the best parameters."""
+
+    def likeliest(self, start: Floats) -> tuple[float, Floats]:
+        """-2 log likelihood, but for a constant, of the best parameters from a start; and those parameters."""
+        found, _ = self.solve([start])  # the factor has the scale in it: as many whitened squares as there are errors
+        assert self._factor is not None
+        return 2.0 * float(np.sum(np.log(self._factor[0]))), self.coordinates.values(found)
+
+
+class _Shifted:
+    """-2 log likelihood of the motion over the lag, each value found once; fits begin where the best one ended."""
+
+    def __init__(self, fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
+        self._fit, self._record, self._vehicle, self._wheel_load = fit, record, vehicle, wheel_load
+        self._start = fit.values
+        self._known: dict[float, float] = {}
+
+    def __call__(self, lag: float) -> float:
+        if lag not in self._known:
+            shifted = earlier(self._record, lag)
+            problem = _Followed(self._fit.model, shifted, self._vehicle, self._wheel_load)
+            self._known[lag], values = problem.likeliest(self._start)
+            if self._known[lag] <= min(self._known.values()):
+                self._start = values
+        return self._known[lag]
+
+
+def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | None:
+    from scipy.optimize import minimize_scalar
+
+    now, half = deviance(0.0), interval / 2.0
+    ahead = min((half, -half), key=deviance)
+    if deviance(ahead) >= now:  # within half an interval: searched where a parabola through the three gains enough
+        bend, tilt = deviance(half) + deviance(-half) - 2.0 * now, deviance(half) - deviance(-half)
+        if not bend > 0.0 or tilt**2 / (8.0 * bend) <= _LEAST_GAIN:
+            return None
+        low, high = -half, half
+    else:
+        low, high = _beyond(deviance, ahead)
+    options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
+    found = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
+    if now - found.fun <= _LEAST_GAIN:
+        return None
+    lag, step = float(found.x), _CURVED * interval
+    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * deviance(lag)) / step**2
+    return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
+
+
+def _beyond(deviance: Callable[[float], float], lag: float) -> tuple[float, float]:
+    """The ends, in order, between which the deviance is least beyond a lag that is better than none."""
+    before = 0.0
+    while abs(lag) < LONGEST_DELAY and deviance(2.0 * lag) < deviance(lag):
+        before, lag = lag, 2.0 * lag
+    low, high = sorted((before, 2.0 * lag))
+    return low, high
 
 
 def _whole_runs(record: Record) -> int:
@@ -51,12 +122,30 @@ def _whole_runs(record: Record) -> int:
     return int(fitting[-1] if len(fitting) else min(ends[0], _MOST_ROWS))
 
 
-def _earlier(record: Record, late: float) -> Record:
+def earlier(record: Record, lag: float) -> Record:
     """The record with train speed and brake torque as they were some seconds earlier, run by run."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
         at = record.run == run
         time = record.time[at]
         for values in (speed, torque):
-            values[at] = np.interp(time - late, time, values[at])
+            values[at] = np.interp(time - lag, time, values[at])
     return replace(record, speed=speed, torque=torque)
+
+
+def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
+    """What a lag is to be told as, the log's interval in s; `delays` are those that the user has given, s."""
+    late, given = lag.seconds, delays.get(wheel_column, 0.0)
+    error = f" ± {lag.stderr:.1g} s" if math.isfinite(lag.stderr) else ""
+    beside = f", more than the --delay {wheel_column}={given:.4g} that is given" if given else ""
+    cause = ""
+    if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
+        late, cause = interval / 2.0, " half an interval, as a difference of counts is:"
+    remedy = f"{cause} --delay {wheel_column}={given + late:.3g} undoes it"
+    return (
+        f"the wheel's speed seems to be {'late' if late > 0 else 'early'} by {abs(lag.seconds):.3g} s{error} beside "
+        f"the other columns{beside}, which falsifies the fits;{remedy}"
+    )
+
+
+_ALIKE = 2.6  # standard errors

@@ -16,6 +16,8 @@ from railslip_ctrl.identification.identify import Campaign, Curve, Identificatio
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
 from railslip_ctrl.identification.reference import LARGEST_LOSS, PeakSlip
+from railslip_ctrl.identification.resolution import ColumnStep
+from railslip_ctrl.identification.rolling import Rolling
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
@@ -56,6 +58,7 @@ def campaign_json(found: Campaign) -> dict[str, Any]:
         "parameters": {p.name: _polynomial_json(p, first) for p in found.polynomials},
         "mean_abs_error": sum(each.chosen.mean_abs_error for each in found.logs) / len(found.logs),
         "points": sum(each.curve.survey.used for each in found.logs),
+        "warnings": list(found.warnings),
         "logs": [identification_json(each) for each in found.logs],
     }
 
@@ -161,11 +164,30 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "adhesion_regime_points": curve.adhesion_samples,
         "sliding_regime_points": curve.sliding_samples,
         "data_peak_slip": curve.peak_slip,
+        "regripping_rows": survey.regripping,
+        "free_rolling": _rolling_json(curve.rolling),
+        "steps": [_step_json(step) for step in curve.steps],
         "gaps": survey.gap_count,
         "outliers": curve.outliers,
         "broken_lines": curve.broken_lines,
         "warnings": list(found.warnings),
     }
+
+
+def _rolling_json(rolling: Rolling | None) -> dict[str, Any] | None:
+    if rolling is None:
+        return None
+    return {
+        "slip": number(rolling.slip),
+        "slip_stderr": number(rolling.slip_error),
+        "brake_torque_nm": number(rolling.torque),
+        "brake_torque_stderr_nm": number(rolling.torque_error),
+        "speed_kmh": rolling.speed / KMH,
+    }
+
+
+def _step_json(step: ColumnStep) -> dict[str, Any]:
+    return {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
 
 
 # --- text ----------------------------------------------------------------------------------------------------------
@@ -180,6 +202,7 @@ def campaign_text(found: Campaign) -> str:
     """Several logs as a report: each, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
+    parts += [Text(f"Note: {text}") for text in found.warnings]
     rows = [
         (p.name, _unit(p.name, found.logs[0].chosen.fit), *(_pair(c, e) for c, e in zip(*_padded(p), strict=True)))
         for p in found.polynomials
@@ -234,12 +257,14 @@ def _log_parts(found: Identification) -> list[RenderableType]:
 
 def _log_facts(found: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = found.curve, found.curve.survey, found.setting
+    regrips = f"; {survey.regripping} more of a wheel that regrips are left out" if survey.regripping else ""
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
         ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N, {setting.rail} rail"),
         ("Initial speed", f"{setting.initial_speed / KMH:.4g} km/h; slip ramps {ramp}"),
         ("Observer", f"{found.options.observer}, tau {curve.time_constant:.4g} s"),
-        ("Rows", f"{survey.rows}, of which {survey.used} under brake in {counted(survey.runs, 'run')}"),
+        ("Rows", f"{survey.rows}, of which {survey.used} under brake in {counted(survey.runs, 'run')}{regrips}"),
+        *(("Resolution", str(step)) for step in curve.steps if step.matters),
         (
             "Regimes",
             f"adhesion {curve.adhesion_samples}, sliding {curve.sliding_samples}; "
@@ -369,7 +394,20 @@ def model_toml(found: Identification) -> str:
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
         *fit.notes,
     ]
-    return law_toml(fit.law, reference=found.reference, wheel_load=found.setting.wheel_load, comments=comments)
+    return law_toml(
+        fit.law,
+        reference=found.reference,
+        wheel_load=found.setting.wheel_load,
+        speeds_kmh=_initial_speeds(found),
+        comments=comments,
+    )
+
+
+def _initial_speeds(found: Identification) -> tuple[float, float]:
+    """The lowest and the highest v0 that the log stands for, km/h: of one that begins at many speeds all of them."""
+    v0, survey = found.setting.initial_speed, found.curve.survey
+    lowest = min(survey.slowest_start, v0) if survey.is_mixed else v0
+    return round(lowest / KMH, 1), round(v0 / KMH, 1)
 
 
 def campaign_toml(found: Campaign) -> str | None:
@@ -380,6 +418,7 @@ def campaign_toml(found: Campaign) -> str | None:
     comments = [
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
         "For --adhesion with --initial-speed. The slips to hold are those of the logs, at their speeds.",
+        *found.warnings,
     ]
     coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))

@@ -1,0 +1,218 @@
+"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import Vehicle
+
+from .alignment import Alignment
+from .cells import Accumulator, Bins, Cells, Stretches
+from .columns import Column
+from .comparison import peak_slip
+from .logs import Broken, Log
+from .observed import SLIP_RANGE, AdhesionStream, Observed
+from .options import Options
+from .outliers import OutlierFilter
+from .record import Record
+from .resolution import ColumnStep, column_steps, step_warnings
+from .rolling import Known, Rolling, rolling_warnings
+from .rows import Rows
+from .stamps import StampFilter
+from .survey import Survey, load_warning, mu_warning
+
+Floats = NDArray[np.float64]
+
+_LEAST_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What was taken from a log before anything is fitted.
+
+    Attributes
+    ----------
+    name : str
+        The file.
+    survey : Survey
+    time_constant : float
+        tau, s.
+    bins, cells, stretches : Bins, Cells, Stretches
+    record : Record
+        Rows for the fits along the motion.
+    peak_slip : float
+        Where the data's mu is highest: the adhesion regime lies below.
+    wheel_column : str
+        The quantity that the wheel's speed was read from.
+    adhesion_samples, sliding_samples : int
+    rolling : Rolling or None
+        What the wheel showed without brake; None where it was never so.
+    steps : tuple of ColumnStep
+        In which columns come.
+    broken_lines, outliers : int
+        Lines that were no rows; rows left out as outliers, those of time among them.
+    warnings, notes : tuple of str
+        What was wrong with the log; what was assumed.
+    """
+
+    name: str
+    survey: Survey
+    time_constant: float
+    bins: Bins
+    cells: Cells
+    stretches: Stretches
+    record: Record
+    peak_slip: float
+    wheel_column: str
+    adhesion_samples: int
+    sliding_samples: int
+    rolling: Rolling | None
+    steps: tuple[ColumnStep, ...]
+    broken_lines: int
+    outliers: int
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def read_curve(
+    path: Path,
+    vehicle: Vehicle,
+    options: Options,
+    *,
+    progress: Callable[[float], None] | None = None,
+    observed: Callable[[Observed], None] | None = None,
+) -> Curve:
+    """The adhesion curve of a log; memory does not grow with it.
+
+    `progress` is told the share read, `observed` is given the samples as they come.
+    InputError with one line for a log that cannot be used.
+    """
+    log = Log(path, columns=options.columns, units=options.units, block_bytes=options.block_bytes)
+
+    def told() -> Iterator[Rows]:
+        for rows in log.rows():
+            yield rows
+            if progress is not None:
+                progress(log.share)
+        if progress is not None:
+            progress(log.share)
+
+    try:
+        gathered = _Gathered(log.name, vehicle, options, told(), observed)
+    except InputError as error:  # what was assumed may be what is wrong
+        raise InputError("; ".join([str(error), *log.notes])) from None
+    return gathered.curve(log.broken, log.stamps, log.notes, log.columns)
+
+
+def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
+    """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
+    return _Gathered(name, vehicle, options, iter([rows])).curve(Broken(), StampFilter(name), (), {})
+
+
+class _Gathered:
+    """What is gathered from the rows of a log, and what it shows; InputError where there is nothing to use."""
+
+    def __init__(
+        self,
+        name: str,
+        vehicle: Vehicle,
+        options: Options,
+        blocks: Iterator[Rows],
+        observed: Callable[[Observed], None] | None = None,
+    ) -> None:
+        self._name, self._vehicle, self._options = name, vehicle, options
+        self._outliers = OutlierFilter()
+        self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
+        sums: Accumulator | None = None
+        for rows in Alignment(options.delays, options.zeros, name).rows(_kept(blocks, self._outliers)):
+            samples = self._stream.add(rows)
+            if observed is not None:
+                observed(samples)
+            sums = sums or (Accumulator(self._stream.time_constant) if len(rows) else None)
+            if sums is not None:
+                sums.add(samples)
+        self._check(sums)
+        assert sums is not None
+        self._sums = sums
+
+    def _check(self, sums: Accumulator | None) -> None:
+        survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
+        try:
+            self._stream.check(self._name)
+            if sums is None or survey.used < _LEAST_SAMPLES:
+                raise InputError(
+                    f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
+                    "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
+                )
+        except InputError as error:  # a wheel that does not follow its train may be the cause
+            raise InputError("; ".join([str(error), *self._rolling_warnings(math.inf, 0.0)])) from None
+
+    def _rolling(self) -> Rolling | None:
+        resolution, radius = self._outliers.resolution, self._vehicle.wheel.radius
+        omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
+        return self._stream.free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
+
+    def _rolling_warnings(self, slope: float, peak: float) -> tuple[str, ...]:
+        known = Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
+        return rolling_warnings(self._rolling(), known)
+
+    def curve(
+        self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...], columns: Mapping[str, Column]
+    ) -> Curve:
+        """The curve, with what else was met."""
+        cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
+        peak, record = peak_slip(cells), self._stream.recorder.record()
+        below = cells.slip < peak
+        radius, rolling = self._vehicle.wheel.radius, self._rolling()
+        steps = column_steps(self._outliers.resolution, columns, radius, survey.initial_speed, survey.wheel_load)
+        strange, loads = mu_warning(bins.mean), load_warning(record)
+        found = (
+            *self._warnings(broken, stamps),
+            *self._rolling_warnings(float(bins.mean[0] / bins.slip[0]), peak),
+            *step_warnings(steps),
+            *(text for text in (loads, strange) if text is not None),
+        )
+        return Curve(
+            name=self._name,
+            survey=survey,
+            time_constant=self._stream.time_constant,
+            bins=bins,
+            cells=cells,
+            stretches=self._sums.stretches(),
+            record=record,
+            peak_slip=peak,
+            wheel_column=self._stream.wheel_column,
+            adhesion_samples=int(cells.count[below].sum()),
+            sliding_samples=int(cells.count[~below].sum()),
+            rolling=rolling,
+            steps=steps,
+            broken_lines=broken.count,
+            outliers=self._outliers.count + stamps.count,
+            warnings=tuple(f"{self._name}: {text}" for text in found),
+            notes=notes,
+        )
+
+    def _warnings(self, broken: Broken, stamps: StampFilter) -> tuple[str, ...]:
+        found, outliers = [*broken.first], self._outliers
+        if broken.count > len(broken.first):
+            found.append(f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used")
+        found += stamps.warnings
+        if outliers.count:
+            found.append(f"{outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
+        return (*found, *self._stream.survey.warnings())
+
+
+def _kept(blocks: Iterator[Rows], outliers: OutlierFilter) -> Iterator[Rows]:
+    """The rows without the outliers."""
+    for rows in blocks:
+        yield outliers.add(rows)
+    rest = outliers.finish()
+    if rest is not None:
+        yield rest
