@@ -4,7 +4,8 @@ To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itse
 """
 
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
-from .files import load_law, wheel_load_in
+from .files import initial_speeds_in, is_over_initial_speed, load_law, wheel_load_in
+from .modules import law_in
 from .registry import law_class, law_classes, law_names, published_law
 
 __all__ = [
@@ -14,8 +15,11 @@ __all__ = [
     "Kink",
     "ReferenceSlip",
     "Statement",
+    "initial_speeds_in",
+    "is_over_initial_speed",
     "law_class",
     "law_classes",
+    "law_in",
     "law_names",
     "load_law",
     "published_law",

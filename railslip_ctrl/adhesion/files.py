@@ -19,7 +19,7 @@
     [polynomials]                # optional; parameters over the initial speed v0 in km/h, here 0.4 - 0.001 v0
     mu_max = [0.4, -0.001]
 
-    initial_speed_range = [30, 140]   # optional, above the tables; km/h, for which the polynomials hold
+    initial_speed_range = [30, 140]   # optional, above the tables; km/h, for which the parameters hold
     wheel_load = 34500                # optional, above the tables; N, at which the parameters were found
 
 Left-out parameters take the law's defaults, where it has any. Wet parameters follow from dry ones by `AdhesionLaw.wet`.
@@ -108,6 +108,27 @@ def wheel_load_in(path: str | Path) -> float | None:
     return float(load)
 
 
+@checked
+def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
+    """The lowest and the highest v0, km/h, for which the law in the file at a path was found; None where it says none.
+
+    InputError as `load_law`.
+    """
+    path = given_path(path)
+    return _range(read_toml(path), path)
+
+
+@checked
+def is_over_initial_speed(path: str | Path) -> bool:
+    """Whether the law in the file at a path changes with v0: by polynomials, or in its reference slips.
+
+    InputError as `load_law`.
+    """
+    path = given_path(path)
+    content = read_toml(path)
+    return bool(_table(content, "polynomials", path)) or "initial_speed" in _table(content, "reference_slip", path)
+
+
 def _reference(slips: dict[str, Any], path: str | Path, speed: float | None) -> dict[str, Any]:
     """The reference slips, those over the initial speed taken at v0 in km/h."""
     _check_names(slips, (*ReferenceSlip.model_fields, "initial_speed"), path, "reference_slip")
@@ -138,16 +159,23 @@ def _speed_in_range(content: dict[str, Any], path: str | Path, speed: float | No
     """v0 in km/h, given and in the range that the polynomials hold for."""
     if speed is None:
         raise InputError(f"{path}: its parameters are polynomials of the initial speed; give --initial-speed (km/h)")
-    limits = content.get("initial_speed_range", [0.0, math.inf])
-    if not (_numbers(limits) and len(limits) == 2):
-        raise InputError(f"{path}: key 'initial_speed_range': give the lowest and the highest speed, [30, 140] (km/h)")
-    low, high = limits
+    low, high = _range(content, path) or (0.0, math.inf)
     if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
         raise InputError(
             f"{path}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g}, for which its polynomials "
             "hold; give one inside (km/h)"
         )
     return speed
+
+
+def _range(content: dict[str, Any], path: str | Path) -> tuple[float, float] | None:
+    """The lowest and the highest v0 in km/h that the parameters hold for; None where the file has none."""
+    limits = content.get("initial_speed_range")
+    if limits is None:
+        return None
+    if not (_numbers(limits) and len(limits) == 2 and 0 <= limits[0] <= limits[1]):
+        raise InputError(f"{path}: key 'initial_speed_range': give the lowest and the highest speed, [30, 140] (km/h)")
+    return float(limits[0]), float(limits[1])
 
 
 def _numbers(value: Any) -> bool:

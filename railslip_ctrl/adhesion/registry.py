@@ -14,7 +14,7 @@ from railslip_ctrl.units import shown
 
 from .base import AdhesionLaw
 
-_NOT_LAWS = frozenset({"base", "files", "registry"})
+_NOT_LAWS = frozenset({"base", "files", "modules", "registry"})
 
 
 def _laws() -> Iterator[type[AdhesionLaw]]:

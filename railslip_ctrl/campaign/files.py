@@ -13,14 +13,16 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.parameters.records import Record
 from railslip_ctrl.parameters.validation import close_match, file_name, given_path, read_toml, validated
-from railslip_ctrl.simulation.catalogue import controller_named
+from railslip_ctrl.simulation.catalogue import controller_named, default_column, reference_of
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.files import load_scenario
+from railslip_ctrl.simulation.published import published_reference
 from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.units import quantity, to_unit
 
@@ -48,9 +50,10 @@ class ControllerKeys(Record):
 
     controller: str
     name: str | None = Field(None, pattern=r"^[\w-]+$")
-    gains: Literal["beam", "bristle"] = "bristle"
+    gains: Literal["beam", "bristle"] | None = None
     kp: float | None = quantity("N*m/(m/s)", "proportional gain", default=None)
     ki: float | None = quantity("N*m/m", "integral gain", default=None)
+    slip: float | None = quantity("1", "reference slip ratio on either rail", gt=0, lt=1, default=None)
     knows_rail: bool = True
     adaptive: bool = False
 
@@ -142,12 +145,21 @@ def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Contr
         found = controller_named(
             keys.controller,
             scenario.vehicle,
-            column=keys.gains,
+            column=keys.gains or default_column(scenario.adhesion),
             gains=gains,
+            reference=_reference(keys, scenario),
             knows_rail=keys.knows_rail,
             adaptive=keys.adaptive,
         )
     return found if keys.name is None else replace(found, name=keys.name)  # type: ignore[type-var]
+
+
+def _reference(keys: ControllerKeys, scenario: Scenario) -> ReferenceSlip:
+    if keys.slip is not None:
+        return ReferenceSlip(dry=keys.slip, wet=keys.slip)
+    if keys.gains is not None:
+        return published_reference(keys.gains)
+    return reference_of(scenario.adhesion, "slip", "slip = X, or gains for that of Table 4")
 
 
 def _quantity(keys: QuantityKeys, nominal: Campaign) -> Quantity:

@@ -12,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from railslip_ctrl import __version__
-from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.errors import InputError, RailslipError
 
 PROGRAM = "railslip"
 
@@ -42,6 +42,15 @@ class _LazyGroup(click.Group):
         command: click.Command = import_module(f".{cmd_name}", __name__).command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command, after a look at its options for one that is given twice."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None and not ctx.resilient_parsing:
+            _check_repeated(command, rest)
+        return name, command, rest
+
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Command names without their modules, so that a shell does not wait for them; then the options."""
         commands = [CompletionItem(name, help=text) for name, text in _COMMANDS.items() if name.startswith(incomplete)]
@@ -50,6 +59,17 @@ class _LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(_COMMANDS.items()))
+
+
+def _check_repeated(command: click.Command, arguments: Sequence[str]) -> None:
+    """InputError for an option that takes one value and is given two, of which click would take the last."""
+    given = command.make_parser(click.Context(command)).parse_args(list(arguments))[2]
+    for option in dict.fromkeys(given):
+        if not isinstance(option, click.Option) or option.multiple:
+            continue
+        is_switch = option.is_flag and not option.secondary_opts  # the same, however often it is given
+        if given.count(option) > 1 and not is_switch:
+            raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
 
 
 @click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import get_args
 
 import click
 
-from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names, load_law
+from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
@@ -20,7 +19,7 @@ from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
 from railslip_ctrl.sliding.surface import Reference
 
-from .options import Quantity, from_file
+from .options import Quantity, law_from_file
 from .output import print_text, progress
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
@@ -119,10 +118,12 @@ def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None,
     """The name of the law, and of a file's the law with its numbers."""
     if adhesion is not None and adhesion.lower().endswith(".toml"):
         v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
-        law = from_file("--adhesion", Path(adhesion), partial(load_law, initial_speed_kmh=v0))
+        law = law_from_file(Path(adhesion), v0, None, assumed=initial_speed is None)
         return law.name, law
     if initial_speed is not None:
         raise InputError("--initial-speed: goes with a file of --adhesion, whose numbers it chooses; leave it out")
+    if adhesion is not None and adhesion.lower().endswith(".py"):
+        raise InputError(f"--adhesion: {adhesion}: a Python file is not derived with; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None
 
 

@@ -211,6 +211,8 @@ def _pairs(option: str, texts: tuple[str, ...]) -> dict[str, str]:
         name, sign, value = text.partition("=")
         if not (sign and name.strip() and value.strip()):
             raise InputError(f"{option}: {shown(text)} is not allowed; give NAME=VALUE")
+        if name.strip() in found:
+            raise InputError(f"{option}: {name.strip()} is given twice; give it once")
         found[name.strip()] = value.strip()
     return found
 
@@ -252,6 +254,9 @@ def _warn(found: Identification | Campaign) -> None:
         for note in each.curve.notes:
             click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
         for warning in each.warnings:
+            click.echo(f"railslip: warning: {warning}", err=True)
+    if isinstance(found, Campaign):
+        for warning in found.warnings:
             click.echo(f"railslip: warning: {warning}", err=True)
 
 
@@ -309,7 +314,7 @@ def _model_told(found: Identification | Campaign) -> str:
     if isinstance(found, Identification):
         return ", the model to model.toml"
     each = "model-1.toml and so on are for the v0 of their log"
-    return f", the model to model.toml, which needs --initial-speed; {each}" if _over_speed(found) else f"; {each}"
+    return f", the model to model.toml, to be taken at --initial-speed; {each}" if _over_speed(found) else f"; {each}"
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -6,6 +6,7 @@ import click
 
 from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.tuning_cases import FILTER_RATIO
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.parameters import table4_gains
 from railslip_ctrl.report import margins_json, margins_text
@@ -26,10 +27,9 @@ from .output import print_json, print_text
 )
 @click.option(
     "--lead-filter",
-    default=0.0,
     type=Quantity("s", ge=0),
     metavar="F",
-    help="Its filter time constant F, s.  [default: none]",
+    help="Its filter time constant F, s.  [default: a tenth of the lead]",
 )
 @click.pass_context
 def command(
@@ -39,17 +39,18 @@ def command(
     kp: float | None,
     ki: float | None,
     lead: float,
-    lead_filter: float,
+    lead_filter: float | None,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI, the dead time exact. Exit status 1 if a loop is unstable.
+    """Stability margins of the wheel-slip loop with a PI, the dead time exact. Exit status 1 if a loop is
+    unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
-    gains = chosen_gains(kp, ki)
+    gains, time = chosen_gains(kp, ki), FILTER_RATIO * lead if lead_filter is None else lead_filter
     assessments = [
         assess(
             linearize(point),
-            PIController(gains or table4_gains(point.adhesion), lead, lead_filter),
+            PIController(gains or table4_gains(point.adhesion), lead, time),
             point.vehicle.actuator,
         )
         for point in cases.points()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -10,8 +11,18 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 
-from railslip_ctrl.adhesion import AdhesionLaw, law_names, load_law, published_law, wheel_load_in
+from railslip_ctrl.adhesion import (
+    AdhesionLaw,
+    initial_speeds_in,
+    is_over_initial_speed,
+    law_in,
+    law_names,
+    load_law,
+    published_law,
+    wheel_load_in,
+)
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle
@@ -23,8 +34,12 @@ L = TypeVar("L")
 
 # Sizes of numbers taken from the command line: far beyond any vehicle, and far inside the range of doubles.
 _SMALLEST, _LARGEST = 1e-12, 1e12
-_TOLD = "railslip_ctrl.loads_told"  # in the command's context: what was said of wheel loads
+_TOLD = "railslip_ctrl.told"  # in the command's context: its warnings
 _LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: an empty and a half-full car
+_SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Table 1 then changes by 3 %
+
+LAW_FILES = (".toml", ".py")
+"""How the name of a file ends that --adhesion takes."""
 
 
 class Quantity(click.ParamType[float]):
@@ -92,7 +107,12 @@ class CaseOptions:
 
     def points(self) -> list[OperatingPoint]:
         """The operating points, in the order rail, mass, speed."""
-        vehicle = self.chosen_vehicle
+        vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
+        if max(speeds) > self.initial_speed:
+            warn(
+                f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
+                f"applied, which a braking train does not reach again; give another, or --initial-speed {max(speeds):g}"
+            )
         found = []
         for rail in self.chosen_rails():
             law = self.law(rail)
@@ -108,8 +128,7 @@ class CaseOptions:
                     rail=rail,
                     initial_speed_kmh=self.initial_speed,
                 )
-                for mass in self.masses or (None,)
-                for speed in self.speeds or (100.0,)
+                for mass, speed in itertools.product(dict.fromkeys(self.masses) or (None,), speeds)
             ]
         return found
 
@@ -187,8 +206,9 @@ def _point_options(*, speeds: bool) -> list[Any]:
             "--adhesion",
             default="bristle",
             show_default=True,
-            metavar="LAW|FILE.toml",
-            help=f"Adhesion law: {', '.join(law_names())}; or a file with a law and its parameters.",
+            metavar="LAW|FILE.toml|FILE.py",
+            help=f"Adhesion law: {', '.join(law_names())}; a file with a law and its parameters; or a Python file with "
+            "a law of your own, which is run.",
         ),
         click.option(
             "--rail",
@@ -272,26 +292,69 @@ def from_file(option: str, path: Path, load: Callable[[Path], L]) -> L:
 
 
 def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
-    if adhesion.lower().endswith(".toml"):
-        read = functools.partial(load_law, initial_speed_kmh=initial_speed)
-        law = from_file("--adhesion", Path(adhesion), read)
-        warn_of_wheel_load(law, Path(adhesion), wheel_load)
-        return law.on(rail)
-    return published_law(adhesion, rail, initial_speed, wheel_load)
+    if not is_law_file(adhesion):
+        return published_law(adhesion, rail, initial_speed, wheel_load)
+    return law_from_file(Path(adhesion), initial_speed, wheel_load, assumed=not _is_given("initial_speed")).on(rail)
 
 
-def warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None:
-    """Say, once a command, where a law with forces in it was found at another wheel load (N) than it is used at."""
-    found, told = wheel_load_in(path), click.get_current_context().meta.setdefault(_TOLD, set())
-    if found is None or (path, wheel_load) in told or not law.has_forces():
-        return
-    if abs(wheel_load / found - 1.0) > _LOAD_TOLERANCE:
-        told.add((path, wheel_load))
-        click.echo(
-            f"railslip: warning: --adhesion: {path} was found at a wheel load of {found:g} N and is used at "
-            f"{wheel_load:g} N; forces among its parameters do not grow with the load",
-            err=True,
+def is_law_file(adhesion: str) -> bool:
+    """Whether --adhesion names a file."""
+    return adhesion.lower().endswith(LAW_FILES)
+
+
+def law_from_file(path: Path, initial_speed: float, wheel_load: float | None, *, assumed: bool = False) -> AdhesionLaw:
+    """The law in a file, at v0 in km/h; warns where it was found at another v0 or wheel load (N) than it is used at.
+
+    `assumed` is whether nobody gave v0, and it is the default.
+    """
+    if path.suffix.lower() == ".py":
+        return from_file("--adhesion", path, law_in)
+    law = from_file("--adhesion", path, functools.partial(load_law, initial_speed_kmh=initial_speed))
+    if wheel_load is not None:
+        _warn_of_wheel_load(law, path, wheel_load)
+    _warn_of_initial_speed(path, initial_speed, assumed=assumed)
+    return law
+
+
+def _warn_of_wheel_load(law: AdhesionLaw, path: Path, wheel_load: float) -> None:
+    found = from_file("--adhesion", path, wheel_load_in)
+    if found is not None and law.has_forces() and abs(wheel_load / found - 1.0) > _LOAD_TOLERANCE:
+        warn(
+            f"--adhesion: {path} was found at a wheel load of {found:g} N and is used at {wheel_load:g} N; forces "
+            "among its parameters do not grow with the load"
         )
+
+
+def _warn_of_initial_speed(path: Path, initial_speed: float, *, assumed: bool) -> None:
+    if is_over_initial_speed(path):
+        if assumed:
+            warn(
+                f"--adhesion: {path} changes with the initial speed v0, and is taken at {initial_speed:g} km/h; give "
+                "--initial-speed for another"
+            )
+        return
+    found = from_file("--adhesion", path, initial_speeds_in)
+    if found is not None and not (
+        found[0] * (1.0 - _SPEED_TOLERANCE) <= initial_speed <= found[1] * (1.0 + _SPEED_TOLERANCE)
+    ):
+        speeds = " to ".join(dict.fromkeys(f"{speed:.4g}" for speed in found))
+        warn(
+            f"--adhesion: {path} was found at an initial speed v0 of {speeds} km/h and is used at {initial_speed:g} "
+            "km/h (--initial-speed); the adhesion changes with it"
+        )
+
+
+def warn(message: str) -> None:
+    """A warning on standard error, said once a command."""
+    told = click.get_current_context().meta.setdefault(_TOLD, set())
+    if message not in told:
+        told.add(message)
+        click.echo(f"railslip: warning: {message}", err=True)
+
+
+def _is_given(option: str) -> bool:
+    """Whether an option was given to the command that runs."""
+    return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
 
 def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:

@@ -48,7 +48,7 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
 def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | None, as_json: bool) -> None:
     """The tables and figures of [Park2008] beside what this software obtains: Table 5's sixteen numbers, the reading
     they come out under, Table 3 as far as it can be, and other facts of the runs. Exit status 1 if a number of Table 5
-    is out of tolerance.
+    is out of tolerance, 2 for bad input.
 
     Example: railslip reproduce --seeds 16 --out reproduced
     """

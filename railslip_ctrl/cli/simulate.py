@@ -67,7 +67,7 @@ def command(
     as_json: bool,
 ) -> None:
     """A braking run: what became of it, time, distance, energy, slip error; time series and pictures. Exit status 1
-    if the train did not stop.
+    if the train did not stop, 2 for bad input.
 
     Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
     """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,15 +14,16 @@ import click
 from railslip_ctrl.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.parameters import Rail, Vehicle
+from railslip_ctrl.parameters.validation import close_match
 from railslip_ctrl.simulation import Scenario
-from railslip_ctrl.simulation.catalogue import NAMES, controller_named
+from railslip_ctrl.simulation.catalogue import NAMES, controller_named, default_column, reference_of
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import is_tuned_when_asked
 from railslip_ctrl.simulation.published import COLUMNS, Column, published_reference
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
 from railslip_ctrl.units import KMH
 
-from .options import Quantity, chosen_gains, warn_of_wheel_load
+from .options import Quantity, chosen_gains, is_law_file, law_from_file, warn
 from .output import progress
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -70,6 +72,12 @@ class ScenarioOptions:
             changes["adhesion"] = self._law(scenario.adhesion.name, vehicle, v0)
         elif self.initial_speed is not None:
             raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
+        if not math.isclose(v0, changes["initial_speed"]):
+            run = f"{changes['initial_speed'] / KMH:g} km/h"
+            warn(
+                f"--initial-speed: the adhesion is that of brakes applied at {v0 / KMH:g} km/h, but this run begins at "
+                f"{run} (--speed)"
+            )
         return scenario.for_vehicle(vehicle).with_changes(**changes)
 
     def law_speed(self, initial_speed: float) -> float:
@@ -144,8 +152,14 @@ class ControllerOptions:
         if self.controller.lower().endswith((".toml", ".py")):
             return self._from_file(law_speed), None
         name = self.controller.strip().lower().replace("_", "-")
+        if name not in NAMES:
+            raise InputError(
+                f"--controller: {name!r} is not one; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or "
+                "give FILE.toml or FILE.py"
+            )
         gains = chosen_gains(self.kp, self.ki)
         column = self._column(scenario)
+        reference = self._reference(scenario, column)
         if is_tuned_when_asked(name, scenario.vehicle, gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
         made = _naming(
@@ -155,7 +169,7 @@ class ControllerOptions:
                 scenario.vehicle,
                 column=column,
                 gains=gains,
-                reference=self._reference(scenario, column),
+                reference=reference,
                 knows_rail=not self.unknown_rail,
                 adaptive=self.adaptive,
                 period=self.period,
@@ -164,16 +178,19 @@ class ControllerOptions:
         return made, column if name in _TABLE_4 and gains is None else None
 
     def _column(self, scenario: Scenario) -> Column:
+        if self.gains is None:
+            return default_column(scenario.adhesion)
         for column in COLUMNS:
-            if column == ((self.gains or "").lower() or ("beam" if scenario.adhesion.name == "beam" else "bristle")):
+            if column == self.gains.lower():
                 return column
         raise InputError(f"--gains: {self.gains!r} is not a column of Table 4; choose {' or '.join(COLUMNS)}")
 
     def _reference(self, scenario: Scenario, column: Column) -> ReferenceSlip:
         if self.slip is not None:
             return ReferenceSlip(dry=self.slip, wet=self.slip)
-        own = scenario.adhesion.reference
-        return published_reference(column) if own is None or self.gains is not None else own
+        if self.gains is not None:
+            return published_reference(column)
+        return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
     def _from_file(self, law_speed: float) -> Controller:
         from railslip_ctrl.simulation.controller_files import load_controller
@@ -225,8 +242,9 @@ def _scenario_options() -> list[Any]:
         ),
         click.option(
             "--adhesion",
-            metavar="LAW|FILE.toml",
-            help=f"The plant's adhesion law: {', '.join(law_names())}; or a file.  [default: the scenario's]",
+            metavar="LAW|FILE.toml|FILE.py",
+            help=f"The plant's adhesion law: {', '.join(law_names())}; a file with a law and its parameters; or a "
+            "Python file with a law of your own, which is run.  [default: the scenario's]",
         ),
         click.option("--rail", metavar="dry|wet", help="Rail at the start.  [default: the scenario's]"),
         number("--speed", "km/h", "Speed at which the brake is applied, km/h.  [default: the scenario's]", gt=0),
@@ -267,13 +285,14 @@ def _controller_options() -> list[Any]:
         click.option(
             "--gains",
             metavar="|".join(COLUMNS),
-            help="Column of Table 4: gains and reference slip.  [default: beam for the beam law, else bristle]",
+            help="Column of Table 4: gains and reference slip.  [default: gains of beam for the beam law, else of "
+            "bristle; slip of the law]",
         ),
         click.option(
             "--slip",
             type=Quantity("1", gt=0, lt=1),
             metavar="X",
-            help="Reference slip on either rail.  [default: the column's]",
+            help="Reference slip on either rail.  [default: the adhesion law's; with --gains the column's]",
         ),
         click.option(
             "--unknown-rail", is_flag=True, help="asmc: its adhesion model stays dry when the rail turns wet."
@@ -289,12 +308,8 @@ def _controller_options() -> list[Any]:
 
 
 def _law(name: str, vehicle: Vehicle, v0: float) -> Any:
-    if name.lower().endswith(".toml"):
-        from railslip_ctrl.adhesion import load_law
-
-        law = _naming("--adhesion", lambda: load_law(Path(name), initial_speed_kmh=v0 / KMH))
-        warn_of_wheel_load(law, Path(name), vehicle.wheel_load)
-        return law
+    if is_law_file(name):
+        return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
     from railslip_ctrl.simulation.scenario import named_law
 
     return named_law(name, vehicle, v0)

@@ -57,7 +57,8 @@ def command(
     lead: float | None,
     lead_filter: float | None,
 ) -> None:
-    """One gain set for all the operating points named, from a specification. Exit status 1 if it cannot be met.
+    """One gain set for all the operating points named, from a specification. Exit status 1 if it cannot be met,
+    2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --speed 20 --speed 100 --mass 3517 --mass 5276
     """

@@ -12,7 +12,7 @@ from railslip_ctrl.report.verification import verification_json, verification_te
 from railslip_ctrl.sliding.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
 from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, Law, RailAdhesion, verify_with_actuator
 
-from .options import CaseOptions, Quantity, stop_options
+from .options import CaseOptions, Quantity, is_law_file, stop_options
 from .output import print_json, print_text
 
 _UNITS = {"--K": " (N*m)", "--D": " (N*m/(m/s))", "--inertia-scale": ""}
@@ -68,7 +68,8 @@ def command(
     as_json: bool,
 ) -> None:
     """Which stability conditions of the sliding-mode law hold, how that was decided, and on what evidence. Exit status
-    1 if one fails: of the published law several do, and of the robust variants those with the actuator.
+    1 if one fails (of the published law several do, and of the robust variants those with the actuator), 2 for bad
+    input.
 
     The layered law is tuned and verified for any adhesion and vehicle, on the rails named, from 100 km/h; an adhesion
     file has to give its reference slip, or --slip does. The other laws' conditions are over the published bristle
@@ -116,7 +117,7 @@ def _law(word: str) -> Law:
 def _adhesion(cases: CaseOptions) -> RailAdhesion:
     """The adhesion named. A file's parameters are for one rail, and say themselves what follows on the other."""
     rails = cases.chosen_rails()
-    if not cases.adhesion.lower().endswith(".toml"):
+    if not is_law_file(cases.adhesion):
         return RailAdhesion(cases.adhesion, rails, cases.slip, cases.initial_speed)
     try:
         law = cases.law(Rail.DRY)
@@ -129,7 +130,7 @@ def _about(cases: CaseOptions, adhesion: RailAdhesion) -> tuple[tuple[str, str],
     """Vehicle and adhesion with its reference slips, for the report's head, where any was named."""
     vehicle = cases.chosen_vehicle
     slips = ", ".join(f"{adhesion.reference(rail, vehicle):.4g} {rail}" for rail in adhesion.rails)
-    source = f" ({cases.adhesion})" if cases.adhesion.lower().endswith(".toml") else ""
+    source = f" ({cases.adhesion})" if is_law_file(cases.adhesion) else ""
     about = [] if cases.vehicle is None else [("Vehicle", vehicle.name)]
     if adhesion != PUBLISHED_ADHESION:
         about += [("Adhesion", f"{adhesion.text}{source}"), ("Reference slip", slips)]

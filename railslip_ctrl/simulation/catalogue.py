@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains, Vehicle
@@ -21,6 +21,21 @@ NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection")
 """Names of the controllers that come with the package."""
 
 _LINEAR = ("pi", "pi-lead")
+
+
+def default_column(law: AdhesionLaw) -> Column:
+    """The column of Table 4 for an adhesion law: its own for the beam, else that of the bristles."""
+    return "beam" if law.name == "beam" else "bristle"
+
+
+def reference_of(law: AdhesionLaw, name: str, remedy: str) -> ReferenceSlip:
+    """The slips that an adhesion law is to be held at.
+
+    InputError, which begins with `name` and ends with the `remedy`, where neither its source nor its file gives any.
+    """
+    if law.reference is None:
+        raise InputError(f"{name}: adhesion {law.name!r} has no reference slip; give {remedy}")
+    return law.reference
 
 
 def controller_named(

@@ -1,0 +1,221 @@
+"""What the commands say of an adhesion law from a file: v0, reference slip, a law in Python; options given twice."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from project import refused
+
+from railslip_ctrl.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law
+from railslip_ctrl.adhesion.burckhardt import Burckhardt
+from railslip_ctrl.errors import InputError
+
+PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"
+SLIPS = "[reference_slip]\ndry = 0.1\nwet = 0.1\n"
+OVER = 'law = "burckhardt"\ninitial_speed_range = [30, 140]\n[polynomials]\nc1 = [0.4, -1e-3]\nc2 = [30]\nc3 = [0.2]\n'
+
+LAW = """
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.adhesion.base import Statement
+from railslip_ctrl.units import quantity
+
+
+class Coulomb(AdhesionLaw):
+    name = "coulomb_smoothed"
+    title = "friction that sets in over a slip velocity, static"
+    source = "this test"
+    has_state = False
+    wet_factors = {"friction": 0.5}
+
+    friction: float = quantity("1", "adhesion coefficient at much slip", gt=0)
+    creep: float = quantity("1", "slope of the adhesion coefficient at no slip", gt=0)
+
+    @classmethod
+    def statement(cls):
+        import sympy as sp
+
+        from railslip_ctrl.notation import symbol
+
+        friction, creep = cls.symbols()
+        return Statement(force=symbol("N") * friction * sp.tanh(creep * symbol("sigma") / symbol("v") / friction))
+
+
+LAW = Coulomb(friction=0.3, creep=20.0, reference=ReferenceSlip(dry=0.02, wet=0.01))
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Write a file into the working folder, which is a temporary one; gives its name."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(name, text):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return name
+
+    return write
+
+
+# --- v0 ------------------------------------------------------------------------------------------------------------
+
+AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c"), "margins": ("--speed", "20")}
+
+
+@pytest.mark.parametrize("command", AT)
+def test_a_law_found_at_another_v0_is_told_in_every_command(railslip, file, command):
+    name = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{SLIPS}')
+    assert initial_speeds_in(name) == (28.0, 30.0)
+    told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
+    status, _, err = railslip(command, "--adhesion", name, *AT[command])
+    assert status in (0, 1)
+    assert err.count("\n") == 1  # once, whatever the number of rails
+    assert told in err
+    assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "32", *AT[command])[2]  # within a tenth
+
+
+@pytest.mark.parametrize("command", AT)
+def test_a_law_over_v0_is_told_where_v0_is_the_default(railslip, file, command):
+    name = file("over.toml", OVER + SLIPS)
+    assert is_over_initial_speed(name)
+    status, _, err = railslip(command, "--adhesion", name, *AT[command])
+    assert status in (0, 1)
+    assert "over.toml changes with the initial speed v0, and is taken at 100 km/h; give --initial-speed" in err
+    assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "100", *AT[command])[2]
+    assert "outside 30 to 140" in refused(railslip(command, "--adhesion", name, "--initial-speed", "160", *AT[command]))
+
+
+def test_a_run_takes_the_law_at_the_speed_it_begins_at(railslip, file):
+    slow = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [30, 30]\n{PARAMETERS}{SLIPS}')
+    run = ("simulate", "--no-noise", "--controller", "pi-lead")
+    assert "v0 of 30 km/h and is used at 100 km/h" in railslip(*run, "--adhesion", slow)[2]
+    assert "v0" not in railslip(*run, "--adhesion", slow, "--speed", "30")[2]
+    over = file("over.toml", OVER + SLIPS)
+    assert "v0" not in railslip(*run, "--adhesion", over, "--speed", "80")[2]
+    told = "the adhesion is that of brakes applied at 80 km/h, but this run begins at 100 km/h (--speed)"
+    assert told in railslip(*run, "--adhesion", over, "--initial-speed", "80")[2]
+    assert told in railslip(*run, "--adhesion", "beam", "--initial-speed", "80")[2]
+
+
+def test_a_speed_above_v0_is_told(railslip):
+    err = railslip("linearize", "--rail", "dry", "--speed", "60", "--speed", "120")[2]
+    assert err.startswith(
+        "railslip: warning: --speed: 120 km/h is above 100 km/h, the v0 at which the brake is applied"
+    )
+    assert railslip("linearize", "--rail", "dry", "--speed", "120", "--initial-speed", "120")[2] == ""
+
+
+@pytest.mark.parametrize("limits", ["[140, 30]", "[30]", '"30"', "[-1, 30]"])
+def test_a_range_of_v0_that_is_none_is_refused(file, limits):
+    name = file("law.toml", f'law = "burckhardt"\ninitial_speed_range = {limits}\n{PARAMETERS}')
+    with pytest.raises(InputError, match="key 'initial_speed_range': give the lowest and the highest speed"):
+        initial_speeds_in(name)
+
+
+# --- reference slip ------------------------------------------------------------------------------------------------
+
+
+def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
+    """The paper's slip may lie anywhere beside the peak of a law of one's own."""
+    law = file("bare.toml", f'law = "burckhardt"\n{PARAMETERS}')
+    for command in (
+        ("linearize",),
+        ("margins",),
+        ("tune", "--ms-max", "2"),
+        ("verify", "--law", "layered"),
+        ("simulate",),
+    ):
+        err = refused(railslip(*command, "--adhesion", law))
+        assert err.startswith("railslip: error: --slip: adhesion ")
+        assert "has no reference slip" in err
+    assert "--slip: adhesion 'polach' has no reference slip" in refused(railslip("simulate", "--adhesion", "polach"))
+    status, out, _ = railslip("simulate", "--adhesion", law, "--slip", "0.1", "--no-noise", "--json")
+    assert (status, json.loads(out)["reference_slip"]) == (0, {"dry": 0.1, "wet": 0.1})
+    status, out, _ = railslip("simulate", "--adhesion", law, "--gains", "beam", "--no-noise", "--json")
+    assert (status, json.loads(out)["reference_slip"]) == (0, {"dry": 0.119, "wet": 0.059})
+
+
+def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
+    from railslip_ctrl.campaign.files import load_campaign
+
+    file("law.toml", f'law = "burckhardt"\n{PARAMETERS}')
+    file("own.toml", 'extends = "park2008"\nadhesion = "law.toml"\n')
+    text = 'scenario = "own.toml"\nruns = 2\n[[controller]]\ncontroller = "pi"\n'
+    name = file("campaign.toml", text)
+    assert "campaign.toml: controller 0: slip: adhesion 'burckhardt' has no reference slip; give slip = X" in refused(
+        railslip("campaign", name, "--out", "out")
+    )
+    file("campaign.toml", text + "slip = 0.08\n")
+    assert load_campaign(name).controllers[0].reference.dry == 0.08
+    file("campaign.toml", text + 'gains = "beam"\n')
+    assert load_campaign(name).controllers[0].reference.dry == 0.119
+    file("campaign.toml", text)
+    file("law.toml", f'law = "burckhardt"\n{PARAMETERS}{SLIPS}')
+    assert load_campaign(name).controllers[0].reference.dry == 0.1
+
+
+# --- a law in Python -----------------------------------------------------------------------------------------------
+
+
+def test_a_law_of_one_s_own_in_a_python_file(railslip, file):
+    """Its force by hand, and its one pole, which is its slope there: 0 where it has reached mu."""
+    name = file("mine.py", LAW)
+    status, out, err = railslip("linearize", "--adhesion", name, "--rail", "dry", "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)["cases"][0]
+    assert (found["adhesion"], found["slip"]) == ("coulomb_smoothed", 0.02)
+    assert found["adhesion_force_n"] == pytest.approx(34500 * 0.3 * 0.8701, rel=1e-4)  # tanh 4/3, from a table
+    flat = json.loads(railslip("linearize", "--adhesion", name, "--rail", "dry", "--slip", "0.5", "--json")[1])[
+        "cases"
+    ][0]
+    assert found["poles"][0][0] < 100.0 * flat["poles"][0][0] < 0.0
+    assert "a Python file is not derived with" in refused(railslip("derive", "--adhesion", name))
+    assert "no such file" in refused(railslip("linearize", "--adhesion", "none.py"))
+    for text, told in (
+        ("LAW = 3\n", "LAW has no statement, parameters"),
+        ("law = 3\n", "has no LAW"),
+        ("1/0\n", "running it fails with ZeroDivisionError: division by zero; mend the file"),
+        (f"{LAW}LAW = Coulomb\n", "LAW is no adhesion law with its parameters"),
+    ):
+        assert f"--adhesion: other.py: {told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
+
+
+def test_a_python_file_may_hold_a_law_of_the_package(file):
+    text = "from railslip_ctrl.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
+    assert law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
+    assert law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
+
+
+# --- options given twice -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("margins", "--kp", "1", "--ki", "1", "--kp", "2"), "--kp"),
+        (("simulate", "--seed", "1", "--seed=1"), "--seed"),
+        (("report", "--html", "--no-html"), "--html"),
+        (("identify", "log.csv", "--tau", "0.1", "--tau", "0.2"), "--tau"),
+    ],
+)
+def test_an_option_with_one_value_is_given_once(railslip, file, arguments, option):
+    file("log.csv", "")
+    assert refused(railslip(*arguments)) == f"railslip: error: {option}: is given 2 times; give it once\n"
+
+
+def test_what_may_be_given_again_is_counted_once(railslip):
+    once = railslip("linearize", "--speed", "100", "--rail", "dry", "--json")
+    assert once[0] == 0
+    assert railslip("linearize", "--speed", "100", "--speed", "100", "--rail", "dry", "--json", "--json") == once
+    for option in ("--delay", "--zero", "--column", "--unit"):
+        twice = (option, "train_speed=1", option, "train_speed=2")
+        assert refused(railslip("identify", "log.csv", *twice)) == (
+            f"railslip: error: {option}: train_speed is given twice; give it once\n"
+        )
+
+
+def test_a_lead_s_filter_is_the_same_in_margins_and_tune(railslip):
+    """A tenth of the lead; a lead without any is not proper."""
+    case = ("margins", "--rail", "dry", "--kp", "540", "--ki", "350", "--lead", "0.6", "--json")
+    assert railslip(*case)[1] == railslip(*case, "--lead-filter", "0.06")[1]
+    assert "--lead-filter: 0 s with a lead of 0.6 s is not proper" in refused(railslip(*case, "--lead-filter", "0"))
