@@ -23,7 +23,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.kernels import compilation
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.plots.design_report import linear_figures, run_figures
+from railslip_ctrl.plots.design_report import linear_drawings, run_drawings
 from railslip_ctrl.report.design_report_json import KEY_OF_SECTION
 from railslip_ctrl.report.html import design_report_html
 from railslip_ctrl.report.html.formulas import transfer_function
@@ -267,17 +267,17 @@ def record():
         patch.setattr(assemble, "kept", lambda name, compute, given="", *, fresh: compute())
         patch.setattr(assemble, "SEEDS", 2)
         patch.setattr(assemble, "published_facts", lambda: ())
-        return assemble.design_report(design_check(PARK2008, points), points, workers=1)
+        return assemble.design_report(design_check(PARK2008, points), points, workers=1, fresh=True)
 
 
 def rendered(record, pictures=None):
-    names = [*linear_figures(record), *run_figures(record)] if pictures is None else pictures
+    names = [*linear_drawings(record), *run_drawings(record)] if pictures is None else pictures
     return design_report_html(record, dict.fromkeys(names, TINY), SOURCE)
 
 
 @pytest.fixture(scope="module")
 def names(record):
-    return [*linear_figures(record), *run_figures(record)]
+    return [*linear_drawings(record), *run_drawings(record)]
 
 
 def test_limit_is_the_closed_form(record, names):

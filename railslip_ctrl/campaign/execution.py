@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.machine import cores
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .rows import refused_row, row
@@ -181,7 +182,7 @@ Parts = Callable[[Iterable[Part]], Iterator[tuple[Part, Rows]]]
 
 def _workers(workers: int | None, scheduler: str | None) -> int:
     if workers is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return cores()
     if scheduler is not None:
         raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
     if workers < 1:

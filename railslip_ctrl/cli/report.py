@@ -16,6 +16,7 @@ from click.core import ParameterSource
 from railslip_ctrl.design_check import DesignCheck, design_check
 from railslip_ctrl.design_report import LinearPart, RunPart, design_report
 from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.machine import cores
 from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
 from railslip_ctrl.report.design_report_json import design_report_json
@@ -136,11 +137,11 @@ Made = tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]
 
 def _without_page(check: DesignCheck, told: Callable[[str], None]) -> Made:
     """The check alone: no designs, no runs, no recommendation."""
-    from railslip_ctrl.plots.design_report import check_figures
+    from railslip_ctrl.plots.design_report import check_drawings
     from railslip_ctrl.plots.style import figure_files
 
     told("pictures")
-    files = _named({name: figure_files(figure) for name, figure in check_figures(check).items()})
+    files = _named({name: figure_files(make()) for name, make in check_drawings(check).items()})
     return files, design_check_json(check, [*_TEXTS, *files]), partial(design_check_text, check)
 
 
@@ -156,17 +157,18 @@ def _with_page(
 
     What can be drawn is drawn while the rest is computed, each picture once.
     """
-    from railslip_ctrl.plots.design_report import linear_figures, run_figures
-    from railslip_ctrl.plots.style import figure_files
+    from railslip_ctrl.plots.design_report import linear_drawings, run_drawings
+    from railslip_ctrl.plots.side_by_side import drawing_room
 
-    pictures: dict[str, dict[str, bytes]] = {}
+    with drawing_room(helped=cores() > 1) as room:
 
-    def draw(part: LinearPart | RunPart) -> None:
-        figures = linear_figures(part) if isinstance(part, LinearPart) else run_figures(part)
-        told(f"pictures: {', '.join(figures)}")
-        pictures.update({name: figure_files(figure) for name, figure in figures.items()})
+        def draw(part: LinearPart | RunPart) -> list[Callable[[], None]]:
+            drawings = linear_drawings(part) if isinstance(part, LinearPart) else run_drawings(part)
+            told(f"pictures: {', '.join(drawings)}")
+            return room.take(drawings)
 
-    report = design_report(check, points, given=gains, fresh=fresh, progress=told, meanwhile=draw)
+        report = design_report(check, points, given=gains, fresh=fresh, progress=told, meanwhile=draw)
+        pictures = room.files()
     told(_PAGE)
     html = design_report_html(report, {name: forms["svg"] for name, forms in pictures.items()}, source)
     files = _named(pictures) | {_PAGE: html.encode()}

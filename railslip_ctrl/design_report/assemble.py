@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,6 +16,7 @@ from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.kernels import compilation
 from railslip_ctrl.linearization import OperatingPoint, linearize
+from railslip_ctrl.machine import cores
 from railslip_ctrl.parameters import PIGains, Vehicle
 from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
 from railslip_ctrl.simulation.designed import is_published
@@ -25,6 +25,7 @@ from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding_verification import FullVerification, Law, verify_with_actuator
 
+from .kept import found as look_up
 from .kept import kept
 from .loops import gain_region, law_curves, loop_designs, recommended_group
 from .records import DesignReport, LinearPart, LoopDesigns, RunPart, SlidingVerdict
@@ -32,6 +33,7 @@ from .stops import stops
 
 Progress = Callable[[str], None]
 Part = LinearPart | RunPart
+Work = Callable[[], None]
 
 SEEDS = 64
 """Noise seeds of the paper's runs here; `railslip reproduce` takes 256."""
@@ -58,7 +60,7 @@ def design_report(
     workers: int | None = None,
     fresh: bool = False,
     progress: Progress = lambda message: None,
-    meanwhile: Callable[[Part], None] = lambda part: None,
+    meanwhile: Callable[[Part], Sequence[Work]] = lambda part: (),
 ) -> DesignReport:
     """Everything of one vehicle that a design review looks at.
 
@@ -79,7 +81,8 @@ def design_report(
     progress : callable
         Told what is done, a line at a time.
     meanwhile : callable
-        Handed the linear part, then the braking runs, while the rest is still computed, to draw them.
+        Handed the linear part and the braking runs while the rest is still computed; what it returns is called, piece
+        by piece, before anything is waited for: to draw them.
 
     Raises
     ------
@@ -95,20 +98,32 @@ def design_report(
         ),
         "errata": partial(_errata, fresh),
     }
-    found: dict[str, Any] = {}
-    with _started(tasks, _cores() if workers is None else workers) as results:
+    # looked for here, so that no process is started for what is there
+    found: dict[str, Any] = {} if fresh else _found_before(check.vehicle)
+    left = {name: task for name, task in tasks.items() if name not in found}
+    work: list[Work] = []
+
+    def take(results: Iterable[tuple[str, _Found]]) -> None:
+        for name, found[name] in results:
+            progress(f"done: {SECTIONS[name]}{_FROM_CACHE if found[name].from_cache else ''}")
+            if name == "runs":
+                work.extend(meanwhile(found[name].value))
+
+    take(list(found.items()))
+    with _started(left, cores() if workers is None else workers) as under_way:
         plants = tuple(linearize(point) for point in points)
         progress("adhesion curves, stabilising region")
         curves, region = law_curves(plants), gain_region(check, plants)
         limits = tuple(limits_of(plant, check.vehicle.actuator) for plant in plants)
+        take(under_way.ready())
         progress("designs side by side")
         loops = loop_designs(check, plants, given)
         linear = LinearPart(check, plants, limits, curves, region, loops, recommended=recommended_group(loops))
-        meanwhile(linear)
-        for name, found[name] in results:
-            progress(f"done: {SECTIONS[name]}{_FROM_CACHE if found[name].from_cache else ''}")
-            if name == "runs":
-                meanwhile(found[name].value)
+        work.extend(meanwhile(linear))
+        while work or under_way.any():
+            take(under_way.ready() if work else under_way.next())
+            if work:
+                work.pop(0)()
     return DesignReport(
         **vars(linear),
         **vars(found["runs"].value),
@@ -153,6 +168,14 @@ class _Found(NamedTuple):
 
     value: Any
     from_cache: bool = False
+
+
+def _found_before(vehicle: Vehicle) -> dict[str, _Found]:
+    """Results of tasks that are nothing but what an earlier report kept, by task."""
+    car = vehicle.model_dump_json()
+    places = {"paper": ("conditions-paper", car), "layered": ("conditions-layered", car), "errata": ("errata", "")}
+    values = {task: look_up(name, given) for task, (name, given) in places.items()}
+    return {task: _Found(value, True) for task, value in values.items() if value is not None}
 
 
 def _taken(name: str, compute: Callable[[], Any], given: str = "", *, fresh: bool) -> _Found:
@@ -200,19 +223,45 @@ def _errata(fresh: bool) -> _Found:
 # --- processes ------------------------------------------------------------------------------------------------------
 
 
+class _UnderWay:
+    """Tasks in other processes, or, without one, done when they are asked for; each result is handed out once."""
+
+    def __init__(self, tasks: dict[str, Callable[[], Any]], pool: ProcessPoolExecutor | None) -> None:
+        self._tasks = {} if pool is not None else dict(tasks)
+        self._futures = {} if pool is None else {pool.submit(task): name for name, task in tasks.items()}
+
+    def any(self) -> bool:
+        """Whether results are still to come."""
+        return bool(self._tasks or self._futures)
+
+    def ready(self) -> list[tuple[str, Any]]:
+        """Results there are by now, with their names."""
+        return [self._handed(future) for future in list(self._futures) if future.done()]
+
+    def next(self) -> list[tuple[str, Any]]:
+        """The results that come next."""
+        if self._tasks:
+            name = next(iter(self._tasks))
+            return [(name, self._tasks.pop(name)())]
+        wait(self._futures, return_when=FIRST_COMPLETED)
+        return self.ready()
+
+    def _handed(self, future: Future[Any]) -> tuple[str, Any]:
+        return self._futures.pop(future), future.result()
+
+
 @contextmanager
-def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[Iterator[tuple[str, Any]]]:
-    """The tasks under way; their names and results as they come, or, without a second core, in order when asked for."""
-    if workers < 2:
-        yield ((name, task()) for name, task in tasks.items())
+def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[_UnderWay]:
+    """The tasks under way, in as many processes; with a single core in this one."""
+    if workers < 2 or not tasks:
+        yield _UnderWay(tasks, None)
         return
     from multiprocessing import get_context
 
     # new processes, not copies: a copy of a process with threads may hang
     pool = ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn"), initializer=_quiet)
     try:
-        futures: dict[Future[Any], str] = {pool.submit(task): name for name, task in tasks.items()}
-        yield ((futures[future], future.result()) for future in as_completed(futures))
+        yield _UnderWay(tasks, pool)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -239,9 +288,3 @@ def _quiet() -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1

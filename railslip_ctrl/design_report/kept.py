@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import railslip_ctrl
 from railslip_ctrl.kernels.compilation import cache_folder
@@ -33,23 +33,30 @@ def kept(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = 
     name : str
         Of the result, a word.
     compute : callable
-        Deterministic, of what `given` says and this package's source alone.
+        Deterministic, of what `given` says and this package's source alone; not None.
     given : str
         What it is computed for.
     fresh : bool
         Compute it whatever is kept.
     """
-    path = cache_folder("results") / f"{name}-{_hash(given)}.pickle"
-    content = None if fresh else _found(path)
-    if content is not None:
-        result: T = pickle.loads(content)
-        return result
-    result = compute()
-    _keep(path, pickle.dumps(result))
+    result: T | None = None if fresh else found(name, given)
+    if result is None:
+        result = compute()
+        _keep(_path(name, given), pickle.dumps(result))
     return result
 
 
-def _found(path: Path) -> bytes | None:
+def found(name: str, given: str = "") -> Any:
+    """What `kept` keeps under a name for what is given; None if nothing is."""
+    content = _content(_path(name, given))
+    return None if content is None else pickle.loads(content)
+
+
+def _path(name: str, given: str) -> Path:
+    return cache_folder("results") / f"{name}-{_hash(given)}.pickle"
+
+
+def _content(path: Path) -> bytes | None:
     """What is kept at a path; None if nothing, or not all of it, is there."""
     try:
         digest, content = path.read_bytes().split(b"\n", 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,25 +39,31 @@ _MS_TOP = 5.0  # an Ms beyond it is as good as unstable; the axis ends there
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
 
 
-def linear_figures(part: LinearPart) -> dict[str, Figure]:
+Drawing = Callable[[], Figure]
+"""What draws a figure, here or, as it can be pickled, in another process."""
+
+
+def linear_drawings(part: LinearPart) -> dict[str, Drawing]:
     """Figures of the linear loops by name; what has nothing to show is left out."""
     loops, region, where = part.loops, part.region, part.loops.shown_at
     title = f"{where.adhesion}, {where.rail} rail, {where.speed_kmh:g} km/h, slip {where.slip:g}; dead time exact"
-    figures = {"adhesion": _adhesion(part.curves)}
+    drawings: dict[str, Drawing] = {"adhesion": partial(_adhesion, part.curves)}
     if region.grid is not None:
-        figures["region"] = region_figure(
+        drawings["region"] = partial(
+            region_figure,
             region.strips,
             region.grid,
             {name: gains for name, gains in region.chosen.items() if region.near(gains)},
             title=f"PI gains that stabilise each of the {len(part.plants)} operating points; dead time exact",
         )
-    figures |= check_figures(part.check)
+    drawings |= check_drawings(part.check)
     if part.recommended is not None:
-        figures["recommended"] = one_group_figure(part.recommended)
+        drawings["recommended"] = partial(one_group_figure, part.recommended)
     if loops.gangs:
-        figures["gang"] = gang_of_four_figure(loops.gangs, title=title)
+        drawings["gang"] = partial(gang_of_four_figure, loops.gangs, title=title)
     if loops.reference:
-        figures["responses"] = response_figure(
+        drawings["responses"] = partial(
+            response_figure,
             loops.reference,
             loops.load,
             title=title,
@@ -63,22 +71,24 @@ def linear_figures(part: LinearPart) -> dict[str, Figure]:
             load_label=f"step of {loops.load_step:g} N·m of torque at the wheel",
         )
     if loops.speeds is not None:
-        figures["range"] = _range(loops.speeds)
-    return figures
+        drawings["range"] = partial(_range, loops.speeds)
+    return drawings
 
 
-def check_figures(check: DesignCheck) -> dict[str, Figure]:
+def check_drawings(check: DesignCheck) -> dict[str, Drawing]:
     """Figures of the design check alone by name: Bode, Nyquist, Nichols."""
     drawn = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}
-    return {name: draw(check.groups) for name, draw in drawn.items()}
+    return {name: partial(draw, check.groups) for name, draw in drawn.items()}
 
 
-def run_figures(part: RunPart) -> dict[str, Figure]:
+def run_drawings(part: RunPart) -> dict[str, Drawing]:
     """Figures of the braking runs and of the paper's numbers by name."""
-    figures = {f"stop-{i}": _stop(stop) for i, stop in enumerate(part.stops, start=1) if _ran(stop)}
+    drawings: dict[str, Drawing] = {
+        f"stop-{i}": partial(_stop, stop) for i, stop in enumerate(part.stops, start=1) if _ran(stop)
+    }
     if part.table5 is not None:
-        figures["table5"] = _deviations(part.table5)
-    return figures
+        drawings["table5"] = partial(_deviations, part.table5)
+    return drawings
 
 
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:

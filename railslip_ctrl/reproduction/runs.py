@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.machine import cores
 from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.published import Column, Kind, published_controller
@@ -130,7 +130,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
         Told what is run, a line for each setup done.
     """
     results = []
-    with ThreadPoolExecutor(_cores()) as pool:  # threads: a run leaves the interpreter's lock
+    with ThreadPoolExecutor(cores()) as pool:  # threads: a run leaves the interpreter's lock
         for setup in setups:
             simulator = Simulator(setup.scenario, setup.controller)
             noisy = setup.scenario.disturbances.random_force > 0
@@ -156,9 +156,3 @@ def published_runs(*, seed: int | None = 0, every: int = 20) -> dict[str, Run]:
     """
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=every) for s in setups}
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
