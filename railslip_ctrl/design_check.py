@@ -50,12 +50,14 @@ class DesignCheck:
             fragile = [a for a in group.assessments if a.verdict is Verdict.FRAGILE]
             total = len(group.assessments)
             if bad:
-                parts.append(f"{group.title}: unstable at {len(bad)} of {total} operating points")
+                of = "the operating point" if total == 1 else f"{len(bad)} of {total} operating points"
+                parts.append(f"{group.title}: unstable at {of}")
             elif fragile:
                 worst = max(a.margins.ms for a in fragile if a.margins is not None)
                 parts.append(f"{group.title}: stable but fragile (worst Ms {worst:.3g})")
             else:
-                parts.append(f"{group.title}: robust at all {total} operating points")
+                points = "the operating point" if total == 1 else f"all {total} operating points"
+                parts.append(f"{group.title}: robust at {points}")
         if self.holding is None:
             parts.append(f"a single PI that holds all points: none ({self.holding_reason})")
         return "; ".join(parts) + "."

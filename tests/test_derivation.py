@@ -485,7 +485,9 @@ def test_derive_takes_the_law_of_a_file(railslip, tmp_path, over_speed):
     )
     path.write_text(text, encoding="utf-8")
     named, filed = (railslip("--adhesion", given, "--format", "c") for given in ("bristle", path))
-    assert (filed[0], filed[2]) == (named[0], named[2]) == (0, "")
+    assert (filed[0], named[0], named[2]) == (0, 0, "")
+    assert ("is taken at 100 km/h; give --initial-speed for another\n" in filed[2]) == over_speed
+    assert filed[2].count("\n") == over_speed
     assert filed[1].startswith(named[1])  # the law in symbols; below it the file's numbers
     assert "#define RAILSLIP_ASMC_ADHESION_DRY .adhesion_alpha = " in filed[1].removeprefix(named[1])
     path.write_text("law = 1\n", encoding="utf-8")

@@ -548,7 +548,7 @@ def test_what_was_sampled_is_not_called_proved(how, holds, word):
 
 def test_compilation_is_told_once(caplog):
     logger = logging.getLogger(compilation.__name__)
-    with assemble._compilation_told_once():
+    with assemble._compilation_told(at_most=1):
         for law in ("curve", "bristle"):
             logger.warning("compiling %s", law)
     assert [record.getMessage() for record in caplog.records] == ["compiling curve"]

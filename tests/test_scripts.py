@@ -143,7 +143,7 @@ def test_compare_designs(tmp_path, capsys, monkeypatch):
     assert lead.effort.noise_gain > 10 * pi.effort.noise_gain  # and this is its price
     for rail in Rail:
         assert "2 poles" in result.row("published PI (Table 4)", rail).reason
-        assert "hidden modes" in result.row("Smith predictor", rail).reason
+        assert "hidden mode:" in result.row("Smith predictor", rail).reason
         assert "unstable pole" in result.row("SIMC rule", rail).reason
         for name in ("filtered Smith predictor", "observer with prediction"):
             assert result.row(name, rail).margins.ms < 1.5

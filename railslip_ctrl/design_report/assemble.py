@@ -195,7 +195,8 @@ def _verified(law: Law, vehicle: Vehicle, fresh: bool) -> _Found:
     """The conditions of a law, or why they cannot be decided for this vehicle."""
     decided = partial(verify_with_actuator, law=law, vehicle=vehicle)
     try:
-        return _taken(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
+        with _compilation_told(at_most=0):  # the braking runs, in another process, tell it
+            return _taken(f"conditions-{law}", decided, vehicle.model_dump_json(), fresh=fresh)
     except RailslipError as error:
         return _Found(str(error))
 
@@ -204,7 +205,7 @@ def _runs(
     points: tuple[OperatingPoint, ...], given: PIGains | None, holding: PIController | None, fresh: bool
 ) -> _Found:
     """Braking runs and, of the published vehicle, the paper's numbers: the same compiled kernels serve both."""
-    with _compilation_told_once():
+    with _compilation_told(at_most=1):
         braking = stops(points, given, holding)
         if not is_published(points[0].vehicle):
             return _Found(RunPart(braking, None, ()))
@@ -267,13 +268,13 @@ def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[_Und
 
 
 @contextmanager
-def _compilation_told_once() -> Iterator[None]:
+def _compilation_told(at_most: int) -> Iterator[None]:
     """Kernels of several laws and controllers are compiled the first time; one line says why it takes long."""
     told: list[logging.LogRecord] = []
 
     def first(record: logging.LogRecord) -> bool:
         told.append(record)
-        return len(told) == 1
+        return len(told) <= at_most
 
     logger = logging.getLogger(compilation.__name__)
     logger.addFilter(first)

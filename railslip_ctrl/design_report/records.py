@@ -250,7 +250,8 @@ class StopRun:
     """One controller in a stop; `run` is None with the reason where there is no such controller.
 
     `distances`: braking distances, m, with the seeds of the spread, of the runs that stopped; empty if not asked for.
-    `drawn`: whether it has a row in the picture, or stands in the table only.
+    `drawn`: whether it has a row in the picture, or stands in the table only. `most_locked`: the largest share of time
+    with a locked wheel, 0 to 1, over the seeds.
     """
 
     name: str
@@ -258,6 +259,12 @@ class StopRun:
     reason: str
     distances: tuple[float, ...] = ()
     drawn: bool = True
+    most_locked: float = 0.0
+
+    @property
+    def locks(self) -> bool:
+        """Whether the wheel locks with any of the seeds."""
+        return self.most_locked > 0
 
     @property
     def speed_of_highest_slip(self) -> float:
@@ -344,8 +351,8 @@ class Stop:
 
     @property
     def shortest_unlocked(self) -> StopRun | None:
-        """The shortest of the stops without a locked wheel; None if there is none."""
-        return _shortest(one for one in self.runs if one.run is not None and one.run.locked_fraction == 0)
+        """The shortest of the stops without a locked wheel with any seed; None if there is none."""
+        return _shortest(one for one in self.runs if one.run is not None and not one.locks)
 
     @property
     def without_dynamic(self) -> tuple[str, ...]:

@@ -226,7 +226,8 @@ def _run(
         run = simulator.run(SEED, record_every=every)
         found = [simulator.run(seed, record_every=None) for seed in SPREAD_SEEDS if spread and seed != SEED]
         distances = tuple(one.braking_distance for one in [run, *found] if one.stopped) if spread else ()
-        return StopRun(name, run, "", distances, drawn)
+        most_locked = max(one.locked_fraction for one in [run, *found])
+        return StopRun(name, run, "", distances, drawn, most_locked)
     except RailslipError as error:
         return StopRun(name, None, str(error))
 

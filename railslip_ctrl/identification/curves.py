@@ -205,7 +205,8 @@ class _Gathered:
             found.append(f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used")
         found += stamps.warnings
         if outliers.count:
-            found.append(f"{outliers.count} rows with outliers left out, the first in line {outliers.first_line}")
+            rows = "1 row" if outliers.count == 1 else f"{outliers.count} rows"
+            found.append(f"{rows} with outliers left out, the first in line {outliers.first_line}")
         return (*found, *self._stream.survey.warnings())
 
 

@@ -91,23 +91,28 @@ def estimate(
     """What is known at the best coordinates x, where the residuals have `slopes` and a long-run variance.
 
     `tests` that the residuals, then of variance 1, belong to: where these disagree, that is what the errors are taken
-    from. `shifts` of the coordinates by errors of the method, each a standard error of its own. Without `profiles` no
-    interval but the symmetric ones.
+    from, if the model is straight as far as the interval without them reaches. `shifts` of the coordinates by errors
+    of the method, each a standard error of its own. Without `profiles` no interval but the symmetric ones.
     """
     coordinates = problem.coordinates
     dead = unidentified(slopes * coordinates.sizes(x))
     unit = covariance_of(slopes, ~dead)
     own = unit * variance * _wider(freedom) ** 2 if math.isfinite(variance) else np.full_like(unit, np.nan)
-    found = None if tests is None else between_runs(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
-    if found is not None:
-        own[np.ix_(~dead, ~dead)] = found.covariance * _wider(found.freedom) ** 2
     turn = coordinates.slopes(x)
     of_dead = (turn[:, dead] != 0.0).any(axis=1)
+    alive = np.where(of_dead[:, None], np.nan, turn)
+    bias = np.array([turn @ np.where(dead, 0.0, shift) for shift in shifts]).reshape(-1, len(x))
+    beside = NORMAL_QUANTILE * np.sqrt(np.sum(bias**2, axis=0))
     limits = {}
-    if profiles and (math.isfinite(variance) or found is not None):
-        bias = np.array([turn @ np.where(dead, 0.0, shift) for shift in shifts]).reshape(-1, len(x))
-        beside = NORMAL_QUANTILE * np.sqrt(np.sum(bias**2, axis=0))
-        limits = _profiles(problem, x, np.where(of_dead[:, None], np.nan, turn), unit, own, beside)
+    if profiles and math.isfinite(variance):
+        limits = _profiles(problem, x, alive, unit, own, beside)
+    # estimates without a test are one linear step away: not where the model bends within the interval
+    found = None
+    if tests is not None and not limits:
+        found = between_runs(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
+    if found is not None:
+        own[np.ix_(~dead, ~dead)] = found.covariance * _wider(found.freedom) ** 2
+        limits = _profiles(problem, x, alive, unit, own, beside) if profiles else {}
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:
         own = own + np.outer(shift, shift)

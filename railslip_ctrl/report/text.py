@@ -55,12 +55,18 @@ def vehicle_line(vehicle: Vehicle) -> str:
     return f"{vehicle.name}{source}, wheel load {vehicle.wheel_load:g} N"
 
 
+def _masses(vehicle: Vehicle) -> str:
+    if vehicle.mass == vehicle.mass_loaded:
+        return f"{vehicle.mass:g} kg"  # one load, or taken as loaded
+    return f"{vehicle.mass:g} kg empty, {vehicle.mass_loaded:g} kg loaded"
+
+
 def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
     """The vehicle's parameters with units, and what was assumed of it."""
     wheel, resistance = vehicle.wheel, vehicle.resistance
     rows = [
         ("Vehicle", vehicle.name + (f"  {vehicle.source}" if vehicle.source else "")),
-        ("Quarter-car mass M", f"{vehicle.mass:g} kg empty, {vehicle.mass_loaded:g} kg loaded"),
+        ("Quarter-car mass M", _masses(vehicle)),
         ("Wheel load N", f"{vehicle.wheel_load:g} N"),
         (
             "Wheel",

@@ -166,9 +166,9 @@ def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = Non
 def lag_lead(actuator: Actuator) -> tuple[float, float]:
     """Lead and its filter, s, for a brake: the lead cancels the lag, the filter is a tenth of it.
 
-    Without a lag there is nothing to cancel: the lead of the published brake.
+    Without a lag there is nothing to cancel, and no lead: 0, 0.
     """
-    return (actuator.lag, actuator.lag / 10.0) if actuator.lag > 0.0 else (LEAD, LEAD_FILTER)
+    return actuator.lag, actuator.lag / 10.0
 
 
 def _lead(vehicle: Vehicle) -> tuple[float, float]:

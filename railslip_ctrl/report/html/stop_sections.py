@@ -127,7 +127,7 @@ def _words(one: StopRun) -> str:
 
 def _stop_finding(stop: Stop) -> str:
     shortest, unlocked = stop.shortest, stop.shortest_unlocked
-    locked = [one.name for one in stop.runs if one.run is not None and one.run.locked_fraction > 0]
+    locked = [one.name for one in stop.runs if one.run is not None and one.locks]
     if shortest is None:
         return "No controller stops the train."
     text = _told("Shortest", shortest, stop)
@@ -241,7 +241,7 @@ def _dynamic_table(stop: Stop) -> Table:
 def _dynamic_finding(stop: Stop) -> str:
     """What the dynamic law changes."""
     runs = [one for one in stop.dynamic if one.run is not None]
-    locked = [one.name for one in runs if one.run is not None and one.run.locked_fraction > 0]
+    locked = [one.name for one in runs if one.run is not None and one.locks]
     passed = [one.name for one in runs if one.run is not None and one.run.max_slip > 2 * reference_of(one.run)]
     text = "With the dynamic model in place of its curve "
     text += f"the wheel locks with: {', '.join(locked)}." if locked else "no wheel locks."

@@ -15,12 +15,13 @@ from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.sliding_verification import FullVerification
 
-from .numbers import listed, short, where
+from .numbers import above, below, listed, short, where
 from .paper_sections import reproduction_finding
 from .sliding_sections import claims_and_own
 from .words import (
     controller_words,
     distance_spread,
+    distances,
     load_words,
     lost_words,
     percent_over,
@@ -80,11 +81,11 @@ def _over_speed(report: DesignReport) -> str:
     if math.isinf(speeds.robust_from):
         text = f"On some law, rail or load Ms is above {ROBUST_MS:g} up to the highest speed"
     else:
-        text = f"Ms stays at most {ROBUST_MS:g} from {short(speeds.robust_from, 3)} km/h up, on {_conditions(speeds)}"
+        text = f"Ms stays at most {ROBUST_MS:g} from {above(speeds.robust_from)} km/h up, on {_conditions(speeds)}"
     if speeds.stable_from > speeds.least_kmh and math.isinf(speeds.robust_from):
         return f"{text}, and {lost_words(speeds)}, where slip control has to be cut out."
     if speeds.stable_from > speeds.least_kmh:
-        return f"{text}. Slip control has to be cut out below: {lost_words(speeds)}."
+        return f"{text}. It is not for lower speeds (see Low speed): {lost_words(speeds)}."
     return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
 
 
@@ -122,13 +123,13 @@ def _stop(stop: Stop, taken: LoopDesign, others: Sequence[Stop]) -> str:
         locks = [str(other.scenario.rail) for other in others if _locks(_of(other.runs, best.name))]
         but = f", but locks the wheel on {listed(locks)} rail" if locks else ""
         text += f"; {best.name} takes {short(best.run.braking_distance, 3)} m{but}"
-    if run.locked_fraction > 0:
-        text += f"; the wheel is locked for {100 * run.locked_fraction:.2g} % of the time"
+    if one.locks:
+        text += f"; the wheel is locked for {short(100 * one.most_locked, 2)} % of the time"
     return text + "."
 
 
 def _locks(one: StopRun | None) -> bool:
-    return one is not None and one.run is not None and one.run.locked_fraction > 0
+    return one is not None and one.run is not None and one.locks
 
 
 def _surge(report: DesignReport, taken: LoopDesign) -> str:
@@ -154,9 +155,9 @@ def _numbers(report: DesignReport, taken: LoopDesign) -> tuple[tuple[str, str], 
         ("Design", f"{taken.name}: {controller_words(taken.controller)}"),
         (
             "Margins at the operating points",
-            f"Ms ≤ {short(max(m.ms for m in margins), 3)}, phase ≥ {short(min(m.phase_deg for m in margins), 3)} deg, "
-            f"added dead time ≤ {short(min(m.delay_s for m in margins), 2)} s, gain "
-            f"{short(max(m.gain_decrease for m in margins), 2)} to {short(min(m.gain_increase for m in margins), 3)}",
+            f"Ms ≤ {above(max(m.ms for m in margins))}, phase ≥ {below(min(m.phase_deg for m in margins))} deg, "
+            f"added dead time ≤ {below(min(m.delay_s for m in margins))} s, gain "
+            f"{above(max(m.gain_decrease for m in margins))} to {below(min(m.gain_increase for m in margins))}",
         ),
     ]
     speeds = report.loops.speeds
@@ -177,7 +178,7 @@ def _from(speed: float, least: float) -> str:
         return "not at all of the speeds, laws, rails and loads"
     if speed <= least:
         return f"at all speeds from {least:g} km/h up"
-    return f"from {short(speed, 3)} km/h up"
+    return f"from {above(speed)} km/h up"
 
 
 def _first_lost(report: DesignReport) -> str:
@@ -197,7 +198,7 @@ def _stop_words(one: StopRun, bound: ClairvoyantStop | None) -> str:
         f"{distance_spread(one)}{percent_over(run, bound)}; slip at most {short(run.max_slip, 2)} (at "
         f"{short(one.speed_of_highest_slip, 2)} km/h), reference {reference_of(run):g}"
     )
-    return text + (f"; locked {100 * run.locked_fraction:.2g} % of the time" if run.locked_fraction > 0 else "")
+    return text + (f"; locked {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
 
 
 # --- the points -----------------------------------------------------------------------------------------------------
@@ -270,8 +271,7 @@ def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
         runs = [_of(stop.runs, name) for stop in stops]
         if all(one is not None for one in runs) and (name == taken.name or _shorter_somewhere(runs, own)):
             told = " and ".join(
-                f"{short(one.run.braking_distance, 3)} m {stop.scenario.rail}"
-                f"{' (locks)' if one.run.locked_fraction > 0 else ''}"
+                f"{distances(one)} {stop.scenario.rail}{' (locks)' if one.locks else ''}"
                 for stop, one in zip(stops, runs, strict=True)
                 if one is not None and one.run is not None
             )
@@ -282,7 +282,7 @@ def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
         for one in stop.runs
         if one.run is not None and len(one.distances) > 1
     ]
-    varies = f" Between noise seeds a distance changes by at most {max(spread):.1g} %." if spread else ""
+    varies = f" Between noise seeds a distance changes by at most {short(max(spread), 2)} %." if spread else ""
     return f"It, and what is shorter on one rail: {'; '.join(rows)}. {_why_slow(report, taken)}{varies}"
 
 
@@ -302,13 +302,14 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
         holding = max(plant.point.brake_torque for plant in report.plants if plant.point.rail is rail)
         begins = INITIAL_SHARE * stop.scenario.vehicle.wheel_load * stop.scenario.vehicle.wheel.radius
         texts.append(
-            f"On {rail} rail “{taken.name}” never comes to its reference: it begins with {short(begins, 3)} N·m, which "
-            f"even wet rail takes, where {short(holding, 3)} N·m would hold the slip, and the integral that Ms ≤ "
-            f"{ROBUST_MS:g} allows brings it to {short(one.run.max_torque, 3)} N·m before the train stands."
+            f"On {rail} rail “{taken.name}” never comes to its reference with the law {stop.scenario.adhesion.name}: "
+            f"it begins with {short(begins, 3)} N·m, which even wet rail takes, where {short(holding, 3)} N·m would "
+            f"hold the slip, and the integral that Ms ≤ {ROBUST_MS:g} allows brings it to "
+            f"{short(one.run.max_torque, 3)} N·m before the train stands."
         )
     begun = [
         f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
-        + (f", locked {100 * one.run.locked_fraction:.2g} % of the time" if one.run.locked_fraction > 0 else "")
+        + (f", locked {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
         for stop in _stops(report)
         if (one := _of(stop.runs, STARTED_DRY)) is not None and one.run is not None
     ]

@@ -10,10 +10,12 @@ from railslip_ctrl.design_report import RangeLine, SlowEnd, SpeedRange, StopRun
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 
-from .numbers import listed, short
+from .numbers import above, listed, short
 
 USUAL_END_KMH = 5.0
 """Where the stops of the tables end, as those of [Park2008]."""
+
+_MUCH = 1.03  # of the shortest distance, that the longest is
 
 
 def controller_words(controller: PIController) -> str:
@@ -32,11 +34,19 @@ def reference_of(run: Run) -> float:
 def distance_spread(one: StopRun) -> str:
     """Braking distance with its range over the noise seeds where several were run."""
     assert one.run is not None, "only runs are told"
-    told = f"{short(one.run.braking_distance, 3)} m"
+    told = f"{short(one.run.braking_distance, 4)} m"
     if len(one.distances) < 2:
         return told
     low, high = (short(end, 4) for end in (min(one.distances), max(one.distances)))
     return f"{told} ({low} to {high} m over {len(one.distances)} noise seeds)"
+
+
+def distances(one: StopRun) -> str:
+    """Braking distance, with both its ends where it changes much between noise seeds."""
+    assert one.run is not None, "only runs are told"
+    ends = [short(end, 3) for end in (min(one.distances, default=0.0), max(one.distances, default=0.0))]
+    much = len(one.distances) > 1 and max(one.distances) > _MUCH * min(one.distances)
+    return f"{' to '.join(ends)} m" if much else f"{short(one.run.braking_distance, 3)} m"
 
 
 def percent_over(run: Run, bound: ClairvoyantStop | None) -> str:
@@ -63,7 +73,7 @@ def lost_words(speeds: SpeedRange) -> str:
             key = (line.law, str(line.rail))
             ends[key] = max(ends.get(key, 0.0), line.stable_from)
     told = [
-        f"{'at every speed' if math.isinf(end) else f'below {short(end, 3)} km/h'} on {rail} rail with the law {law}"
+        f"{'at every speed' if math.isinf(end) else f'below {above(end)} km/h'} on {rail} rail with the law {law}"
         for (law, rail), end in ends.items()
     ]
     return f"the loop is unstable {listed(told)}"
