@@ -333,7 +333,7 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     assert found["log"]["broken_lines"] == 2
     assert "line 401: a control character" in err
     assert f"line {len(lines)}: the file ends within this line" in err
-    assert "1 rows with outliers left out, the first in line 701" in err
+    assert "1 row with outliers left out, the first in line 701" in err
     assert "before line 2001: the observer starts anew" in err
     assert all(line.startswith("railslip: warning: ") for line in err.splitlines())
     assert abs(found["parameters"]["mu_max"]["value"] - BEAM.mu_max) < 2.576 * found["parameters"]["mu_max"]["stderr"]
