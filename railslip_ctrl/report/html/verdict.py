@@ -282,8 +282,9 @@ def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
         for one in stop.runs
         if one.run is not None and len(one.distances) > 1
     ]
-    varies = f" Between noise seeds a distance changes by at most {short(max(spread), 2)} %." if spread else ""
-    return f"It, and what is shorter on one rail: {'; '.join(rows)}. {_why_slow(report, taken)}{varies}"
+    varies = f"Between noise seeds a distance changes by at most {short(max(spread), 2)} %." if spread else ""
+    texts = (f"It, and what is shorter on one rail: {'; '.join(rows)}.", _why_slow(report, taken), varies)
+    return " ".join(text for text in texts if text)
 
 
 def _shorter_somewhere(runs: Sequence[StopRun | None], own: Sequence[StopRun | None]) -> bool:
