@@ -98,9 +98,9 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
     status, out, _ = railslip("identify", log, "--model", "beam", "--observed", file, "--json")
     assert status == 0
     assert file.read_text().startswith(
-        "time [s],train speed [km/h],slip [1],wheel load [N],adhesion torque [N*m],mu [1]\n"
+        "time [s],train speed [km/h],slip [1],wheel load [N],adhesion torque [N*m],mu [1],regime\n"
     )
-    _, _, slip, load, torque, mu = np.loadtxt(file, delimiter=",", skiprows=1).T
+    _, _, slip, load, torque, mu = np.loadtxt(file, delimiter=",", skiprows=1, usecols=range(6)).T
     found = json.loads(out)
     assert slip.size == found["points"]
     assert mu == pytest.approx(torque / (PARK2008.wheel.radius * load), rel=1e-8)  # ten digits

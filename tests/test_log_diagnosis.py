@@ -10,8 +10,8 @@ from rig_logs import rig_rows, write_log
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
+from railslip_ctrl.identification.plausibility import mu_warning
 from railslip_ctrl.identification.rolling import FreeRolling
-from railslip_ctrl.identification.survey import mu_warning
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.units import KMH
@@ -123,8 +123,8 @@ def test_adhesion_that_steel_does_not_have_is_told(rows):
     (text,) = (text for text in warnings if "the highest mean adhesion coefficient is " in text)
     assert 2.0 < float(text.split("coefficient is ")[1].split(",")[0]) < 10.0
     assert not any("adhesion coefficient is" in text for text in curve_of(rows, PARK2008, Options()).warnings)
-    assert mu_warning(np.array([0.2, 0.3])) is None
-    assert "is 0.004," in mu_warning(np.array([0.004]))
+    assert mu_warning(np.array([0.2, 0.3]), {}) is None
+    assert "is 0.004," in mu_warning(np.array([0.004]), {})
 
 
 def test_one_log_of_several_speeds_says_which_v0_it_is_taken_at():
@@ -148,8 +148,10 @@ def test_a_log_that_stays_below_the_peak_has_no_slip_to_hold(railslip, rows, tmp
     below = (1.0 - PARK2008.wheel.radius * omega / speed < 0.03).reshape(2, -1)
     kept = np.logical_and.accumulate(below, axis=1).ravel()
     path = write_log(tmp_path / "below.csv", rows.where(kept))
-    status, out, _ = railslip("identify", path, "--model", "beam", "--out", tmp_path / "fitted")
+    bound = ("--bound", "mu_max=0:0.7")  # the rise alone leaves it free, up to what cannot be and is refused
+    status, out, err = railslip("identify", path, "--model", "beam", *bound, "--out", tmp_path / "fitted")
     assert status == 0
+    assert "rests on its upper bound, 0.7: which is given by --bound: the log asks for a value beyond it" in err
     assert "Reference: none; the slip of this log goes up to 0.0" in out
     assert "and the model's peak lies beyond; give a log that goes past the peak" in " ".join(out.split())
     assert "[reference_slip]" not in (tmp_path / "fitted" / "model.toml").read_text()
@@ -164,7 +166,7 @@ def test_the_peak_of_a_table_is_known_to_its_knots_at_best(rows):
     options = Options(model="table")
     found = identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
     knots = np.array(found.chosen.fit.model.known["slip"])
-    peak = found.peaks[-1]
+    peak = found.own_peak
     top = int(np.argmin(np.abs(knots - peak.slip)))
     assert peak.slip == pytest.approx(knots[top], abs=1e-6)
     reach = 2.576 * peak.slip_stderr

@@ -257,7 +257,11 @@ def test_comments_are_passed_over_and_counted_as_lines(tmp_path):
 @pytest.mark.parametrize(
     ("block", "broken", "reason"),
     [
-        (b"\0" * 50, 1, "line 21: a control character"),
+        (
+            b"\0" * 50,
+            1,
+            "line 21: a control character, 50 null bytes, which may stand for many rows and count as one line",
+        ),
         (b"\0" * (2 * LONGEST_LINE), 1, "line 21: "),
         (b"8" * (5 * LONGEST_LINE) + b"\n", 1, "line 21: more than 1048576 bytes without a line end"),
         (bytes(range(256)) * 3, 4, "line 21: a control character"),
@@ -286,7 +290,7 @@ def test_a_file_that_ends_without_line_ends_takes_no_memory(tmp_path):
     tracemalloc.stop()
     assert found < 5 * LONGEST_LINE
     assert len(rows) == 40
-    assert log.broken.first == ("line 42: more than 1048576 bytes without a line end",)
+    assert log.broken.first == ("line 42: more than 1048576 bytes without a line end, which count as one line",)
 
 
 def test_a_cell_missing_from_a_line_on_is_told_with_the_last_line(tmp_path):

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification import plausibility
 from railslip_ctrl.identification.fits import Fit, Parameter, fit
 from railslip_ctrl.identification.identify import (
     Identification,
@@ -30,7 +31,8 @@ from railslip_ctrl.identification.reference import peak_of_fit
 from railslip_ctrl.numeric import numeric_plant, peak
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.plots import adhesion_figure, coefficients_figure
-from railslip_ctrl.report.identification import campaign_json, campaign_toml
+from railslip_ctrl.report.identification import campaign_toml
+from railslip_ctrl.report.identification_json import campaign_json
 from railslip_ctrl.units import KMH
 from railslip_ctrl.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 
@@ -267,13 +269,19 @@ def test_a_fit_to_the_cells_alone_has_its_profiles_too():
 
 
 @pytest.mark.parametrize("model", ["beam", "polach"])
-def test_a_log_that_shows_too_little_is_survived(model):
-    """Seventy rows up to slip 0.2: the profiles go where no wheel could roll, and the numbers stay finite."""
+def test_a_log_that_shows_too_little_is_survived(model, monkeypatch):
+    """Seventy rows up to slip 0.2: the profiles go where no wheel could roll, and the numbers stay finite.
+
+    The limit of friction too, which such a log leaves free, so that the fit is refused for it; here it is not.
+    """
+    monkeypatch.setattr(plausibility, "IMPOSSIBLE_MU", math.inf)
     test = published_tests("bristle")[0]
     log = rows_of(run_tests(test, tests=1, seed=1))
     few = Rows(log.line[60:200:2], {name: column[60:200:2] for name, column in log.columns.items()})
     options = Options(model=model, initial_speed=test.initial_speed)
-    found = identify_curve(curve_of(few, PARK2008, options), PARK2008, options).chosen.fit
+    whole = identify_curve(curve_of(few, PARK2008, options), PARK2008, options)
+    found = whole.chosen.fit
+    assert any("has a highest adhesion coefficient, its limit of friction" in text for text in whole.doubts)
     assert all(np.isfinite(p.value) for p in found.parameters)
     assert any(p.limits is not None and p.limits[1] == math.inf for p in found.parameters)
     assert any("this log cannot tell it" in note for note in found.notes)

@@ -19,14 +19,8 @@ from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.files import check_file
-from railslip_ctrl.report.identification import (
-    campaign_json,
-    campaign_text,
-    campaign_toml,
-    identification_json,
-    identification_text,
-    model_toml,
-)
+from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
+from railslip_ctrl.report.identification_json import campaign_json, identification_json
 from railslip_ctrl.report.observed_rows import observed_rows
 from railslip_ctrl.units import KMH, shown, to_unit
 
@@ -71,7 +65,8 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     default="corrected",
     show_default=True,
     metavar="|".join(Observer),
-    help="Its form, or a Kalman filter.",
+    help="Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
+    "table); models fitted along the motion (beam, polach, burckhardt, curve, bristle) it hardly affects.",
 )
 @click.option(
     "--column",
@@ -120,7 +115,8 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "--observed",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake.  [default: none]",
+    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake with its regime: "
+    "adhesion below the slip at which the log's mu is highest, sliding from there on.  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -162,6 +158,8 @@ def command(
             if len(logs) == 1
             else identify_several(logs, chosen, options, progress=advance)
         )
+        if sink is not None and isinstance(found, Identification):
+            sink.finish(found.curve.peak_slip)
     _warn(found)
     text = _report(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
@@ -253,7 +251,7 @@ def _warn(found: Identification | Campaign) -> None:
     for each in (found,) if isinstance(found, Identification) else found.logs:
         for note in each.curve.notes:
             click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
-        for warning in each.warnings:
+        for warning in (*each.warnings, *each.doubts):
             click.echo(f"railslip: warning: {warning}", err=True)
     if isinstance(found, Campaign):
         for warning in found.warnings:

@@ -18,15 +18,16 @@ from .cells import Accumulator, Bins, Cells, Stretches
 from .columns import Column
 from .comparison import peak_slip
 from .logs import Broken, Log
-from .observed import SLIP_RANGE, AdhesionStream, Observed
+from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
 from .options import Options
 from .outliers import OutlierFilter
+from .plausibility import HIGHEST_MU, mu_warning, unit_hint
 from .record import Record
 from .resolution import ColumnStep, column_steps, step_warnings
 from .rolling import Known, Rolling, rolling_warnings
 from .rows import Rows
 from .stamps import StampFilter
-from .survey import Survey, load_warning, mu_warning
+from .survey import Survey, load_warning
 
 Floats = NDArray[np.float64]
 
@@ -56,6 +57,8 @@ class Curve:
         What the wheel showed without brake; None where it was never so.
     steps : tuple of ColumnStep
         In which columns come.
+    factors : mapping
+        What one of the unit that a column was read in is in SI, by quantity.
     broken_lines, outliers : int
         Lines that were no rows; rows left out as outliers, those of time among them.
     warnings, notes : tuple of str
@@ -75,10 +78,26 @@ class Curve:
     sliding_samples: int
     rolling: Rolling | None
     steps: tuple[ColumnStep, ...]
+    factors: Mapping[str, float]
     broken_lines: int
     outliers: int
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def highest_mu(self) -> float:
+        """Highest mean of mu in a bin."""
+        return float(self.bins.mean.max())
+
+    @property
+    def regimes(self) -> tuple[str, ...]:
+        """The regime of each bin, by its mean slip."""
+        return tuple(regimes(self.bins.slip, self.peak_slip).tolist())
+
+
+def regimes(slip: Floats, peak_slip: float) -> NDArray[np.str_]:
+    """The regime of data by slip ratio: "adhesion" below that at which the data's mu is highest, else "sliding"."""
+    return np.where(slip < peak_slip, "adhesion", "sliding")
 
 
 def read_curve(
@@ -105,15 +124,15 @@ def read_curve(
             progress(log.share)
 
     try:
-        gathered = _Gathered(log.name, vehicle, options, told(), observed)
+        gathered = _Gathered(log.name, vehicle, options, told(), log.columns, observed)
     except InputError as error:  # what was assumed may be what is wrong
         raise InputError("; ".join([str(error), *log.notes])) from None
-    return gathered.curve(log.broken, log.stamps, log.notes, log.columns)
+    return gathered.curve(log.broken, log.stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
     """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
-    return _Gathered(name, vehicle, options, iter([rows])).curve(Broken(), StampFilter(name), (), {})
+    return _Gathered(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
 
 class _Gathered:
@@ -125,9 +144,12 @@ class _Gathered:
         vehicle: Vehicle,
         options: Options,
         blocks: Iterator[Rows],
+        columns: Mapping[str, Column],
         observed: Callable[[Observed], None] | None = None,
     ) -> None:
         self._name, self._vehicle, self._options = name, vehicle, options
+        self._columns = columns
+        self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
         self._outliers = OutlierFilter()
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
         sums: Accumulator | None = None
@@ -152,7 +174,19 @@ class _Gathered:
                     "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
-            raise InputError("; ".join([str(error), *self._rolling_warnings(math.inf, 0.0)])) from None
+            told = [str(error), *self._torque_told(), *self._rolling_warnings(math.inf, 0.0)]
+            raise InputError("; ".join(told)) from None
+
+    def _torque_told(self) -> tuple[str, ...]:
+        """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
+        pull = self._stream.survey.highest_pull
+        hint = unit_hint(pull, self._factors)
+        if pull > HIGHEST_MU:
+            return (hint,) if hint else ()
+        if not 0.0 < pull < LEAST_PULL:
+            return ()
+        text = f"the highest brake torque is {pull:.2g} of wheel load times radius, where a brake has {LEAST_PULL:g}"
+        return (f"{text} or more; {hint}" if hint else f"{text} or more",)
 
     def _rolling(self) -> Rolling | None:
         resolution, radius = self._outliers.resolution, self._vehicle.wheel.radius
@@ -163,16 +197,14 @@ class _Gathered:
         known = Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
         return rolling_warnings(self._rolling(), known)
 
-    def curve(
-        self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...], columns: Mapping[str, Column]
-    ) -> Curve:
+    def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> Curve:
         """The curve, with what else was met."""
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, record = peak_slip(cells), self._stream.recorder.record()
         below = cells.slip < peak
         radius, rolling = self._vehicle.wheel.radius, self._rolling()
-        steps = column_steps(self._outliers.resolution, columns, radius, survey.initial_speed, survey.wheel_load)
-        strange, loads = mu_warning(bins.mean), load_warning(record)
+        steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
+        strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
         found = (
             *self._warnings(broken, stamps),
             *self._rolling_warnings(float(bins.mean[0] / bins.slip[0]), peak),
@@ -193,6 +225,7 @@ class _Gathered:
             sliding_samples=int(cells.count[~below].sum()),
             rolling=rolling,
             steps=steps,
+            factors=self._factors,
             broken_lines=broken.count,
             outliers=self._outliers.count + stamps.count,
             warnings=tuple(f"{self._name}: {text}" for text in found),

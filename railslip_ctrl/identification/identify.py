@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.errors import DomainError, InputError
-from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Rail, Vehicle
 
 from .alignment import check_corrections
@@ -26,11 +25,12 @@ from .models import CANDIDATES, Setting, check_model, check_options, fit_model, 
 from .motion import along_the_motion, is_followed, slip_ramp
 from .observed import Observed
 from .options import Options as Options
+from .plausibility import ImpossibleFitError, check_fit, fit_doubts
 from .polynomials import ParameterPolynomial, over_initial_speed
-from .reference import PeakSlip, drift
+from .reference import PeakSlip, drift, peak_notes
 from .rolling import is_wrong_wheel
 from .survey import LOADS_DIFFER
-from .timing import lag_of, lag_warning
+from .timing import TrainLag, lag_of, lag_warning, train_lag
 
 Floats = NDArray[np.float64]
 
@@ -73,6 +73,10 @@ class Identification:
         The models' curves, in the order of `scores`.
     warnings : tuple of str
         What was wrong with the log, and what the fits show to be.
+    doubts : tuple of str
+        What is not to be believed of the model chosen.
+    train_lag : TrainLag or None
+        What a lag of the train's speed would do; None where the log does not tell.
     """
 
     vehicle: Vehicle
@@ -86,6 +90,42 @@ class Identification:
     reference: ReferenceSlip | None
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    train_lag: TrainLag | None = None
+
+    @property
+    def speeds_shown(self) -> tuple[float, float]:
+        """The lowest and the highest v0 that the log stands for, m/s: of one that begins at many speeds all of them."""
+        return speeds_shown(self.curve, self.setting)
+
+    @property
+    def own_peak(self) -> PeakSlip:
+        """At the initial speed, on the log's own rail."""
+        return [each for each in self.peaks if each.rail is self.setting.rail][-1]
+
+    @property
+    def no_reference(self) -> str | None:
+        """Why there is no slip to hold; None where there is one."""
+        if self.reference is not None:
+            return None
+        seen = float(self.curve.cells.slip.max())
+        if self.own_peak.slip > seen:
+            return (
+                f"the slip of this log goes up to {seen:.3g}, and the model's peak lies beyond; give a log that goes "
+                "past the peak"
+            )
+        return "this model falls from the start, or nearly so; take the slip to hold from another model"
+
+    @property
+    def peak_notes(self) -> tuple[str, ...]:
+        """What of the peaks is not from the log, a sentence each."""
+        return peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
+
+
+def speeds_shown(curve: Curve, setting: Setting) -> tuple[float, float]:
+    """As `Identification.speeds_shown`."""
+    v0, survey = setting.initial_speed, curve.survey
+    return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
 
 
 def identify(
@@ -123,14 +163,14 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     """Identify from an adhesion curve that is read already. InputError as `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
-    fits, failures = _fits(names, curve, vehicle, setting)
+    fits, failures, impossible = _fits(names, curve, vehicle, setting)
     if not fits:
         raise InputError("; ".join([failures[0], *_wheel_told(curve)]))
     scores = compare(fits, curve.cells, curve.peak_slip)
     # the table follows any curve: it shows what a formula leaves, and is taken where it is asked for
     chosen = next((score for score in scores if score.fit.model.name != "table"), scores[0])
     try:
-        peaks = _peaks(chosen, setting, curve.cells)
+        peaks = _peaks(chosen, setting, curve)
     except DomainError as error:
         raise InputError("; ".join([f"{curve.name}: {error}", *_wheel_told(curve)])) from error
     return Identification(
@@ -144,8 +184,30 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         peaks=peaks,
         reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting, options)),
+        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting, options), *_left_out(impossible, curve)),
+        doubts=_doubts(chosen, curve, setting),
+        train_lag=train_lag(curve.record, vehicle.wheel.radius, curve.peak_slip),
     )
+
+
+def _left_out(impossible: Sequence[str], curve: Curve) -> tuple[str, ...]:
+    """A sentence where models were left out for adhesion that cannot be: what did that may be wrong of the others."""
+    if not impossible:
+        return ()
+    return (
+        f"{curve.name}: {', '.join(impossible)}: left out, as fitted to this log their adhesion cannot be; unless "
+        "it has too little slip for them, the brake torque's unit (--unit), wheel load or vehicle (--vehicle) is wrong",
+    )
+
+
+def _doubts(score: Score, curve: Curve, setting: Setting) -> tuple[str, ...]:
+    found = fit_doubts(score.fit, setting, _ends(setting), curve.highest_mu, curve.factors)
+    return tuple(f"{curve.name}: {text}" for text in found)
+
+
+def _ends(setting: Setting) -> tuple[float, float]:
+    """The lowest and the highest speed at which a fit is looked at, m/s."""
+    return _DRIFT_SPEEDS[0] * setting.initial_speed, _DRIFT_SPEEDS[-1] * setting.initial_speed
 
 
 def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting, options: Options) -> tuple[str, ...]:
@@ -166,11 +228,11 @@ def _wheel_told(curve: Curve) -> tuple[str, ...]:
     return tuple(text for text in curve.warnings if "free rolling" in text)
 
 
-def _peaks(score: Score, setting: Setting, cells: Cells) -> tuple[PeakSlip, ...]:
+def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:
     """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
     speeds = [share * setting.initial_speed for share in _DRIFT_SPEEDS]
-    peaks = drift(score.fit, speeds, setting.wheel_load)
-    seen = float(cells.slip.max())
+    peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
+    seen = float(curve.cells.slip.max())
     return tuple(peak.without_reference() if peak.slip > seen else peak for peak in peaks)
 
 
@@ -200,9 +262,12 @@ def setting_of(curve: Curve, vehicle: Vehicle, options: Options) -> Setting:
     )
 
 
-def _fits(names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting) -> tuple[list[Fit], tuple[str, ...]]:
+def _fits(
+    names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting
+) -> tuple[list[Fit], tuple[str, ...], tuple[str, ...]]:
+    """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
     shape = shape_of(curve.cells, curve.peak_slip)
-    fits, failures = [], []
+    fits, failures, impossible = [], [], []
     for name in names:
         try:
             model = fit_model(name, curve.cells, shape, setting)
@@ -211,24 +276,12 @@ def _fits(names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting
             first = fit(model, *known, profiles=profiles)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
                 found = along_the_motion(first, curve.record, vehicle, curve.cells, setting)
-                _check_peaks(found, setting)
+                check_fit(found, setting, _ends(setting), curve.highest_mu, curve.factors)
                 fits.append(found)
         except InputError as error:
             failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
-    return fits, tuple(failures)
-
-
-def _check_peaks(found: Fit, setting: Setting) -> None:
-    """InputError for a fitted law whose force is nowhere one that brakes, at the highest or the lowest speed."""
-    for share in (_DRIFT_SPEEDS[0], _DRIFT_SPEEDS[-1]):
-        law = found.model.make_force_law(found.values, found.law.rail)
-        try:
-            peak(law, share * setting.initial_speed, setting.wheel_load)
-        except DomainError:
-            raise InputError(
-                "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load "
-                "(--vehicle)"
-            ) from None
+            impossible += [name] if isinstance(error, ImpossibleFitError) else []
+    return fits, tuple(failures), tuple(impossible)
 
 
 def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
@@ -306,5 +359,12 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
 
 def _choosing(identification: Identification, name: str) -> Identification:
     chosen = next(s for s in identification.scores if s.fit.model.name == name)
-    peaks = _peaks(chosen, identification.setting, identification.curve.cells)
-    return replace(identification, chosen=chosen, peaks=peaks, reference=_reference(peaks, identification.setting.rail))
+    curve, setting = identification.curve, identification.setting
+    peaks = _peaks(chosen, setting, curve)
+    return replace(
+        identification,
+        chosen=chosen,
+        peaks=peaks,
+        reference=_reference(peaks, setting.rail),
+        doubts=_doubts(chosen, curve, setting),
+    )

@@ -149,7 +149,7 @@ class Log:
                 yield line, block
                 line += block.count(b"\n")
             if len(rest) > LONGEST_LINE:
-                self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end")
+                self.broken.add(line, f"more than {LONGEST_LINE} bytes without a line end, which count as one line")
                 line, rest = line + 1, self._after_the_line()
         block, rest = _parted(rest)
         if block:
@@ -221,7 +221,7 @@ class Log:
             if not (text := block[starts[i] : ends[i]].strip(b" \t")) or text.startswith(COMMENT):
                 continue
             if strange[i]:
-                reason = "a control character or a carriage return within the line"
+                reason = _control_character(block[starts[i] : ends[i]])
             elif quotes[i] % 2:
                 reason = "a quotation mark without its other one"
             else:
@@ -310,6 +310,15 @@ class Log:
         return values
 
 
+def _control_character(line: bytes) -> str:
+    """What is said of a line with one: nulls, as a power cut leaves them, may stand for many rows, and end no line."""
+    nulls = line.count(b"\0")
+    if nulls < _MANY_NULLS:
+        return "a control character or a carriage return within the line"
+    return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
+
+
+_MANY_NULLS = 2
 _STRANGE = np.array([code < ord(" ") and chr(code) not in "\t\n" for code in range(256)])
 _LINE_END = re.compile(rb"\r+\n")
 _BLANKS = re.compile(rb"[ \t]+")

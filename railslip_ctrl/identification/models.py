@@ -131,6 +131,12 @@ class FitModel:
         """Those in which the free parameters are looked for."""
         return Coordinates.of(self.names, self.lower, self.upper, np.abs(self.starts).max(axis=0))
 
+    def unit(self, name: str) -> str:
+        """SI unit of a parameter of the law that is fitted; "1" for a table's values."""
+        info = self.force_law.model_fields.get(name)
+        extra = None if info is None else info.json_schema_extra
+        return str(extra["unit"]) if isinstance(extra, dict) else "1"
+
     def _flat(self, values: Floats) -> tuple[float, ...]:
         if self.name == "table":
             knots = self.known["slip"]

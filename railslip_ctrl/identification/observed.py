@@ -46,7 +46,7 @@ _GAP_INTERVALS = 5.0
 _BRIDGED = 1.0
 
 _SETTLING = 5.0  # time constants after a start, after which the unknown initial adhesion torque is below 1 %
-_LEAST_TORQUE = 0.02  # of wheel load times radius: below it the brake is not applied
+LEAST_PULL = 0.02  # of wheel load times radius: below it the brake is not applied
 
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
 _FASTEST = 200.0
@@ -214,7 +214,9 @@ class AdhesionStream:
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
         v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
         self.free.add(np.stack([rows.columns["time"], v, omega, torque, load]))
-        wheel = radius * omega
+        wheel, pressed = radius * omega, load > 0.0
+        pull = np.abs(torque[pressed]) / (radius * load[pressed])
+        self.survey.highest_pull = max(self.survey.highest_pull, float(pull.max(initial=0.0)))
         # a wheel let go overshoots, as its contact is a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)
         checks = (
@@ -243,7 +245,7 @@ class AdhesionStream:
 
     def _braked(self, torque: Floats, load: Floats) -> NDArray[np.bool_]:
         """A released brake counts at once."""
-        return torque > _LEAST_TORQUE * self.vehicle.wheel.radius * load
+        return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
     def _record(self, rows: Rows, omega: Floats, new: NDArray[np.intp]) -> None:
         time, v, torque = (rows.columns[name] for name in ("time", "train_speed", "brake_torque"))

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 HIGHEST_DEGREE = 2
 """As in (30)-(32)."""
 
+_IMPROBABLE = 0.01  # a misfit told
+
 _SAME_SPEED = 0.01  # relative: initial speeds nearer than this are one
 
 
@@ -44,6 +46,16 @@ class ParameterPolynomial:
     speeds_kmh: Floats
     values: Floats
     misfit_probability: float
+
+    @property
+    def misses(self) -> str:
+        """A sentence where the logs' values are farther from it than their errors allow; empty where they are not."""
+        if not self.misfit_probability < _IMPROBABLE:
+            return ""
+        return (
+            f"{self.name}: the polynomial passes the logs' values by more than their errors allow; errors as large "
+            f"come about with probability {self.misfit_probability:.1g}"
+        )
 
     @property
     def stderrs(self) -> Floats:

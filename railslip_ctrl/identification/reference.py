@@ -11,6 +11,7 @@ import numpy as np
 from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import Rail
+from railslip_ctrl.units import KMH
 
 from .fits import NORMAL_QUANTILE, Fit
 from .models import FitModel
@@ -22,6 +23,7 @@ _LOWEST_SLIP = 1e-5  # a peak here is none: the law falls from the start
 _STEP = 0.1  # of a standard error, or of a coordinate's size where that is less, for the derivatives of the peak
 _PROBES = (0.01, 0.03, 0.1, 0.2)  # of a law's slips, to see whether it depends on the speed
 _ROUNDING = 1e-12
+_SAME_SLIP = 1e-4  # relative: a flat maximum is found to 1e-8 of mu, and so to the root of it
 _LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maximum) is what would be differentiated
 
 
@@ -45,6 +47,11 @@ class PeakSlip:
         less than that to rise.
     reference_coefficient : float
         mu there.
+    by_rule : bool
+        Of a law on wet rail that was made from one on dry rail by its own rule, and not from data. It has no standard
+        errors: what the rule is wrong by is not known.
+    extrapolated : bool
+        At an initial speed that the log did not have.
     """
 
     speed: float
@@ -55,6 +62,14 @@ class PeakSlip:
     coefficient_stderr: float
     reference: float
     reference_coefficient: float
+    by_rule: bool = False
+    extrapolated: bool = False
+
+    @property
+    def basis(self) -> str:
+        """What it rests on, in words."""
+        source = "rule" if self.by_rule else "log"
+        return f"{source}, extrapolated" if self.extrapolated else source
 
     def without_reference(self) -> PeakSlip:
         """The same peak, with no slip to hold."""
@@ -78,16 +93,45 @@ def peak_of_fit(fit: Fit, speed: float, wheel_load: float, rail: Rail) -> PeakSl
         return found.slip, found.coefficient
 
     law = fit.model.make_force_law(fit.values, fit.law.rail).on(rail)
-    return _with_reference(law, speed, wheel_load, at(fit.model, fit.values), _stderrs(at, fit))
+    found = _with_reference(law, speed, wheel_load, at(fit.model, fit.values), _stderrs(at, fit))
+    if rail is fit.law.rail:
+        return found
+    return replace(found, slip_stderr=math.nan, coefficient_stderr=math.nan, by_rule=True)
 
 
-def drift(fit: Fit, speeds: Sequence[float], wheel_load: float) -> tuple[PeakSlip, ...]:
-    """The peak over speeds (m/s), on the rail of the log, and on wet rail too."""
+def drift(
+    fit: Fit, speeds: Sequence[float], wheel_load: float, *, shown: tuple[float, float] = (0.0, math.inf)
+) -> tuple[PeakSlip, ...]:
+    """The peak over speeds (m/s), on the rail of the log, and on wet rail too; `shown` are the speeds the log is of."""
     rails = dict.fromkeys((fit.law.rail, Rail.WET))
-    if not _is_of_slip_alone(fit, speeds, wheel_load):
-        return tuple(peak_of_fit(fit, speed, wheel_load, rail) for rail in rails for speed in speeds)
-    peaks = [peak_of_fit(fit, speeds[0], wheel_load, rail) for rail in rails]
-    return tuple(replace(peak, speed=speed) for peak in peaks for speed in speeds)
+    if _is_of_slip_alone(fit, speeds, wheel_load):
+        first = [peak_of_fit(fit, speeds[0], wheel_load, rail) for rail in rails]
+        peaks = [replace(peak, speed=speed) for peak in first for speed in speeds]
+    else:
+        peaks = [peak_of_fit(fit, speed, wheel_load, rail) for rail in rails for speed in speeds]
+    return tuple(replace(peak, extrapolated=not shown[0] <= peak.speed <= shown[1]) for peak in peaks)
+
+
+def peak_notes(peaks: Sequence[PeakSlip], model: str, shown: tuple[float, float]) -> tuple[str, ...]:
+    """What of the peaks of a model is not from the log, a sentence each; `shown` as of `drift`."""
+    notes = []
+    if any(peak.extrapolated for peak in peaks):
+        low, high = (f"{speed / KMH:.4g}" for speed in shown)
+        own = f"{high} km/h" if low == high else f"{low} to {high} km/h"
+        notes.append(f"extrapolated: the log is of v0 = {own}; at other speeds it shows neither peak nor slip to hold")
+    ruled = [peak for peak in peaks if peak.by_rule]
+    if ruled:
+        notes.append(
+            f"wet rail: not from this log but from the dry law by the rule of {model}, and so without an uncertainty; "
+            "a log on wet rail (--rail wet) tells it"
+        )
+    slips = {(peak.speed, peak.by_rule): peak.slip for peak in peaks}
+    if ruled and all(math.isclose(slips[p.speed, False], p.slip, rel_tol=_SAME_SLIP) for p in ruled):
+        notes.append(
+            f"wet rail: the rule of {model} lessens mu by one factor at every slip, so that the slip of the peak is "
+            "that on dry rail, which is the rule's alone"
+        )
+    return tuple(notes)
 
 
 def _is_of_slip_alone(fit: Fit, speeds: Sequence[float], wheel_load: float) -> bool:

@@ -17,8 +17,6 @@ Floats = NDArray[np.float64]
 _MOST_NAMED = 5
 _LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
 
-# of the mean mu in a bin of slip: steel on steel has some 0.6 with sand, 0.02 with leaves
-_HIGHEST_MU, _LOWEST_MU = 0.7, 0.01
 LOADS_DIFFER = 1.05
 """Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
 
@@ -57,6 +55,8 @@ class Survey:
         Sum of the wheel load over the rows used, N.
     regripping : int
         Rows under brake that are not used, as the brake was let go and the wheel regrips.
+    highest_pull : float
+        Highest brake torque of all rows by wheel load and radius: the adhesion coefficient that it asks for.
     """
 
     rows: int = 0
@@ -76,6 +76,7 @@ class Survey:
     fastest_start: float = math.nan
     load_sum: float = 0.0
     regripping: int = 0
+    highest_pull: float = 0.0
 
     @property
     def wheel_load(self) -> float:
@@ -130,17 +131,6 @@ class Survey:
                 "(--initial-speed); a log for each speed shows the change"
             )
         return tuple(found)
-
-
-def mu_warning(mean_mu: Floats) -> str | None:
-    """A sentence where the mean of mu, by bins, is higher or lower than steel on steel has it; else None."""
-    highest = float(mean_mu.max(initial=-math.inf))
-    if _LOWEST_MU <= highest <= _HIGHEST_MU:
-        return None
-    return (
-        f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {_LOWEST_MU:g} to "
-        f"{_HIGHEST_MU:g}: check the unit of the brake torque, the wheel load and radius (--vehicle)"
-    )
 
 
 def load_warning(record: Record) -> str | None:

@@ -15,7 +15,6 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.models import parameter_unit
 from railslip_ctrl.identification.reference import PeakSlip
-from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH
 
 from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style
@@ -71,17 +70,17 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
 def drift_figure(found: Identification) -> Figure:
     """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition.
 
+    What the log does not show is hollow: the model at other initial speeds, and, without intervals, wet rail by rule.
     Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
     """
     title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
-    figure = new_figure(3.7, title)
+    figure = new_figure(4.2, title)
     slip, height = panels(figure, 1, 2)[0]
     for rail in dict.fromkeys(peak.rail for peak in found.peaks):
-        peaks = [peak for peak in found.peaks if peak.rail is rail]
-        _drift(slip, height, peaks, rail, rail_style(rail))
+        _drift(slip, height, [peak for peak in found.peaks if peak.rail is rail])
     shown = [peak.speed / KMH for peak in found.peaks]
     speeds = np.linspace(min(shown), max(shown), 50)
-    height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler,\ndry rail")
+    height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler, dry rail")
     slip.set_ylabel("slip ratio λ (-)")
     height.set_ylabel("highest adhesion coefficient μ (-)")
     for ax in (slip, height):
@@ -89,22 +88,37 @@ def drift_figure(found: Identification) -> Figure:
     for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
         if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
             ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
-        legend_below(ax, 0.17, columns=2)
+        legend_below(ax, 0.17)
     return figure
 
 
-def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip], rail: Rail, style: dict[str, Any]) -> None:
-    speed = np.array([peak.speed for peak in peaks]) / KMH
-    values, errors, mu, mu_errors, reference = (
+def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
+    """The peaks on one rail, all of the log or all by rule."""
+    rail = peaks[0].rail
+    style, where = rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
+    speed, values, errors, mu, mu_errors, reference = (
         np.array([getattr(peak, name) for peak in peaks])
-        for name in ("slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
+        for name in ("speed", "slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
     )
-    width = {"capsize": 3.0, "marker": "o", "markersize": 3.5}
-    slip.errorbar(
-        speed, values, NORMAL_QUANTILE * np.nan_to_num(errors), label=f"peak, {rail} rail, 99 %", **width, **style
-    )
-    slip.plot(speed, reference, "s", color=style["color"], fillstyle="none", label=f"reference, {rail} rail")
-    height.errorbar(speed, mu, NORMAL_QUANTILE * np.nan_to_num(mu_errors), label=f"{rail} rail, 99 %", **width, **style)
+    speed = speed / KMH
+    _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", style)
+    slip.plot(speed, reference, "s", color=style["color"], markersize=5, fillstyle="none", label=f"reference, {where}")
+    _peaks(height, (speed, mu, mu_errors), peaks, where, style)
+
+
+def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, style: dict[str, Any]) -> None:
+    """A line through values over speed; marks on it, with bars where the log tells them."""
+    speed, values, errors = data
+    if peaks[0].by_rule:
+        ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **style)
+        return
+    ax.plot(speed, values, **style)
+    beyond = np.array([peak.extrapolated for peak in peaks])
+    for at, fill, suffix in ((~beyond, "full", "99 %"), (beyond, "none", "99 %, extrapolated")):
+        if at.any():
+            bars = NORMAL_QUANTILE * np.nan_to_num(errors[at])
+            marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": style["color"]}
+            ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
 
 
 def braking_figure(found: Identification) -> Figure:

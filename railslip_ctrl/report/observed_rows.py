@@ -1,45 +1,76 @@
-"""The observed adhesion of a log as a CSV, row by row as it is read, whole or not at all."""
+"""The observed adhesion of a log as a CSV, row by row with the regime each belongs to, whole or not at all."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification.curves import regimes
 from railslip_ctrl.identification.observed import Observed
 from railslip_ctrl.units import KMH
 
-COLUMNS = ("time [s]", "train speed [km/h]", "slip [1]", "wheel load [N]", "adhesion torque [N*m]", "mu [1]")
+COLUMNS = ("time [s]", "train speed [km/h]", "slip [1]", "wheel load [N]", "adhesion torque [N*m]", "mu [1]", "regime")
 """Header of the file."""
+
+_SLIP = COLUMNS.index("slip [1]")
+_NUMBERS = len(COLUMNS) - 1
+_BLOCK = 1 << 16  # rows in memory at a time
+
+
+class ObservedRows:
+    """Rows that wait in a scratch file, as bytes, until the slip is known that parts the regimes.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV to be.
+    radius : float
+        Of the wheel, m.
+    scratch : Path
+        A folder on the same disk.
+    """
+
+    def __init__(self, path: Path, radius: float, scratch: Path) -> None:
+        self._path, self._radius = path, radius
+        self._rows, self._whole = scratch / "rows", scratch / path.name
+        self._rows.touch()
+
+    def __call__(self, samples: Observed) -> None:
+        """Take samples in, in the order they come."""
+        torque = samples.mu * self._radius * samples.load
+        columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
+        with self._rows.open("ab") as file:
+            np.column_stack(columns).tofile(file)
+
+    def finish(self, peak_slip: float) -> None:
+        """Write the file, given the slip ratio at which the data's mu is highest."""
+        import pandas as pd
+
+        with self._rows.open("rb") as rows, self._whole.open("w", encoding="utf-8") as file:
+            file.write(",".join(COLUMNS) + "\n")
+            while len(block := np.fromfile(rows, count=_BLOCK * _NUMBERS).reshape(-1, _NUMBERS)):
+                table = pd.DataFrame(block).assign(regime=regimes(block[:, _SLIP], peak_slip))
+                table.to_csv(file, float_format="%.10g", header=False, index=False)
+        os.replace(self._whole, self._path)
 
 
 @contextmanager
-def observed_rows(path: Path | None, radius: float) -> Iterator[Callable[[Observed], None] | None]:
-    """What writes observed samples, in the order they come, to the file at `path`; None without one.
+def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
+    """What writes observed samples to the file at `path`, once it is finished; None without one.
 
-    `radius` is the wheel's, m. The file is there when the block ends without an error.
-    InputError where it cannot be written.
+    `radius` is the wheel's, m. InputError where it cannot be written.
     """
     if path is None:
         yield None
         return
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".incomplete-") as scratch:
-            whole = Path(scratch) / path.name
-            with whole.open("w", encoding="utf-8") as file:
-                file.write(",".join(COLUMNS) + "\n")
-
-                def write(samples: Observed) -> None:
-                    torque = samples.mu * radius * samples.load
-                    columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
-                    np.savetxt(file, np.column_stack(columns), fmt="%.10g", delimiter=",")
-
-                yield write
-            os.replace(whole, path)
+            yield ObservedRows(path, radius, Path(scratch))
     except OSError as error:
         raise InputError(f"--observed: {str(path)!r} cannot be written ({error.strerror or error})") from None

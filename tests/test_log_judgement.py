@@ -1,0 +1,398 @@
+"""What is said of a fit: what cannot be is refused, what is by rule or extrapolated is marked, the unseen is told."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from project import refused
+from rig_logs import rig_rows, write_log
+from scipy import stats
+
+from railslip_ctrl.adhesion import law_class, load_law, published_law
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification import plausibility
+from railslip_ctrl.identification.curves import curve_of, read_curve
+from railslip_ctrl.identification.fits import Parameter
+from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify_curve
+from railslip_ctrl.identification.observed import AdhesionStream
+from railslip_ctrl.identification.outliers import BESIDE, OutlierFilter
+from railslip_ctrl.identification.plausibility import IMPOSSIBLE_MU, check_fit, fit_doubts, mu_warning, unit_hint
+from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.identification.reference import peak_notes, peak_of_law
+from railslip_ctrl.identification.rows import Rows
+from railslip_ctrl.identification.timing import train_lag
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.plots import drift_figure
+from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
+from railslip_ctrl.report.identification_json import campaign_json, identification_json
+from railslip_ctrl.units import KMH
+from railslip_ctrl.virtual_rig import RigTest, run_tests
+
+BEAM = published_law("beam", Rail.DRY)
+RADIUS = PARK2008.wheel.radius
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_search_for_a_lag():
+    """It takes most of the time, and has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def rows() -> Rows:
+    """Two runs on a rig with the published beam."""
+    return rig_rows(BEAM, runs=2, seed=3)[0]
+
+
+def changed(rows: Rows, **columns: np.ndarray) -> Rows:
+    return Rows(rows.line, {**rows.columns, **columns})
+
+
+def identified(rows: Rows, model: str = "beam", **options) -> Identification:
+    options = Options(model=model, **options)
+    return identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
+
+
+@pytest.fixture(scope="module")
+def dry(rows) -> Identification:
+    return identified(rows)
+
+
+# --- what cannot be ------------------------------------------------------------------------------------------------
+
+
+def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, rows, tmp_path):
+    """A wheel load of 2 kN where it is 34.5: the published 0.261 becomes 4.5."""
+    lines = write_log(tmp_path / "log.csv", rows).read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join([lines[0] + ",wheel load [kN]", *(f"{x},2" for x in lines[1:])]) + "\n")
+    out, observed = tmp_path / "fitted", tmp_path / "observed.csv"
+    line = refused(railslip("identify", tmp_path / "log.csv", "--model", "beam", "--out", out, "--observed", observed))
+    assert float(line.split("(mu_max), is ")[1].split(",")[0]) == pytest.approx(0.261 * 34.5 / 2, rel=0.03)
+    assert f"above {IMPOSSIBLE_MU:g}, which no steel on steel in air has; check the unit of the brake torque" in line
+    assert "the wheel load and the wheel's radius (--vehicle)" in line
+    assert {each.name for each in tmp_path.iterdir()} == {"log.csv"}
+
+
+def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
+    """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
+    monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
+    monkeypatch.setattr(plausibility, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
+    found = identified(rows, "best")
+    assert found.chosen.fit.model.name == "beam"
+    assert (
+        "log: burckhardt: fitted to this log its highest adhesion coefficient, the peak, is 2," in found.not_fitted[0]
+    )
+    (told,) = found.warnings
+    assert told.startswith("log: burckhardt: left out, as fitted to this log their adhesion cannot be")
+
+
+def test_a_log_that_does_not_tell_a_model_is_refused_as_that(dry):
+    """The elastic rise alone: mu_max of the beam is free to be any."""
+    found, fit = dry, dry.chosen.fit
+    free = dataclasses.replace(fit.parameters[0], value=2.4e8)
+    vague = dataclasses.replace(fit, parameters=(free, *fit.parameters[1:]))
+    words = r"limit of friction \(mu_max\), is 2.4e\+08, above 1, .*not tell this model.*--bound mu_max=0:0.7"
+    with pytest.raises(InputError, match=words):
+        check_fit(vague, found.setting, (5.0, 28.0), found.curve.highest_mu, {})
+
+
+def test_a_fit_that_may_hardly_be_is_told_everywhere(rows):
+    """A wheel load of 0.36 of the rig's."""
+    load = np.full(len(rows), 0.36 * PARK2008.wheel_load)
+    found = identified(changed(rows, wheel_load=load))
+    (doubt,) = found.doubts
+    assert "the fitted beam has a highest adhesion coefficient, its limit of friction (mu_max), of 0.72" in doubt
+    assert "where steel on steel has 0.01 to 0.7: check the unit of the brake torque" in doubt
+    assert doubt in " ".join(identification_text(found).split())
+    assert doubt in identification_json(found)["log"]["warnings"]
+    assert doubt in model_toml(found)
+
+
+def test_a_parameter_on_its_bound_is_told_with_bound_and_cause(dry):
+    fit, setting = dry.chosen.fit, dry.setting
+    at = (Parameter("mu_max", 0.26, math.nan, "at upper bound"), Parameter("a", 1e-12, math.nan, "at lower bound"))
+    resting = dataclasses.replace(fit, parameters=(*at, fit.parameters[2]))
+    given = dataclasses.replace(setting, bounds={"mu_max": (0.1, float(fit.model.upper[0]))})
+    speeds = (5.0, 28.0)
+    high, low = fit_doubts(resting, given, speeds, 0.25, {})
+    assert high.startswith("the fitted mu_max of 0.26 rests on its upper bound, infinity: which is given by --bound")
+    assert low.startswith("the fitted a of 1e-12 rests on its lower bound, 0: likely this log does not tell it")
+    assert "likely by a wrong unit of the brake torque" in fit_doubts(resting, setting, speeds, 3.0, {})[0]
+    assert fit_doubts(fit, setting, speeds, 0.25, {}) == ()
+
+
+# --- units ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("header", "scale", "unit"), [("N*m", 1.0, "kN*m"), ("kN*m", 1e3, "N*m")])
+def test_a_torque_a_thousand_times_off_is_told_with_the_option_that_mends_it(
+    railslip, rows, tmp_path, header, scale, unit
+):
+    right = write_log(tmp_path / "right.csv", rows)
+    scaled = changed(rows, brake_torque=scale * rows.columns["brake_torque"])
+    path = write_log(tmp_path / "log.csv", scaled)
+    path.write_text(path.read_text().replace("brake torque [kN*m]", f"brake torque [{header}]"))
+    line = refused(railslip("identify", path, "--model", "table"))
+    assert f"brake_torque seems to be in {unit} (--unit brake_torque={unit}), which would make it 0." in line
+    mended = read_curve(path, PARK2008, Options(units={"brake_torque": unit}))
+    assert mended.bins.mean == pytest.approx(read_curve(right, PARK2008, Options()).bins.mean, rel=1e-6)
+
+
+def test_units_that_would_do_are_named_and_no_others():
+    assert unit_hint(2.6e-4, {"brake_torque": 1.0}).startswith(
+        "brake_torque seems to be in kN*m (--unit brake_torque=kN*m)"
+    )
+    both = unit_hint(260.0, {"brake_torque": 1e3, "wheel_load": 1.0})
+    assert "brake_torque seems to be in N*m" in both
+    assert "or wheel_load seems to be in kN (--unit wheel_load=kN), which would make it 0.26" in both
+    assert unit_hint(260.0, {"brake_torque": 1.0}) == ""
+    assert unit_hint(0.26, {"brake_torque": 1.0, "wheel_load": 1.0}) == ""
+    assert "--unit brake_torque=kN*m" in mu_warning(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})
+
+
+# --- by rule, extrapolated -----------------------------------------------------------------------------------------
+
+
+def test_what_is_not_from_the_log_is_marked(dry):
+    found = identification_json(dry)
+    own, other = found["peaks"][4], found["peaks"][0]
+    assert (own["from"], own["extrapolated"], other["extrapolated"]) == ("log", False, True)
+    assert own["slip_stderr"] > 0.0
+    wet = [each for each in found["peaks"] if each["rail"] == "wet"]
+    assert {each["from"] for each in wet} == {"rule"}
+    assert all(each["slip_stderr"] is None and each["mu_stderr"] is None for each in wet)
+    assert all(each["reference_slip"] is not None for each in wet)
+    for note in dry.peak_notes:
+        assert note in found["notes"]
+    text = identification_text(dry)
+    lines = [line.split() for line in text.splitlines() if line.split()[:1] in (["dry"], ["wet"])]
+    assert [line[1] for line in lines] == ["log,"] * 4 + ["log"] + ["rule,"] * 4 + ["rule"]
+    assert ["±" in line for line in lines] == [True] * 5 + [False] * 5
+    assert "the log is of v0 = 100 km/h" in text
+    assert f"# {dry.peak_notes[1]}" in model_toml(dry)
+
+
+def test_a_log_of_wet_rail_has_its_own_wet_peak(rows):
+    found = identified(rows, rail=Rail.WET)
+    assert not any(peak.by_rule for peak in found.peaks)
+    assert found.peaks[-1].slip_stderr > 0.0
+    assert len(found.peak_notes) == 1  # the other speeds alone
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "same"),
+    [
+        ("table", {"slip": (0.02, 0.1, 0.5), "mu": (0.12, 0.25, 0.2)}, True),
+        ("burckhardt", {"c1": 0.31, "c2": 24.0, "c3": 0.11}, True),
+        ("beam", BEAM.model_dump(include=set(BEAM.parameter_names())), False),
+    ],
+)
+def test_a_rule_that_leaves_the_peak_s_slip_says_so(name, parameters, same):
+    law, load = law_class(name).model_validate(parameters), PARK2008.wheel_load
+    peaks = [peak_of_law(law.on(rail), 20.0, load) for rail in Rail]
+    peaks[1] = dataclasses.replace(peaks[1], by_rule=True)
+    told = [note for note in peak_notes(peaks, name, (20.0, 20.0)) if "lessens mu by one factor" in note]
+    assert bool(told) is same
+    assert (peaks[1].slip == pytest.approx(peaks[0].slip, rel=1e-4)) is same
+
+
+def test_the_picture_draws_what_is_not_from_the_log_unlike_it(dry, tmp_path):
+    figure = drift_figure(dry)
+    figure.savefig(tmp_path / "peak.png")  # and the figure's defects are looked for
+    for ax in figure.axes:
+        handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+        (by_rule,) = (
+            handle for label, handle in handles.items() if "wet rail, by rule" in label and "ref" not in label
+        )
+        assert (by_rule.get_fillstyle(), by_rule.get_marker()) == ("none", "D")
+        measured, beyond = (
+            next(handle for label, handle in handles.items() if label.endswith(end)) for end in ("99 %", "extrapolated")
+        )
+        assert (measured.lines[0].get_fillstyle(), beyond.lines[0].get_fillstyle()) == ("full", "none")
+        assert len(ax.containers) == 2  # bars of the log's own rail alone
+        assert len(measured.lines[0].get_xdata()) == 1  # the log's v0
+        assert len(beyond.lines[0].get_xdata()) == 4
+
+
+def test_a_model_without_a_slip_to_hold_says_why(rows, dry):
+    found = identification_json(identified(rows, "lugre"))
+    assert found["reference_slip"] is None
+    assert found["reference_slip_reason"].startswith("this model falls from the start")
+    assert identification_json(dry)["reference_slip_reason"] is None
+
+
+# --- the regime of each row ----------------------------------------------------------------------------------------
+
+
+def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
+    log, file = write_log(tmp_path / "log.csv", rows), tmp_path / "observed.csv"
+    status, out, _ = railslip("identify", log, "--model", "table", "--observed", file, "--json")
+    assert status == 0
+    found = json.loads(out)
+    lines = [line.split(",") for line in file.read_text().splitlines()[1:]]
+    slip, regime = np.array([float(line[2]) for line in lines]), np.array([line[6] for line in lines])
+    top = found["log"]["data_peak_slip"]
+    assert np.array_equal(regime, np.where(slip < top, "adhesion", "sliding"))
+    for each in found["curve"]:  # bins by the same rule
+        if each["slip_to"] <= top or each["slip_from"] >= top:
+            inside = (slip >= each["slip_from"]) & (slip < each["slip_to"])
+            assert set(regime[inside]) == {each["regime"]}
+    # the log's counts are by cells, of which that of the peak may lie on both sides: 1/400 of the slip's root wide
+    near = int(np.sum(np.abs(np.sqrt(slip) - math.sqrt(top)) < 1 / 400))
+    assert abs(int(np.sum(regime == "adhesion")) - found["log"]["adhesion_regime_points"]) <= near
+
+
+def test_the_help_says_what_the_observer_affects(railslip):
+    text = " ".join(railslip("identify", "--help")[1].split())
+    assert "models fitted along the motion (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
+
+
+# --- a lag of the train's speed ------------------------------------------------------------------------------------
+
+
+def late_train(rows: Rows, lag: float) -> Rows:
+    """The log with the train's speed as it was `lag` s before, in pauses between tests as it stands."""
+    time, speed = rows.columns["time"], rows.columns["train_speed"]
+    return changed(rows, train_speed=np.interp(time - lag, time, speed))
+
+
+def observed_slip(rows: Rows):
+    stream = AdhesionStream(PARK2008)
+    return stream.add(rows)
+
+
+@pytest.mark.parametrize("speed", [60.0, 140.0])
+def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
+    """The virtual rig's log with its train's speed read 20 ms late, against the same without, row by row."""
+    test = RigTest(PARK2008, published_law("beam", Rail.DRY, speed), speed * KMH)
+    log = run_tests(test, tests=4, seed=2)
+    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    curve = curve_of(rows, PARK2008, Options())
+    told = train_lag(curve.record, RADIUS, curve.peak_slip, 0.02)
+    true, late = observed_slip(rows), observed_slip(late_train(rows, 0.02))
+    # rows of one time, about the peak on the way up: the train's speed has not yet changed by the release
+    _, i, j = np.intersect1d(true.time, late.time, return_indices=True)
+    near = np.abs(true.slip[i] / curve.peak_slip - 1.0) < 0.1
+    measured = np.median((late.slip[j] - true.slip[i])[near])
+    # the deceleration is a mean over slips of 0.7 to 1.3 of the peak's, where mu is 0.97 of its highest and more
+    assert told.slip_shift == pytest.approx(measured, rel=0.03)
+    assert told.slip_shift > 3e-4
+
+
+def test_a_lag_of_the_train_moves_a_fitted_peak_as_told(rows, dry):
+    """Of the beam by more than the rows, as it takes the lag for softness, and by three times as much at most."""
+    late = identified(late_train(rows, 0.02))
+    shift = late.own_peak.slip - dry.own_peak.slip
+    assert 1.0 < shift / (2.0 * dry.train_lag.slip_shift) < 3.0
+    assert late.warnings == ()
+
+
+def test_the_lag_is_in_text_and_json(dry):
+    told = dry.train_lag
+    v, a, slip = told.speed, told.deceleration, told.peak_slip
+    assert told.slip_shift == pytest.approx((1 - slip) * a * 0.01 / v)
+    # the rig of these rows: the adhesion alone slows the flywheels, at mu of some 0.25
+    assert a == pytest.approx(0.25 * PARK2008.wheel_load / PARK2008.mass, rel=0.1)
+    found = identification_json(dry)["log"]["train_speed_lag"]
+    assert (found["lag_s"], found["slip_shift"], found["peak_slip"]) == (0.01, told.slip_shift, slip)
+    text = " ".join(identification_text(dry).split())
+    assert f"a lag of 10 ms, which this log cannot show, moves slip by {told.slip_shift:.2g} at the peak" in text
+    assert "give --delay train_speed= if there is one" in text
+
+
+# --- outliers ------------------------------------------------------------------------------------------------------
+
+
+def false_alarm(sides: int) -> float:
+    """Of a normal deviate beside the median absolute one of `BESIDE` others, the larger of so many sides."""
+    x = np.linspace(1e-4, 3.0, 6001)
+    below = stats.binom.sf(BESIDE // 2, BESIDE, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
+    beyond = 2.0 * stats.norm.sf(8.0 * 1.4826 * x)
+    return float(np.sum((beyond[1:] + beyond[:-1]) / 2.0 * np.diff(below)))
+
+
+def test_the_probability_of_a_false_outlier_is_as_argued():
+    assert false_alarm(2) < 2e-11
+    assert 1e-9 < false_alarm(1) < 1e-8
+
+
+def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
+    """Four times the noise of rolling in a tenth of the rows: a limit from rolling is two deviations there."""
+    generator = np.random.default_rng(4)
+    count = 100_000
+    braking = np.arange(count) % 1000 < 100
+    noise = np.where(braking, 0.4, 0.1) * generator.standard_normal(count)
+    spikes = np.array([50, 12_345, 50_020, 70_500])  # two of them under brake
+    columns = {"time": 0.01 * np.arange(count), "wheel_angular_speed": 60.0 + noise}
+    for at, expected in (([], 0), (spikes, len(spikes))):
+        omega = columns["wheel_angular_speed"].copy()
+        omega[at] += 8.0
+        outliers = OutlierFilter()
+        outliers.add(Rows(np.arange(count), {**columns, "wheel_angular_speed": omega}))
+        outliers.finish()
+        assert outliers.count == expected
+
+
+# --- several logs --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def campaign(dry) -> Campaign:
+    """One identification as if of three logs at three speeds, with parameters and errors of their own."""
+    speeds, logs = (60.0 * KMH, 100.0 * KMH, 140.0 * KMH), []
+    for v0, factor, error in zip(speeds, (1.2, 1.0, 0.9), (1.0, 0.5, 2.0), strict=True):
+        fit = dry.chosen.fit
+        own = tuple(dataclasses.replace(p, value=factor * p.value, stderr=error * p.stderr) for p in fit.parameters)
+        score = dataclasses.replace(dry.chosen, fit=dataclasses.replace(fit, parameters=own))
+        setting = dataclasses.replace(dry.setting, initial_speed=v0)
+        logs.append(dataclasses.replace(dry, chosen=score, setting=setting))
+    return Campaign(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
+
+
+def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(campaign, tmp_path):
+    """Three logs determine a parabola: the errors by Lagrange's polynomials, and at each log its own."""
+    text = campaign_toml(campaign)
+    path = tmp_path / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    assert load_law(path, initial_speed_kmh=100.0).mu_max == pytest.approx(campaign.polynomials[0].at(100.0))
+    for k, p in enumerate(campaign.polynomials):
+        own = np.array([each.chosen.fit.parameters[k].stderr for each in campaign.logs])
+        basis = np.linalg.inv(np.vander(p.speeds_kmh, 3, increasing=True))  # coefficients by values
+        assert p.stderrs == pytest.approx(np.sqrt(basis**2 @ own**2), rel=1e-6)
+        (line,) = (line for line in text.splitlines() if line.startswith(f"# {p.name}: standard errors of the"))
+        errors = [float(x) for x in line.split("coefficients ")[1].split(";")[0].split(", ")]
+        assert errors == pytest.approx(p.stderrs, rel=6e-3)  # three digits are told
+        values = [float(part.split(" at ")[0]) for part in line.split("of the value ")[1].split(", ")]
+        assert values == pytest.approx(own, rel=6e-3)
+        covariance = np.array(campaign_json(campaign)["parameters"][p.name]["covariance"])
+        assert np.sqrt(np.diag(covariance)) == pytest.approx(p.stderrs)
+
+
+def test_a_parabola_of_more_logs_has_the_errors_of_their_scatter(campaign):
+    """Five logs, a weighted fit: the scatter of the coefficients over draws of the values, by NumPy's polyfit."""
+    speeds = np.array([40.0, 60.0, 90.0, 120.0, 140.0])
+    stderrs = np.array([4.0, 2.0, 1.0, 2.0, 3.0]) * 1e-3
+    fit = campaign.logs[0].chosen.fit
+    fits = [
+        dataclasses.replace(fit, parameters=(Parameter("mu_max", 0.3, error, "fitted"), *fit.parameters[1:]))
+        for error in stderrs
+    ]
+    generator = np.random.default_rng(0)
+    drawn = [
+        np.polyfit(speeds, 0.3 + stderrs * generator.standard_normal(5), 2, w=1.0 / stderrs)[::-1] for _ in range(4000)
+    ]
+    found = over_initial_speed(speeds * KMH, fits)[0]
+    # the scatter of 4000 draws is known to 1.1 %; four of those
+    assert found.stderrs == pytest.approx(np.std(drawn, axis=0), rel=0.045)
+
+
+def test_errors_that_are_not_known_are_said_to_be(campaign):
+    unknown = dataclasses.replace(campaign.polynomials[0], covariance=np.full((3, 3), np.nan))
+    text = campaign_toml(dataclasses.replace(campaign, polynomials=(unknown, *campaign.polynomials[1:])))
+    assert "# mu_max: standard errors not known, as not every log gave one" in text
