@@ -23,8 +23,8 @@ FOLDERS = ("designs", "analysis")
 THUMBNAIL = (480, 360)
 """Pixels into which a picture is fitted for the first page of the gallery."""
 
-FEWER = {"RUNS": "200", "SEEDS": "16"}
-"""Numbers given to scripts that take one, so that the site is built in minutes."""
+NUMBERS = {"RUNS": "200", "SEEDS": "16", "SPREAD": "0"}
+"""Given to scripts that take one: few runs and seeds, so that the site is built in minutes, and no spread."""
 
 _PRINTED = "printed.txt"
 _DONE = "done"
@@ -57,7 +57,7 @@ class Script:
 
     def arguments(self) -> list[str]:
         """What it is given here for each argument that its usage names, in order."""
-        given = {**FEWER, "FOLDER": str(self.folder)}
+        given = {**NUMBERS, "FOLDER": str(self.folder)}
         return [given[name] for name in re.findall(r"\[([A-Z]+)", self.usage)]
 
     @property

@@ -16,6 +16,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -74,6 +75,19 @@ def repository_text(path: str) -> str:
 def prepare(folder: Path) -> Path:
     """A folder in which a page's commands run; nothing is in it that the page does not write."""
     folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def renewed(folder: Path, text: str) -> Path:
+    """The folder of a page with this text, emptied if the page's files and commands, or the package, were others.
+
+    A command may refuse what an earlier one left there, as a campaign refuses the folder of another.
+    """
+    made_from = hashlib.sha256(repr((blocks(text), package_digest())).encode()).hexdigest()
+    mark = prepare(folder) / ".made-from"
+    if not mark.is_file() or mark.read_text("utf-8") != made_from:
+        shutil.rmtree(folder)
+        (prepare(folder) / mark.name).write_text(made_from, encoding="utf-8")
     return folder
 
 

@@ -24,10 +24,19 @@ ROBUST_MS = 2.0
 """Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
 
 
+_ROUNDING = 1e-6  # relative: a design tuned to the limit meets it to less than that
+
+
+def is_robust(ms: float) -> bool:
+    """Whether a loop of that Ms is called robust: at most `ROBUST_MS`, rounding aside."""
+    return ms <= ROBUST_MS * (1.0 + _ROUNDING)
+
+
 class Verdict(StrEnum):
     """What a loop is, in a word."""
 
     UNSTABLE = "unstable"
+    NO_FEEDBACK = "no feedback"
     FRAGILE = "stable but fragile"
     ROBUST = "robust"
 
@@ -67,6 +76,8 @@ class Assessment:
     @property
     def verdict_line(self) -> str:
         """The verdict in a sentence, with the number that decides it."""
+        if self.verdict is Verdict.NO_FEEDBACK:
+            return f"{self.verdict.value}: both gains are 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
             return f"{self.verdict.value} (Ms {self.margins.ms:.3g})"
         how_many = (
@@ -135,7 +146,7 @@ def assess(
         stabilizing_gain_range=loop.stabilizing_gain_range,
         margins=margins,
         pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS),
-        verdict=_verdict(margins),
+        verdict=_verdict(margins, controller),
     )
 
 
@@ -149,10 +160,12 @@ def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
     return np.array([], dtype=np.complex128)
 
 
-def _verdict(margins: Margins | None) -> Verdict:
+def _verdict(margins: Margins | None, controller: PIController) -> Verdict:
     if margins is None:
         return Verdict.UNSTABLE
-    return Verdict.ROBUST if margins.ms <= ROBUST_MS else Verdict.FRAGILE
+    if controller.gains.kp == controller.gains.ki == 0:  # Ms is 1: of nothing
+        return Verdict.NO_FEEDBACK
+    return Verdict.ROBUST if is_robust(margins.ms) else Verdict.FRAGILE
 
 
 def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:

@@ -48,6 +48,7 @@ class DesignCheck:
         for group in self.groups:
             bad = [a for a in group.assessments if a.verdict is Verdict.UNSTABLE]
             fragile = [a for a in group.assessments if a.verdict is Verdict.FRAGILE]
+            open_loop = [a for a in group.assessments if a.verdict is Verdict.NO_FEEDBACK]
             total = len(group.assessments)
             if bad:
                 of = "the operating point" if total == 1 else f"{len(bad)} of {total} operating points"
@@ -55,6 +56,8 @@ class DesignCheck:
             elif fragile:
                 worst = max(a.margins.ms for a in fragile if a.margins is not None)
                 parts.append(f"{group.title}: stable but fragile (worst Ms {worst:.3g})")
+            elif open_loop:
+                parts.append(f"{group.title}: no feedback, and the wheel stable by itself")
             else:
                 points = "the operating point" if total == 1 else f"all {total} operating points"
                 parts.append(f"{group.title}: robust at {points}")

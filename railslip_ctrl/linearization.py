@@ -85,6 +85,12 @@ class OperatingPoint:
         return self.speed / KMH
 
     @property
+    def words(self) -> str:
+        """The point as text names it: law, rail, speed, slip, mass."""
+        where = f"{self.adhesion}, {self.rail} rail, {self.speed_kmh:g} km/h"
+        return f"{where}, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
+
+    @property
     def sigma(self) -> float:
         """Slip velocity, m/s."""
         return self.slip * self.speed

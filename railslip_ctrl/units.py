@@ -2,7 +2,9 @@
 
 Inside the package every number is SI. At its edges (command line, TOML) a plain number is in the unit the
 option or key states, and a string may carry its own unit ("65 N*m/(km/h)"); it is converted here and
-refused when its dimension is wrong. Pint is imported only when a string carries a unit.
+refused when its dimension is wrong. A number in quotes without a unit is taken on the command line, where all is
+text, and refused in records and files, where the quotes say that a unit was meant. Pint is imported only when a
+string carries a unit.
 """
 
 from __future__ import annotations
@@ -58,26 +60,29 @@ def _registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry(cache_folder=None)
 
 
-def to_unit(value: object, unit: str, *, name: str = "") -> float:
+def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
     """Return `value` as a finite number of `unit`.
 
     Parameters
     ----------
     value : real number or str
-        A number is taken to be in `unit` already; a string may be a number or a number with a unit of the
-        same dimension. A unit is names, products, quotients, parentheses and powers of 1 to 4.
+        A number is taken to be in `unit` already; a string is a number with a unit of the same dimension, or,
+        unless `text_needs_unit`, a number alone. A unit is names, products, quotients, parentheses and powers of 1
+        to 4.
     unit : str
         Unit of the result, in Pint's spelling: "kg", "N*m/(m/s)", "km/h", "1" for a pure number.
     name : str
         What to call the quantity in an error; left out, the error begins with the value.
+    text_needs_unit : bool
+        Refuse a string that is a number alone: for values that are numbers without quotes.
 
     Raises
     ------
     InputError
-        Not a number, not finite, or of another dimension.
+        Not a number, not finite, of another dimension, or text without the unit that it needs.
     """
     try:
-        number = _number(value, unit)
+        number = _number(value, unit, text_needs_unit=text_needs_unit)
         if not math.isfinite(number):
             raise InputError(f"{number} is not allowed; give a finite number{_in(unit)}")
     except InputError as error:
@@ -103,9 +108,9 @@ def _in(unit: str) -> str:
     return "" if unit == "1" else f" in {unit}"
 
 
-def _number(value: object, unit: str) -> float:
+def _number(value: object, unit: str, *, text_needs_unit: bool) -> float:
     if isinstance(value, str):
-        return _parse(value, unit)
+        return _parse(value, unit, needs_unit=text_needs_unit)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{shown(value)} is not a number{_in(unit)}")
     try:
@@ -114,14 +119,22 @@ def _number(value: object, unit: str) -> float:
         raise InputError(f"{shown(value)} is too large; give a finite number{_in(unit)}") from None
 
 
-def _parse(text: str, unit: str) -> float:
+def _parse(text: str, unit: str, *, needs_unit: bool) -> float:
     if _NOT_FINITE.fullmatch(text):
         return float(text)
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST_QUANTITY else None
     if match is None:
         raise InputError(f"{shown(text)} is not a number{_in(unit)}, with or without a unit")
     number, given = float(match[1]), (match[2] or "").strip()
-    return number * _factor(given, unit, text) if given else number
+    if given:
+        return number * _factor(given, unit, text)
+    if needs_unit and unit == "1":
+        raise InputError(f"{shown(text)} is text; give the number without quotes")
+    if needs_unit:
+        raise InputError(
+            f"{shown(text)} is text without a unit; write the unit too, or give the number of {unit} without quotes"
+        )
+    return number
 
 
 def _factor(given: str, unit: str, text: str) -> float:

@@ -73,3 +73,23 @@ def full_report(tmp_path_factory):
     command = [sys.executable, "-m", "railslip_ctrl", "report", "--speed", "100", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
     return folder, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="session")
+def record():
+    """A design report in this process, the sliding-mode law left undecided and the paper's runs few.
+
+    Tests that take it share a worker as those of `full_report` do.
+    """
+    from railslip_ctrl.cli.options import CaseOptions
+    from railslip_ctrl.design_check import design_check
+    from railslip_ctrl.design_report import assemble
+    from railslip_ctrl.parameters import PARK2008
+
+    points = CaseOptions("bristle", (), (), 100.0, None, None, False, (), None, None, None).points()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assemble, "_verified", lambda law, vehicle, fresh: assemble._Found(f"{law}: not asked here"))
+        patch.setattr(assemble, "kept", lambda name, compute, given="", *, fresh: compute())
+        patch.setattr(assemble, "SEEDS", 2)
+        patch.setattr(assemble, "published_facts", lambda: ())
+        return assemble.design_report(design_check(PARK2008, points), points, workers=1, fresh=True)

@@ -19,6 +19,7 @@ from railslip_ctrl.design import (
     most_phase,
     wheel_slip_loop,
 )
+from railslip_ctrl.design.holding import needs_feedback
 from railslip_ctrl.design_check import design_check
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.linearization import linearize, operating_point
@@ -116,6 +117,25 @@ def test_holding_gains_refuse_what_no_pi_holds():
         holding_gains([plant()], slow)
     with pytest.raises(InputError, match="no operating point"):
         holding_gains([], slow)
+
+
+def test_no_gain_at_all_is_no_design_of_least_ms():
+    """Below the adhesion peak the wheel is stable: the less gain, the nearer Ms is to 1, which says nothing."""
+    law = published_law("beam", Rail.DRY)
+    stable = linearize(operating_point(law, PARK2008, SPEED, 0.05))
+    assert stable.poles.real.max() < 0
+    assert not needs_feedback([stable])
+    with pytest.raises(InfeasibleDesignError, match=r"stable by itself at every operating point.*zero gain"):
+        holding_gains([stable, stable], PARK2008.actuator)
+    assert holding_gains([stable, plant()], PARK2008.actuator).controller.gains.kp > 1.0  # one needs to be held
+    idle = assess(stable, pi(0.0, 0.0), PARK2008.actuator)
+    assert (idle.stable, idle.margins.ms) == (True, 1.0)
+    assert idle.verdict is Verdict.NO_FEEDBACK
+    assert "this is no controller" in idle.verdict_line
+    assert assess(stable, pi(10.0, 100.0), PARK2008.actuator).verdict is Verdict.ROBUST
+    told = design_check(PARK2008, [stable.point], given=PIGains(kp=0.0, ki=0.0)).conclusion
+    assert "Given gains, inertia scale 1 (SI): no feedback, and the wheel stable by itself" in told
+    assert "a single PI that holds all points: none (the wheel is stable by itself" in told
 
 
 def test_loop_shaping_puts_the_crossover_where_the_phase_is_largest():

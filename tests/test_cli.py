@@ -183,6 +183,7 @@ def test_bad_input_is_one_clear_line_and_exit_2(railslip, arguments, told):
         (b"\x00\xff\xfe\x01", "UTF-8"),
         (b"mass = 3517\nmas = 1\n", "mas"),
         (b'mass = "65 N*m"\n', "mass"),
+        (b'mass = 3517\n[actuator]\ndead_time = "150"\n', "actuator.dead_time: '150' is text without a unit"),
         (b"mass = -1\n", "mass"),
         (b"mass = nan\n", "mass"),
         (b"mass = [1]\n", "mass"),

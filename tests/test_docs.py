@@ -32,6 +32,9 @@ from railslip_ctrl.adhesion.beam import integrated_force
 from railslip_ctrl.cli import _COMMANDS
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.designed import recommended_pi_lead
+from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
@@ -149,13 +152,35 @@ def test_the_pi_s_program_gives_the_numbers_of_the_sampled_controller(tmp_path, 
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     printed = printed_by("pi_lead", tmp_path, railslip)
-    sampled = runpy.run_path(str(tmp_path / "write_gains.py"))["sampled"]
-    state, expected = sampled.initial_state(2700.0), []
+    made = runpy.run_path(str(tmp_path / "write_gains.py"))
+    sampled, expected = made["sampled"], []
+    state = sampled.initial_state(made["control"].initial_torque)
     for i in range(200):
-        state, torque = sampled.step(state, 4.0 * math.cos(0.05 * i))
+        state, torque = sampled.step(state, 10.0 * math.cos(0.05 * i))
         expected.append([torque])
     assert np.array(printed) == pytest.approx(np.array(expected), rel=1e-10)
     assert {min(expected)[0], max(expected)[0]} == {sampled.torque_low, sampled.torque_high}  # both limits are met
+
+
+def test_what_pages_type_of_the_designs_is_what_the_package_has(tmp_path):
+    shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} main.c")[2].partition("};")[0]))
+    law, car = published_controller("asmc", "bristle"), PARK2008
+    published = {"rho": law.gains.rho, "D": law.gains.D, "K": law.gains.K, "lambda_d": law.reference.dry}
+    published |= {"J": car.wheel.inertia, "r": car.wheel.radius, "Mn": car.mass, "Bn": car.wheel.viscous_friction}
+    assert {name: float(shown[name]) for name in published} == pytest.approx(published, rel=1e-12)  # 1.53 times 3.6
+    (text,) = (one.text for one in pages.blocks(TEXTS[DOCS / "howto" / "campaign.md"]) if one.name == "gains.toml")
+    (tmp_path / "gains.toml").write_text(text)
+    typed, design = load_controller(tmp_path / "gains.toml"), recommended_pi_lead(car)
+    assert (typed.design, typed.torque_low, typed.torque_high) == (design.design, design.torque_low, design.torque_high)
+    assert typed.initial_torque == pytest.approx(design.initial_torque, abs=5.0)  # given in kN*m with two decimals
+
+
+def test_a_page_that_changes_finds_nothing_of_its_former_self(tmp_path):
+    text = "```{file} a.toml\nx = 1\n```\n"
+    folder = pages.renewed(tmp_path / "page", text)
+    (folder / "result").write_text("of x = 1")
+    assert (pages.renewed(folder, text + "A word more.\n") / "result").is_file()
+    assert not (pages.renewed(folder, text.replace("1", "2")) / "result").exists()
 
 
 def test_a_failing_command_stops_the_build(tmp_path):
@@ -332,6 +357,8 @@ def test_commands_page_has_every_command():
 def test_gallery_pages_show_what_a_script_made(tmp_path):
     gallery = documentation("gallery")
     gallery.write_gallery(tmp_path, run=False)
+    for script in gallery.scripts(tmp_path):
+        assert len(script.arguments()) == len(re.findall("[A-Z]{4,}", script.usage))  # each that a script can take
     names = {path.stem for folder in ("designs", "analysis") for path in (ROOT / folder).glob("*.py")}
     assert {path.stem for path in tmp_path.glob("*.md")} == names | {"index"}
     folder = tmp_path / "pi_dry"

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 import railslip_ctrl
 from railslip_ctrl import (
@@ -47,7 +48,7 @@ from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.pade import pade
-from railslip_ctrl.parameters import Wheel
+from railslip_ctrl.parameters import Record, Wheel
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.files import load_scenario
 from railslip_ctrl.simulation.published import published_pi
@@ -89,6 +90,12 @@ RECORDS: dict[str, Callable[[], object]] = {
     "Actuator: lag: missing; give it (s): time constant of the first-order lag": lambda: Actuator(dead_time=0.1),  # type: ignore[call-arg]
     "Actuator: delay: unknown key; allowed: dead_time, lag": lambda: Actuator(dead_time=0.1, lag=0.6, delay=0.1),  # type: ignore[call-arg]
     "PIGains: kp: True is not a number in N*m/(m/s)": lambda: PIGains(kp=True, ki=1.0),
+    "PIGains: kp: '190' is text without a unit; write the unit too, or give the number of N*m/(m/s) without quotes": (
+        lambda: PIGains(kp="190", ki=1.0)  # type: ignore[arg-type]
+    ),
+    "Table: mu: '0.2' is text; give the number without quotes": lambda: law_class("table")(
+        **{"slip": (0.1, 0.2), "mu": (0.1, "0.2")}
+    ),
     "Vehicle: wheel.radius: -1 is not allowed; give a value > 0 (m)": lambda: Vehicle(
         **{**VEHICLE, "wheel": {"radius": -1.0, "inertia": 60.0}}
     ),
@@ -114,6 +121,38 @@ RECORDS: dict[str, Callable[[], object]] = {
 @pytest.mark.parametrize("line", RECORDS)
 def test_a_record_refuses_in_one_line_of_the_package(line: str) -> None:
     assert refusal(RECORDS[line]) == line
+
+
+def records() -> list[type[Record]]:
+    """Every record of the package, those of its files too."""
+    found, left = [], [Record]
+    while left:
+        found += (own := left.pop().__subclasses__())
+        left += own
+    return [record for record in found if record.__module__.startswith("railslip_ctrl.")]
+
+
+def complaint(record: type[Record], name: str, value: object) -> str:
+    """What a record says of the value of one field, the others being missing; empty if it takes it."""
+    try:
+        record.__pydantic_validator__.validate_python({name: value})  # below what tells the first complaint alone
+    except ValidationError as error:
+        told = [one for one in error.errors() if one["loc"][:1] == (name,)]
+        return told[0]["msg"] if told else ""
+    return ""
+
+
+@pytest.mark.parametrize("record", records(), ids=lambda record: record.__name__)
+def test_no_field_of_a_record_takes_text_or_a_flag_for_a_number_or_a_number_for_a_flag(record: type[Record]) -> None:
+    for name, info in record.model_fields.items():
+        words = str(info.annotation)
+        if "float" in words:
+            for value in ("0.5", True) if record.text_needs_unit else (True,):
+                given = (value, value) if "tuple" in words else value
+                assert "text" in complaint(record, name, given) or "not a number" in complaint(record, name, given)
+        elif info.annotation is bool:
+            for value in ("true", 1):
+                assert complaint(record, name, value), f"{name} takes {value!r}"
 
 
 def test_a_copy_takes_a_value_as_it_is() -> None:

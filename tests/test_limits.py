@@ -45,6 +45,21 @@ def test_without_unstable_pole_there_is_no_limit_on_the_peaks():
     assert fundamental_limits(real([], [-1.0]), 0.0).crossover_range == (0.0, math.inf)
 
 
+def test_longest_dead_time_is_where_the_least_peak_passes_an_ms():
+    one = fundamental_limits(real([], [1.3, -2.0]), 0.7)
+    assert one.ms_bound == pytest.approx(math.exp(0.91), rel=1e-12)
+    # exp(p tau) = 2 at the doubling time, whatever the dead time that the limits were asked for
+    assert one.longest_dead_time(2.0) == pytest.approx(math.log(2) / 1.3, rel=1e-12)
+    assert one.longest_dead_time(2.0) == pytest.approx(one.doubling_time, rel=1e-12)
+    for poles, zeros in (([0.5, 1.5], []), ([1.0], [8.0]), ([0.4 + 2j, 0.4 - 2j], [])):
+        limits = fundamental_limits(real(zeros, poles), 0.3)
+        assert least_peak(np.array(poles), np.array(zeros), limits.longest_dead_time(3.0)) == pytest.approx(3.0)
+    assert fundamental_limits(real([], [-1.0]), 2.0).longest_dead_time(2.0) == math.inf
+    assert fundamental_limits(real([2.0], [1.0]), 0.0).longest_dead_time(2.0) == 0.0  # the zero alone costs 3
+    with pytest.raises(InputError, match="ms: 1 is not allowed"):
+        one.longest_dead_time(1.0)
+
+
 def test_pole_on_a_zero_cannot_be_stabilised():
     assert least_peak(np.array([1.0]), np.array([1.0]), 0.0) == math.inf
 

@@ -323,6 +323,12 @@ def test_wrong_railtoolkit_file_is_refused_in_one_line(tmp_path: Path, text: str
         ("mass = true", "mass: True is not a number in kg"),
         ("mass = [3517]", "mass: a list is not a number in kg"),
         ("mass = 'heavy'", "mass: 'heavy' is not a number in kg, with or without a unit"),
+        (
+            "mass = 10\nactuator.dead_time = '150'",  # 150 ms were meant, 150 s would be read
+            "actuator.dead_time: '150' is text without a unit; write the unit too, or give the number of s without",
+        ),
+        ("mass = 10\ninertia_scale = '3.6'", "inertia_scale: '3.6' is text; give the number without quotes"),
+        ("mass = 10\ninertia_scale = true", "inertia_scale: True is not a number"),
         ("mass = '65 N*m'", "mass: '65 N*m' has the wrong dimension; it must be convertible to 'kg'"),
         ("mass = 1e308\nwheel.radius = 1e200\nmass_loaded = 1e-3", "wheel_load: inf is not allowed"),
         ("name = 'x'", "mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)"),

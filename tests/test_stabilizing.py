@@ -346,6 +346,13 @@ def test_intersection_that_is_empty_names_the_ranges():
     common = intersection([strong, weak])
     assert common.kp_range is None
     assert "plant 1: 1 < kp < 23.3988; plant 2: 0.01 < kp < 0.233988" in common.reason
+    many = intersection([strong, strong, weak, weak], ("dry", "drier", "wet", "wetter"))
+    assert "(dry: 1 < kp < 23.3988; wet: 0.01 < kp < 0.233988)" in many.reason  # two that exclude each other
+    hopeless = stabilizing_pi(Rational(np.array([]), np.array([5.0]), 1.0), 2.4)
+    alone = intersection([strong, hopeless, hopeless], ("dry", "wet", "wetter")).reason
+    assert alone.startswith("wet (nor 1 more of the 3): no kp stabilises")
+    with pytest.raises(InputError, match="names: 1 for 2 regions"):
+        intersection([strong, weak], ("dry",))
 
 
 # -- maps -----------------------------------------------------------------------------------------------------

@@ -131,6 +131,16 @@ def test_contradictory_specifications_are_refused(arguments, match):
         tune_pi(1 / (S + 1), 0.1, **arguments)
 
 
+def test_plants_without_a_common_pi_are_called_by_their_names():
+    with pytest.raises(InfeasibleDesignError, match=r"stabilises the plant\(s\): icy: no kp.*no PI can: add a lead"):
+        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry", "icy"))
+    with pytest.raises(InfeasibleDesignError, match=r"behind the compensator.*icy: no kp") as caught:
+        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry", "icy"), compensator=LEAD)
+    assert "add a lead" not in str(caught.value)
+    with pytest.raises(InputError, match="names: 1 for 2 plants"):
+        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry",))
+
+
 def test_plants_and_dead_times_must_match():
     with pytest.raises(InputError, match="none is given"):
         tune_pi([], 0.1, ms_max=2.0)

@@ -80,6 +80,27 @@ def test_refusal_without_a_name_begins_with_the_value() -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "unit", "remedy"),
+    [
+        ("150", "s", "is text without a unit; write the unit too, or give the number of s without quotes"),
+        (" 1.5e2 ", "s", "is text without a unit; write the unit too, or give the number of s without quotes"),
+        ("3.6", "1", "is text; give the number without quotes"),
+    ],
+)
+def test_text_that_needs_a_unit_is_refused_without_one(text: str, unit: str, remedy: str) -> None:
+    with pytest.raises(InputError) as caught:
+        to_unit(text, unit, name="x", text_needs_unit=True)
+    assert str(caught.value) == f"x: {text!r} {remedy}"
+    assert to_unit(text, unit) == float(text)  # the command line, where all is text
+
+
+def test_text_with_its_unit_and_plain_numbers_need_no_more() -> None:
+    assert to_unit("150 ms", "s", text_needs_unit=True) == pytest.approx(0.15, rel=ROUNDING)
+    assert to_unit("13.2 %", "1", text_needs_unit=True) == pytest.approx(0.132, rel=ROUNDING)
+    assert to_unit(150, "s", text_needs_unit=True) == 150.0
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "1 m**999999999",

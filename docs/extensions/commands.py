@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from pages import GENERATED, Block, prepare, repository_text, run
+from pages import GENERATED, Block, renewed, repository_text, run
 from sphinx.addnodes import download_reference
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
@@ -21,7 +21,8 @@ class _OnPage(SphinxDirective):
     """What both share: the page's folder, and what has been put there so far."""
 
     def folder(self) -> Path:
-        return prepare(GENERATED / "run" / self.env.docname)
+        text = Path(self.env.doc2path(self.env.docname)).read_text("utf-8")
+        return renewed(GENERATED / "run" / self.env.docname, text)
 
     def history(self, more: str = "") -> str:
         """A hash of everything run or written on the page so far, with `more` added to it."""

@@ -122,17 +122,18 @@ class AdhesionLaw(Record):
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
         """The law's parameters, in order."""
-        return tuple(
-            name
-            for name, info in cls.model_fields.items()
-            if isinstance(info.json_schema_extra, dict) and "unit" in info.json_schema_extra
-        )
+        return tuple(cls._units())
+
+    @classmethod
+    def _units(cls) -> dict[str, str]:
+        """Units of the fields that are single numbers, by name, in order."""
+        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+        return {name: str(each["unit"]) for name, each in extras.items() if isinstance(each, dict) and "unit" in each}
 
     @classmethod
     def has_forces(cls) -> bool:
         """Whether a parameter is, or has in it, a force or a pressure: then mu at another wheel load is another."""
-        units = (cls.model_fields[name].json_schema_extra for name in cls.parameter_names())
-        return any(re.search(r"\b(N|Pa)\b", str(each["unit"])) for each in units if isinstance(each, dict))
+        return any(re.search(r"\b(N|Pa)\b", unit) for unit in cls._units().values())
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
@@ -188,6 +189,16 @@ class AdhesionLaw(Record):
                 f"adhesion {self.name!r}: its parameters are for wet rail; dry ones do not follow from them"
             )
         return self.wet() if rail is Rail.WET else self
+
+    def at_wheel_load(self, factor: float) -> Self:
+        """The law at `factor` (> 0) times the wheel load with mu as it was: what is a force grows with the load.
+
+        This project's assumption for a law known at one wheel load only; the published sets follow it. Stresses and
+        lengths of a contact stay. InputError for a factor that is not positive and finite.
+        """
+        number("factor of the wheel load", factor, gt=0)
+        forces = {name: -1 if "/N" in unit else 1 for name, unit in self._units().items() if re.search(r"\bN\b", unit)}
+        return self.model_copy(update={name: getattr(self, name) * factor**power for name, power in forces.items()})
 
     def reference_slip(self, rail: Rail) -> float | None:
         """Reference slip ratio on a rail condition; None where neither source nor user gives one."""

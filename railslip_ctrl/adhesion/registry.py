@@ -62,16 +62,27 @@ def published_law(
 ) -> AdhesionLaw:
     """The published parameter set of a law by name.
 
+    Slip velocity sigma = v - r omega and adhesion force Fa are positive in braking ([Park2008] (1), (2)). Parameters
+    that were identified at the rig's wheel load of 34 500 N are taken to another so that mu(slip) stays what was
+    measured: this project's assumption, [Park2008] has that load alone.
+
     Parameters
     ----------
     name : str
-        One of `law_names`.
+        One of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1), "bristle"
+        ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); `source` of a law names its own.
     rail : Rail or str
         Condition the parameters are for: "dry" or "wet".
     initial_speed_kmh : float
-        Speed v0 at which the brake was applied, km/h, 30 to 140.
+        Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment
+        ([Park2008] (30)-(32), Table 1). Laws that are not published over v0 do not use it.
     wheel_load : float
-        Wheel load, N, > 0; the published vehicle's unless given.
+        Wheel load N, N, > 0; the published vehicle's 34 500 N unless given.
+
+    Returns
+    -------
+    AdhesionLaw
+        A frozen record of the law, its fields in SI, with the reference slips where the source has them.
 
     Raises
     ------

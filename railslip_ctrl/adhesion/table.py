@@ -51,7 +51,9 @@ class Table(AdhesionLaw):
     @field_validator("slip", "mu", mode="before")
     @classmethod
     def _numbers(cls, value: object) -> object:
-        return tuple(to_unit(each, "1") for each in value) if isinstance(value, (list, tuple)) else value
+        if not isinstance(value, (list, tuple)):
+            return value
+        return tuple(to_unit(each, "1", text_needs_unit=True) for each in value)
 
     @field_validator("slip")
     @classmethod

@@ -204,5 +204,5 @@ def _is_number(name: str) -> bool:
 def _si(value: Any, unit: str, name: str) -> Any:
     """A number, or a tuple of them, in SI; where no unit is known a plain number is asked for."""
     if isinstance(value, list):
-        return tuple(to_unit(member, unit or "1", name=name) for member in value)
-    return to_unit(value, unit or "1", name=name)
+        return tuple(to_unit(member, unit or "1", name=name, text_needs_unit=True) for member in value)
+    return to_unit(value, unit or "1", name=name, text_needs_unit=True)

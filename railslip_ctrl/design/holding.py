@@ -21,6 +21,18 @@ from .controllers import PIController, actuated_plant
 _INTEGRAL_TIME = 50.0
 
 
+NO_FEEDBACK_NEEDED = (
+    "the wheel is stable by itself at every operating point, and least Ms asks for zero gain, which is no controller; "
+    "tune the largest ki under an Ms instead"
+)
+"""Why there is no design of least Ms where no plant is unstable."""
+
+
+def needs_feedback(plants: Sequence[LinearPlant]) -> bool:
+    """Whether any of the `plants` has a pole that is not left of the imaginary axis."""
+    return any(bool(np.any(plant.poles.real >= 0)) for plant in plants)
+
+
 @dataclass(frozen=True)
 class HoldingDesign:
     """PI gains of least worst Ms over some operating points, at a fixed integral time.
@@ -49,12 +61,15 @@ def holding_gains(plants: Sequence[LinearPlant], actuator: Actuator) -> HoldingD
     Raises
     ------
     InfeasibleDesignError
-        No single kp stabilises all the plants; says the range of each.
+        No single kp stabilises all the plants; says the range of each. Or none of them needs to be held: without
+        feedback Ms is 1, and the gain of least Ms is none (`needs_feedback`).
     InputError
         No plant is given.
     """
     if not plants:
         raise InputError("holding gains: no operating point is given; give at least one")
+    if not needs_feedback(plants):
+        raise InfeasibleDesignError(NO_FEEDBACK_NEEDED)
     integral_time = _INTEGRAL_TIME * ((actuator.dead_time + actuator.lag) or 0.02)
     shape = Rational(np.array([-1 / integral_time]), np.array([0.0]), 1.0)
     loops = [DeadTimeLoop(shape * actuated_plant(plant, actuator), actuator.dead_time) for plant in plants]

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from railslip_ctrl.arguments import number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, frequency_nodes
@@ -112,6 +113,27 @@ class Limits:
     allowed_lag_deg: float
     pi: StructureLimit | None
     pi_lead: StructureLimit | None
+
+    def longest_dead_time(self, ms: float) -> float:
+        """Dead time, s, beyond which no linear controller of the plant has a peak |S| of at most `ms`, a ratio > 1.
+
+        That is where `least_peak` passes it: ln(ms)/p for one real pole and no zero right of the axis, so that a Ms of
+        2 ends at the doubling time. 0 if zeros right of the axis forbid it without dead time too, inf for a stable
+        plant. InputError for another `ms`. A theorem, which says nothing of a given structure.
+        """
+        number("ms", ms, gt=1)
+        poles, zeros = np.array(self.unstable_poles), np.array(self.unstable_zeros)
+        if not self.unstable_poles:
+            return math.inf
+        if least_peak(poles, zeros, 0.0) >= ms:
+            return 0.0
+        from scipy.optimize import brentq
+
+        # each pole alone costs exp(Re p tau) at least: the end lies below ln(ms)/p, and there for one real pole
+        top = math.log(ms) / self.unstable_pole
+        if least_peak(poles, zeros, top) <= ms * (1.0 + 1e-12):
+            return top
+        return float(brentq(lambda tau: math.log(least_peak(poles, zeros, tau) / ms), 0.0, top, rtol=1e-12))
 
 
 def fundamental_limits(

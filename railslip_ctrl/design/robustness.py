@@ -113,7 +113,7 @@ def range_cases(
 def _loads(operating_range: OperatingRange, vehicle: Vehicle) -> list[Vehicle]:
     if operating_range.masses:
         return [vehicle.model_copy(update={"mass": m, "mass_loaded": m}) for m in operating_range.masses]
-    return [vehicle] if vehicle.mass == vehicle.mass_loaded else [vehicle, vehicle.loaded()]
+    return list(vehicle.loads())
 
 
 def _reference(law: AdhesionLaw, rail: Rail) -> float:

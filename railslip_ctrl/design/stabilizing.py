@@ -6,6 +6,7 @@ decided by the exact root count inside each ([Gryazina2008]; [Silva2005] has fir
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -278,9 +279,10 @@ class StabilizingRegion(Region):
 
 @dataclass(frozen=True)
 class IntersectionRegion(Region):
-    """The gains that lie in all of `regions`; made by `intersection`."""
+    """The gains that lie in all of `regions`; made by `intersection`. `names` are what `reason` calls their plants."""
 
     regions: tuple[Region, ...]
+    names: tuple[str, ...] = ()
 
     def loops(self, kp: float, ki: float) -> tuple[DeadTimeLoop, ...]:
         return tuple(loop for region in self.regions for loop in region.loops(kp, ki))
@@ -300,12 +302,17 @@ class IntersectionRegion(Region):
     def reason(self) -> str:
         if self.kp_range is not None:
             return ""
-        alone = [f"plant {i + 1}: {r.reason}" for i, r in enumerate(self.regions) if r.reason]
+        names = self.names or tuple(f"plant {i + 1}" for i in range(len(self.regions)))
+        alone = [(name, r.reason) for name, r in zip(names, self.regions, strict=True) if r.reason]
         if alone:
-            return "; ".join(alone)
+            name, reason = alone[0]
+            more = f" (nor {len(alone) - 1} more of the {len(names)})" if len(alone) > 1 else ""
+            return f"{name}{more}: {reason}"
+        sets = [(name, r.kp_intervals) for name, r in zip(names, self.regions, strict=True)]
+        # two that exclude each other are reason enough
+        apart = next(([a, b] for a, b in itertools.combinations(sets, 2) if not common_intervals([a[1], b[1]])), sets)
         told = "; ".join(
-            f"plant {i + 1}: " + ", ".join(f"{low:.6g} < kp < {high:.6g}" for low, high in r.kp_intervals)
-            for i, r in enumerate(self.regions)
+            f"{name}: " + ", ".join(f"{low:.6g} < kp < {high:.6g}" for low, high in found) for name, found in apart
         )
         return f"no kp stabilises all plants with small ki ({told}); schedule the gains"
 
@@ -314,17 +321,32 @@ class IntersectionRegion(Region):
 def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     """All (kp, ki) with ki >= 0 for which kp + ki/s stabilises plant(s) exp(-dead_time s), negative feedback.
 
+    The loop is L(s) = (kp + ki/s) P(s) exp(-dead_time s), and a gain stabilises if 1 + L has no root with real part
+    >= 0, the dead time exact ([Gryazina2008]; [WaltonMarshall1987]). With the wheel's plant, from brake torque to
+    sigma, P > 0 at high frequency, and kp and ki are those of Tb = kp e + ki integral(e), e = sigma_d - sigma
+    ([Park2008] (3), Table 4); the set of a plant of the other sign has kp < 0.
+
     Parameters
     ----------
     plant : python-control TransferFunction or StateSpace, `Rational`, or a real number
-        Continuous-time, SISO; strictly proper if there is dead time. Hidden unstable modes empty the set.
+        P, controlled variable over controller output, in any units, time in s; continuous-time, SISO; strictly proper
+        if there is dead time. It may be unstable; hidden unstable modes empty the set. The actuator's lag belongs to
+        it.
     dead_time : float
         s, >= 0.
+
+    Returns
+    -------
+    StabilizingRegion
+        The whole set, open: `kp_range` and `kp_intervals`, `ki_limit` and `ki_intervals` at a kp, `contains`; kp in
+        units of the plant's input over its output, ki in that per second. Empty where no PI stabilises: `kp_range` is
+        then None, and `reason` says why. Ends are exact to rounding, and may be infinite.
 
     Raises
     ------
     InputError
-        The plant or the dead time is not of this form.
+        The plant or the dead time is not of this form; or a plant with direct feedthrough and dead time, whose loop is
+        neutral.
     """
     return _region(plant, dead_time)
 
@@ -369,17 +391,26 @@ def stabilizing_pid(
 
 
 @checked
-def intersection(regions: Sequence[Region]) -> IntersectionRegion:
+def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> IntersectionRegion:
     """The gains that lie in every one of `regions`, intervals and all.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+        At least one.
+    names : sequence of str
+        What to call the plant of each where the intersection is empty; left out, by number.
 
     Raises
     ------
     InputError
-        No region is given.
+        No region is given, or another number of names.
     """
     if not regions:
         raise InputError("intersection: no region is given; give at least one")
-    return IntersectionRegion(tuple(regions))
+    if names and len(names) != len(regions):
+        raise InputError(f"names: {len(names)} for {len(regions)} regions; give one for each, or none")
+    return IntersectionRegion(tuple(regions), tuple(names))
 
 
 def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingRegion:

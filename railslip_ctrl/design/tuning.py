@@ -46,6 +46,7 @@ def tune_pi(
     minimise_ms: bool = False,
     ki_min: float | None = None,
     compensator: Rational | None = None,
+    names: Sequence[str] = (),
 ) -> PIDesign:
     """One PI, kp + ki/s, for all the plants.
 
@@ -60,11 +61,14 @@ def tune_pi(
     crossover : tuple of float
         Lowest and highest gain crossover, rad/s; see `Specification`.
     minimise_ms : bool
-        Instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for.
+        Instead minimise the worst Ms at ki >= `ki_min`, under whatever else is asked for. Where all plants are stable
+        that is next to no gain, and Ms next to 1: give `ms_max` then.
     ki_min : float
         In the plant's unit of gain per second, > 0; without it the integral action would vanish.
     compensator : Rational
         A further transfer function in series with the PI, such as a lead.
+    names : sequence of str
+        What an error calls each plant; left out, by number.
 
     Returns
     -------
@@ -78,7 +82,10 @@ def tune_pi(
         No plants, an argument of another kind, or a specification that contradicts itself.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
-    family = Family(_systems(plants, compensator), _dead_times(plants, dead_time), compensator is not None)
+    systems = _systems(plants, compensator)
+    family = Family(systems, _dead_times(plants, dead_time), compensator is not None, tuple(names))
+    if names and len(names) != len(systems):
+        raise InputError(f"names: {len(names)} for {len(systems)} plants; give one for each, or none")
     if minimise_ms:
         if ki_min is None:
             raise InputError("ki_min: None is not allowed with minimise_ms; give a least ki > 0")

@@ -48,6 +48,7 @@ class Family:
     systems: list[Rational]
     dead_times: list[float]
     compensated: bool = False
+    names: tuple[str, ...] = ()
 
     @cached_property
     def regions(self) -> list[StabilizingRegion]:
@@ -94,9 +95,15 @@ class Family:
 
     def kp_values(self) -> Floats:
         """A coarse grid over the gains that stabilise all plants with little integral action."""
-        common = intersection(self.regions) if len(self.regions) > 1 else self.regions[0]
+        common = intersection(self.regions, self.names) if len(self.regions) > 1 or self.names else self.regions[0]
         if common.kp_range is None:
-            raise InfeasibleDesignError(f"no PI stabilises the plant(s): {common.reason}")
+            # a lead is no advice where there is one
+            reason = common.reason.replace("; no PI can: add a lead, or reduce", "; reduce")
+            raise InfeasibleDesignError(
+                f"no PI behind the compensator stabilises the plant(s): {reason}"
+                if self.compensated
+                else f"no PI stabilises the plant(s): {common.reason}"
+            )
         return np.concatenate([_spread(low, high) for low, high in common.kp_intervals])
 
     def kp_unbounded(self) -> bool:

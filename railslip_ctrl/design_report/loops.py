@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.assessment import ROBUST_MS, assess
+from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController, actuated_plant, intersection, margin_grid, outline, stabilizing_pi
 from railslip_ctrl.design.compensators import Compensator, filtered_smith_predictor, smith_predictor
 from railslip_ctrl.design.effort import Effort, control_effort
+from railslip_ctrl.design.holding import needs_feedback
 from railslip_ctrl.design.rules import RuleTuning, simc_pi
 from railslip_ctrl.design_check import ControllerGroup, DesignCheck, controller_group
 from railslip_ctrl.errors import InputError, RailslipError
@@ -24,8 +25,9 @@ from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PIGains, Rail, Vehicle, table4_gains
 from railslip_ctrl.units import KMH
 
-from .candidates import LEAST_MS, Candidate, candidates
+from .candidates import Candidate, candidates, design_names
 from .records import Attempt, GainRegion, LawCurve, LoopDesign, LoopDesigns
+from .shortfall import shortfall
 from .speed_range import speed_range
 
 COMPARED_LAWS = ("beam", "curve", "bristle")
@@ -94,7 +96,8 @@ def gain_region(check: DesignCheck, plants: Sequence[LinearPlant]) -> GainRegion
     chosen = _chosen_gains(check, plants)
     try:
         region = intersection(
-            [stabilizing_pi(actuated_plant(plant, actuator), dead_time=actuator.dead_time) for plant in plants]
+            [stabilizing_pi(actuated_plant(plant, actuator), dead_time=actuator.dead_time) for plant in plants],
+            [plant.point.words for plant in plants],
         )
         kp_range = region.kp_range
         if kp_range is None:
@@ -156,6 +159,8 @@ def loop_designs(check: DesignCheck, plants: Sequence[LinearPlant], given: PIGai
         gangs=gangs,
     )
     taken = found.recommended
+    if (taken is None or not taken.robust) and needs_feedback(plants):
+        found = replace(found, shortfall=shortfall(plants, vehicle, held_together=taken is not None))
     return found if taken is None else replace(found, speeds=speed_range(taken.name, taken.controller, plants))
 
 
@@ -165,7 +170,7 @@ def recommended_group(loops: LoopDesigns) -> ControllerGroup | None:
     if taken is None:
         return None
     scale = loops.shown_at.vehicle.inertia_scale
-    standing = "Recommended" if taken.worst_ms <= ROBUST_MS else "Least fragile"
+    standing = "Recommended" if taken.robust else "Least fragile"
     return controller_group(f"{standing}: {taken.name}, inertia scale {scale:g}", taken.how, taken.assessments)
 
 
@@ -187,7 +192,7 @@ def _attempts(plants: Sequence[LinearPlant], vehicle: Vehicle, compared: Sequenc
     """A known rule and two predictors at each operating point, each made for it with its exact model."""
     tau = vehicle.actuator.dead_time
     named = {one.name: one.controller for one in compared}
-    primary = named.get(LEAST_MS, compared[0].controller).transfer_function
+    primary = named.get(design_names(vehicle).least_ms, compared[0].controller).transfer_function
     found = []
     for plant in plants:
         system = actuated_plant(plant, vehicle.actuator)

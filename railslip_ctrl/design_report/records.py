@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.assessment import ROBUST_MS, Assessment
+from railslip_ctrl.assessment import Assessment, is_robust
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.effort import Effort
@@ -25,7 +25,6 @@ from railslip_ctrl.parameters import Rail
 from railslip_ctrl.reproduction import Fact, Table5
 from railslip_ctrl.simulation import Run, Scenario
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
-from railslip_ctrl.simulation.run import Signals
 from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding_verification import FullVerification
 from railslip_ctrl.units import KMH
@@ -109,6 +108,17 @@ class LoopDesign:
     def stable(self) -> bool:
         """Whether every loop is."""
         return all(one.stable for one in self.assessments)
+
+    @property
+    def holds(self) -> bool:
+        """Whether every loop is stable, and by feedback: zero gain is no design, though its Ms is 1."""
+        gains = self.controller.gains
+        return self.stable and not gains.kp == gains.ki == 0
+
+    @property
+    def robust(self) -> bool:
+        """Whether the largest Ms over the operating points is called robust."""
+        return is_robust(self.worst_ms)
 
     @property
     def worst_ms(self) -> float:
@@ -199,11 +209,29 @@ class Attempt:
 
 
 @dataclass(frozen=True)
+class Shortfall:
+    """Why no design is robust (Ms <= `ROBUST_MS`), and what the brake would have to be.
+
+    `point` is where the least Ms of any linear controller is highest, `limits` what holds there. `longest_dead_time`,
+    s: beyond it no linear controller is robust at every operating point, a theorem. `lead_dead_time`, s: up to it the
+    PI of least Ms, behind a lead if the brake has a lag, is robust at all of them, found by tuning; 0 if with none.
+    `alone`: that PI tuned for each operating point alone, where none holds them together; empty where one does.
+    """
+
+    point: OperatingPoint
+    limits: Limits
+    longest_dead_time: float
+    lead_dead_time: float
+    alone: tuple[Attempt, ...]
+
+
+@dataclass(frozen=True)
 class LoopDesigns:
     """Designs side by side; responses and gang of four are of the stable ones, at `shown_at`.
 
     Steps are of 1 km/h in the reference slip velocity and of `load_step` N*m of torque at the wheel. `refused` has
-    designs that do not exist, with the reason. `speeds` is of the recommended design; None if none is.
+    designs that do not exist, with the reason. `speeds` is of the recommended design; None if none is. `shortfall` is
+    there where no design is robust.
     """
 
     designs: tuple[LoopDesign, ...]
@@ -215,21 +243,26 @@ class LoopDesigns:
     load: dict[str, TimeResponse]
     gangs: dict[str, GangOfFour]
     speeds: SpeedRange | None = None
+    shortfall: Shortfall | None = None
 
     @property
     def best(self) -> LoopDesign | None:
         """The least worst Ms of those that hold every operating point; None if none does."""
-        return min((one for one in self.designs if one.stable), key=lambda one: one.worst_ms, default=None)
+        return min((one for one in self.designs if one.holds), key=lambda one: one.worst_ms, default=None)
 
     @property
     def recommended(self) -> LoopDesign | None:
         """The design to take; None if none holds every operating point.
 
-        Robust ones (worst Ms <= `ROBUST_MS`) before others, then the one tuned over speeds, rails and loads, then the
-        least worst Ms. One that needs the rail's holding torque is not taken: it is not a controller by itself.
+        Robust ones (worst Ms <= `ROBUST_MS`) before others, then the one tuned over speeds, rails and loads, then any
+        before the paper's, which were made for its vehicle, then the least worst Ms. One that needs the rail's holding
+        torque is not taken: it is not a controller by itself.
         """
-        stable = [one for one in self.designs if one.stable and not one.needs_hold]
-        return min(stable, key=lambda one: (one.worst_ms > ROBUST_MS, not one.over_range, one.worst_ms), default=None)
+
+        def rank(one: LoopDesign) -> tuple[bool, bool, bool, float]:
+            return not one.robust, not one.over_range, one.origin is Origin.CITED, one.worst_ms
+
+        return min((one for one in self.designs if one.holds and not one.needs_hold), key=rank, default=None)
 
 
 @dataclass(frozen=True)
@@ -275,11 +308,36 @@ class StopRun:
 
 
 @dataclass(frozen=True)
+class SlowRun:
+    """How one run ends, read from every step of it; speeds in km/h, NaN for never.
+
+    `mass`: kg. `seed`: of the noise; None without random force and caliper torque. `highest_slip` and
+    `highest_slip_usual`: slip ratios from the upper speed of its `SlowEnd` on down to the least one, and to the usual
+    one. `beyond_kmh`: where slip first passes twice the reference; `locked_kmh`: where the wheel first locks.
+    """
+
+    mass: float
+    seed: int | None
+    highest_slip: float
+    highest_slip_usual: float
+    beyond_kmh: float
+    locked_kmh: float
+
+    @property
+    def locks(self) -> bool:
+        """Whether the wheel locks."""
+        return bool(np.isfinite(self.locked_kmh))
+
+
+@dataclass(frozen=True)
 class SlowEnd:
     """The end of a stop of the controller `name`, continued below the speed at which slip control ends.
 
-    `controlled` goes on with the controller, from the full speed down to `least_kmh`; `cut_out` is the torque `torque`,
-    N*m, held from `from_kmh` down, free rolling at first. `reference` is the slip ratio the controller holds.
+    Runs from the full speed, empty and loaded, looked at from `from_kmh` down to `least_kmh`, slip ratio `reference`
+    held: `controlled` goes on with the controller, each noise seed in turn; `undisturbed` is the same without random
+    force and caliper torque; `handed_over` hands over, at `from_kmh`, to a held `torque`, N*m, with the same seeds.
+    `usual_kmh` is where a stop usually ends. `friction_needed` is the adhesion coefficient that the held torque takes
+    at constant slip, empty; `friction_there` the largest of the law at rest at `from_kmh`.
     """
 
     name: str
@@ -287,41 +345,34 @@ class SlowEnd:
     rail: Rail
     reference: float
     from_kmh: float
+    usual_kmh: float
     least_kmh: float
     torque: float
-    controlled: Run
-    cut_out: Run
-
-    def highest_slip(self, below_kmh: float) -> float:
-        """Highest slip ratio of the controlled run below a speed; NaN if it does not come there."""
-        signals = _signals(self.controlled)
-        slow = signals.speed < below_kmh * KMH
-        return float(signals.slip[slow].max()) if slow.any() else float("nan")
-
-    def highest_slip_cut_out(self, above_kmh: float) -> float:
-        """Highest slip ratio of the run with the torque held, down to a speed."""
-        if above_kmh <= self.least_kmh:
-            return self.cut_out.max_slip  # of every step, of which the signals have some
-        signals = _signals(self.cut_out)
-        return float(signals.slip[signals.speed >= above_kmh * KMH].max())
-
-    def first_beyond(self, slip: float, below_kmh: float) -> float:
-        """Speed, km/h, at which the slip ratio of the controlled run first passes `slip` below a speed; NaN: never."""
-        signals = _signals(self.controlled)
-        beyond = np.flatnonzero((signals.speed < below_kmh * KMH) & (signals.slip > slip))
-        return float(signals.speed[beyond[0]] / KMH) if beyond.size else float("nan")
+    friction_needed: float
+    friction_there: float
+    controlled: tuple[SlowRun, ...]
+    undisturbed: tuple[SlowRun, ...]
+    handed_over: tuple[SlowRun, ...]
 
     @property
-    def locks_at(self) -> float:
-        """Speed, km/h, at which the wheel of the controlled run is first locked below `from_kmh`; NaN if never."""
-        signals = _signals(self.controlled)
-        locked = np.flatnonzero((signals.speed < self.from_kmh * KMH) & (signals.locked > 0))
-        return float(signals.speed[locked[0]] / KMH) if locked.size else float("nan")
+    def lost_at(self) -> float:
+        """Highest speed, km/h, at which a controlled run passes twice its reference or locks; NaN if none does."""
+        return _highest([speed for one in self.controlled for speed in (one.beyond_kmh, one.locked_kmh)])
+
+    @property
+    def held_locks_at(self) -> float:
+        """Highest speed, km/h, at which a run with the torque held locks; NaN if none does."""
+        return _highest([one.locked_kmh for one in self.handed_over])
+
+    @property
+    def torque_there(self) -> float:
+        """Torque, N*m, that takes `friction_there`: more than it locks the wheel."""
+        return self.torque * self.friction_there / self.friction_needed
 
 
-def _signals(run: Run) -> Signals:
-    assert run.signals is not None, "the runs of a report are recorded"
-    return run.signals
+def _highest(speeds: list[float]) -> float:
+    """The highest of the speeds that are not NaN; NaN if all are."""
+    return max((speed for speed in speeds if not np.isnan(speed)), default=float("nan"))
 
 
 @dataclass(frozen=True)

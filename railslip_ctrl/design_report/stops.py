@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import OperatingPoint, linearize
@@ -15,33 +15,33 @@ from railslip_ctrl.simulation.catalogue import controller_named
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import (
-    SPEEDS_KMH,
     TRACKING_TIME,
     full_brake_torque,
     initial_torque,
     is_published,
+    recommended_pi_lead,
 )
 from railslip_ctrl.simulation.published import Column, published_reference
-from railslip_ctrl.simulation.scenario import named_law
+from railslip_ctrl.simulation.scenario import in_reading, named_law
 from railslip_ctrl.units import KMH
 
-from .candidates import FULL_RANGE, LEAST_MS, least_ms
-from .records import SlowEnd, Stop, StopRun
+from .candidates import DesignNames, design_names, least_ms
+from .held_laws import is_own, own_design_points
+from .loops import COMPARED_LAWS
+from .records import Stop, StopRun
+from .slow_end import slow_ends
 
 CONTROLLERS = {
     "pi": "published PI",
     "asmc": "published ASMC",
-    "pi-lead": FULL_RANGE,
+    "pi-lead": "full range",
     "slide-protection": "slide protection",
 }
-"""Controllers of the catalogue that are run, and what the report calls them."""
+"""Controllers of the catalogue that are run, and what the report calls them; `design_names` has the full-range one."""
 
 SEED = 0
 SPREAD_SEEDS = range(4)
 """Noise seeds of the spread in braking distance; statistics over many are the campaign's."""
-
-SLOWEST_KMH = 1.0
-"""Where a stop that is continued below its usual end is given up."""
 
 DRY_START = 0.25
 """Initial torque by wheel load times radius where the rail is known to be dry; the curve's peak is 0.3."""
@@ -49,8 +49,7 @@ DRY_START = 0.25
 RELAY_SHARE = 1.0 / 3.0
 """Torque of the relay by wheel load times radius: what the best dry adhesion takes, about."""
 
-STARTED_DRY, RELAY = f"{FULL_RANGE}, started for dry rail", "relay"
-HOLDING = "holding PI"
+HOLDING, RELAY = "holding PI", "relay"
 
 _RELAY_GAIN = 1e7  # N*m/(m/s): full torque within a slip velocity of a millimetre a second
 _LOG_PERIOD = 0.05  # s: a picture needs no more
@@ -61,28 +60,28 @@ def stops(
 ) -> tuple[Stop, ...]:
     """A stop on each rail asked for and, of the published vehicle, the published one in its own units.
 
-    Points of one vehicle; `given` and `holding` are a PI to run too. The bristle model's static curve, the same model
-    along a slip ramp ([Park2008] Fig. 17), takes its place, as in the reading that gives the paper's Table 5:
-    controllers are compared over the curve that they were published for. Linear controllers are run again with the
-    dynamic model itself, `Stop.dynamic`.
+    Points of one vehicle; `given` and `holding` are a PI to run too. The published bristle model's static curve, the
+    same model along a slip ramp ([Park2008] Fig. 17), takes its place, as in the reading that gives the paper's
+    Table 5: controllers are compared over the curve that they were published for. Linear controllers are run again
+    with the dynamic model itself, `Stop.dynamic`. A law of the user's own is run as it is.
     """
     vehicle, first = points[0].vehicle, points[0]
     column: Column = "beam" if first.adhesion == "beam" else "bristle"
     reference = _reference(points, column)
-    controllers = _controllers(vehicle, column, reference)
+    controllers = _controllers(points, column, reference)
     if given is not None:
         controllers["given PI"] = LinearControl(PIController(given), reference)
     compared = _compared(points, holding, controllers, reference)
     found = []
+    by_rail = {point.rail: point for point in reversed(points)}
     for rail in dict.fromkeys(point.rail for point in points):
-        scenario = _plain(vehicle, first, rail)
-        if scenario is not None:
-            title = f"{rail} rail from the start, inertia scale {vehicle.inertia_scale:g}"
-            found.append(_stop(title, scenario, controllers, compared, dynamic=first.adhesion == "bristle"))
+        title = f"{rail} rail from the start, inertia scale {vehicle.inertia_scale:g}"
+        again = first.adhesion == "bristle" and not is_own(first)
+        found.append(_stop(title, _plain(by_rail[rail]), controllers, compared, dynamic=again))
     if is_published(vehicle):
         title = "the published run as published (inertia scale 3.6): loaded and wet from 25 s on"
         scenario = published_scenario()
-        controllers = _controllers(scenario.vehicle, column, published_reference(column))
+        controllers = _published_controllers(scenario.vehicle, column, published_reference(column))
         found.append(_stop(title, scenario, controllers, {}))
     return tuple(found)
 
@@ -99,7 +98,7 @@ def _compared(
     for dry rail; and a relay, full torque below the reference slip and none above.
     """
     vehicle = points[0].vehicle
-    load = vehicle.wheel_load * vehicle.wheel.radius
+    load, names = vehicle.wheel_load * vehicle.wheel.radius, design_names(vehicle)
     made: dict[str, Controller | str] = {}
 
     def as_full_range(design: PIController, name: str) -> LinearControl:
@@ -116,12 +115,13 @@ def _compared(
     if holding is not None:
         made[HOLDING] = as_full_range(holding, "pi")
     try:
-        made[LEAST_MS] = as_full_range(least_ms([linearize(point) for point in points], vehicle).controller, "pi-lead")
+        least = least_ms([linearize(point) for point in points], vehicle).controller
+        made[names.least_ms] = as_full_range(least, "pi-lead")
     except RailslipError as error:
-        made[LEAST_MS] = str(error)
-    full_range = controllers[FULL_RANGE]
+        made[names.least_ms] = str(error)
+    full_range = controllers[names.full_range]
     if isinstance(full_range, LinearControl):
-        made[STARTED_DRY] = replace(full_range, initial_torque=DRY_START * load)
+        made[names.started_dry] = replace(full_range, initial_torque=DRY_START * load)
     made[RELAY] = LinearControl(
         PIController(PIGains(kp=_RELAY_GAIN, ki=0.0)),
         reference,
@@ -132,16 +132,14 @@ def _compared(
     return made
 
 
-def _plain(vehicle: Vehicle, point: OperatingPoint, rail: Rail) -> Scenario | None:
-    """The published disturbances without its events; None where the law cannot be had on this rail."""
+def _plain(point: OperatingPoint) -> Scenario:
+    """The published disturbances without its events, with the law of a point; of the published bristles their curve."""
     v0 = (INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh) * KMH
-    try:
-        law: AdhesionLaw = point.law if point.adhesion != "bristle" else named_law("curve", vehicle, v0)
-        if point.adhesion in ("beam", "curve"):
-            law = named_law(point.adhesion, vehicle, v0)
-        law.on(rail)
-    except RailslipError:
-        return None
+    rail, vehicle, name = point.rail, point.vehicle, point.adhesion
+    if is_own(point) or name not in COMPARED_LAWS:
+        law = in_reading(point.law, vehicle)
+    else:
+        law = named_law("curve" if name == "bristle" else name, vehicle, v0)
     return published_scenario(as_published=False).with_changes(
         name=f"{rail} rail", vehicle=vehicle, adhesion=law, rail=rail, initial_speed=v0, events=()
     )
@@ -154,10 +152,24 @@ def _reference(points: Sequence[OperatingPoint], column: Column) -> ReferenceSli
     return ReferenceSlip(dry=slips.get(Rail.DRY, published.dry), wet=slips.get(Rail.WET, published.wet))
 
 
-def _controllers(vehicle: Vehicle, column: Column, reference: ReferenceSlip) -> dict[str, Controller | str]:
-    """Controllers by what the report calls them; the reason in place of one that the vehicle does not allow."""
+def _controllers(
+    points: Sequence[OperatingPoint], column: Column, reference: ReferenceSlip
+) -> dict[str, Controller | str]:
+    """Controllers by what the report calls them; the full-range one is tuned for the law where it is the user's own."""
+    vehicle = points[0].vehicle
+    made, name = _published_controllers(vehicle, column, reference), design_names(vehicle).full_range
+    if is_own(points[0]):
+        try:
+            made[name] = recommended_pi_lead(vehicle, reference=reference, plants=own_design_points(points))
+        except RailslipError as error:
+            made[name] = str(error)
+    return made
+
+
+def _published_controllers(vehicle: Vehicle, column: Column, reference: ReferenceSlip) -> dict[str, Controller | str]:
+    """Those of the catalogue; the reason in place of one that the vehicle does not allow."""
     made: dict[str, Controller | str] = {}
-    for name, shown in CONTROLLERS.items():
+    for name, shown in (CONTROLLERS | {"pi-lead": design_names(vehicle).full_range}).items():
         try:
             made[shown] = controller_named(name, vehicle, column=column, reference=reference)
         except RailslipError as error:
@@ -175,20 +187,21 @@ def _stop(
 ) -> Stop:
     spread = bool(compared)
     runs = [_run(name, scenario, controller, spread=spread) for name, controller in controllers.items()]
-    chief = _chief(controllers | compared)
+    chief = _chief(controllers | compared, design_names(scenario.vehicle))
     runs += [_run(name, scenario, one, spread=spread, drawn=name == chief) for name, one in compared.items()]
     laws, again = [scenario.adhesion], []
     if dynamic:
         laws.append(named_law("bristle", scenario.vehicle, scenario.initial_speed))
         again = list(_dynamic(scenario.with_changes(adhesion=laws[1]), controllers | compared))
-    ends = list(_slow_ends(scenario, chief, (controllers | compared)[chief], laws)) if chief and compared else []
-    return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), tuple(ends))
+    design = (controllers | compared).get(chief)
+    ends = slow_ends(scenario, chief, design, laws, SPREAD_SEEDS) if isinstance(design, LinearControl) else ()
+    return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), ends if compared else ())
 
 
-def _chief(controllers: dict[str, Controller | str]) -> str:
+def _chief(controllers: dict[str, Controller | str], names: DesignNames) -> str:
     """The design that is recommended where it exists, or else the next one: full range, least Ms, holding."""
-    found = (name for name in (FULL_RANGE, LEAST_MS, HOLDING) if isinstance(controllers.get(name), LinearControl))
-    return next(found, "")
+    looked_for = (names.full_range, names.least_ms, HOLDING)
+    return next((name for name in looked_for if isinstance(controllers.get(name), LinearControl)), "")
 
 
 def _dynamic(scenario: Scenario, controllers: dict[str, Controller | str]) -> Iterator[StopRun]:
@@ -196,23 +209,6 @@ def _dynamic(scenario: Scenario, controllers: dict[str, Controller | str]) -> It
     for name, controller in controllers.items():
         if isinstance(controller, LinearControl):
             yield _run(name, scenario, controller, spread=True)
-
-
-def _slow_ends(
-    scenario: Scenario, name: str, controller: Controller | str, laws: Sequence[AdhesionLaw]
-) -> Iterator[SlowEnd]:
-    """The stop continued to walking pace: by the controller, and with its initial torque held from its range's end."""
-    rail, vehicle = scenario.rail, scenario.vehicle
-    assert isinstance(controller, LinearControl), "the chief design is one"
-    start, torque = min(SPEEDS_KMH), initial_torque(vehicle)
-    held = LinearControl(PIController(PIGains(kp=0.0, ki=0.0)), controller.reference, initial_torque=torque)
-    for law in laws:
-        whole = scenario.with_changes(adhesion=law, final_speed=SLOWEST_KMH * KMH)
-        end = whole.with_changes(initial_speed=min(start * KMH, scenario.initial_speed))
-        ran = [_run("", *pair).run for pair in ((whole, controller), (end, held))]
-        if ran[0] is not None and ran[1] is not None:
-            reference = getattr(controller.reference, rail.value)
-            yield SlowEnd(name, law.name, rail, reference, start, SLOWEST_KMH, torque, ran[0], ran[1])
 
 
 def _run(

@@ -6,7 +6,7 @@ The schema knows neither axles nor wheels nor brakes; `files` puts them beside i
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import ConfigDict
 
@@ -38,6 +38,8 @@ class RollingStock(Record):
 
     # it is somebody else's schema: keys this package does not know are not the user's mistakes
     model_config = ConfigDict(extra="ignore")
+    # PyYAML reads 4e1 as text, and the schema says which unit each number has
+    text_needs_unit: ClassVar[bool] = False
 
     name: str
     id: str

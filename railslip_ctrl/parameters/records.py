@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Self
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_origin
 
 from pydantic import (
     BaseModel,
@@ -27,7 +28,26 @@ GRAVITY = 9.80665
 
 
 class Rail(StrEnum):
-    """Rail condition: which of the two sets of adhesion parameters holds."""
+    """Rail condition: which of the two sets of adhesion parameters holds.
+
+    A member is its own name as text: ``Rail.DRY == "dry"``. Where a function takes a `Rail` or its name, another text
+    is refused (InputError); `Rail.of` turns either into the member. What a wet rail changes is the adhesion law's to
+    say, see `AdhesionLaw.wet`: of those of [Park2008] the largest adhesion is about halved, for which mu_max of the
+    beam model (5)-(10) is halved and beta of the bristle model (19)-(24) doubled. The reference slip goes with the rail
+    (`ReferenceSlip`).
+
+    Attributes
+    ----------
+    DRY
+        "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
+    WET
+        "wet": those parameters times the law's own factors, or a published set of their own.
+
+    Raises
+    ------
+    InputError
+        By `of`: neither a member nor "dry" or "wet".
+    """
 
     DRY = "dry"
     WET = "wet"
@@ -44,7 +64,8 @@ class Rail(StrEnum):
 class Record(BaseModel):
     """Base of the parameter records: immutable, unknown keys refused, non-finite numbers refused.
 
-    Numbers are SI, or text with a unit ("3.5 t").
+    Numbers are SI, or text with a unit ("3.5 t"); neither text without one ("3500") nor True is a number, and no
+    number is True or False.
 
     Raises
     ------
@@ -54,6 +75,9 @@ class Record(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    text_needs_unit: ClassVar[bool] = True
+    """Whether text that is a number alone is refused."""
 
     def __init__(self, /, **values: Any) -> None:
         try:
@@ -97,10 +121,17 @@ class Record(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _to_si(cls, value: object, info: ValidationInfo) -> object:
-        """Convert what was given for a field made by `units.quantity` to that field's unit."""
-        extra = cls.model_fields[info.field_name or ""].json_schema_extra
+        """Convert what was given for a field made by `units.quantity` to that field's unit, a list member by member."""
+        field = cls.model_fields[info.field_name or ""]
+        extra = field.json_schema_extra
         if isinstance(extra, dict) and "unit" in extra:
-            return to_unit(value, str(extra["unit"]))  # pydantic names the field itself
+            # pydantic names the field itself
+            convert = partial(to_unit, unit=str(extra["unit"]), text_needs_unit=cls.text_needs_unit)
+            if get_origin(field.annotation) is tuple and isinstance(value, (list, tuple)):
+                return tuple(convert(each) for each in value)
+            return convert(value)
+        if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
+            raise InputError(f"{shown(value)} is not allowed; give true or false")
         return value
 
 
@@ -191,3 +222,7 @@ class Vehicle(Record):
     def loaded(self) -> Vehicle:
         """The same vehicle with its loaded mass and wheel load as the ones in use."""
         return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+
+    def loads(self) -> tuple[Vehicle, ...]:
+        """The vehicle as it is and, where that is another mass, `loaded`."""
+        return (self,) if self.mass == self.mass_loaded else (self, self.loaded())

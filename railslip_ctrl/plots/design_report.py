@@ -34,6 +34,8 @@ _COLUMNS = ("speed (km/h)", "slip ratio λ (-)", "brake torque (kN·m)")
 _QUANTITIES = dict(
     zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
 )
+# open, around the triangle of a peak at the same place, and above the lines of other laws
+_POINT = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
 _ROW = 1.25  # inches, of a controller in the picture of a stop
 _MS_TOP = 5.0  # an Ms beyond it is as good as unstable; the axis ends there
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
@@ -94,7 +96,7 @@ def run_drawings(part: RunPart) -> dict[str, Drawing]:
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     rails = list(dict.fromkeys(curve.rail for curve in curves))
     speeds = {curve.speed_kmh for curve in curves}
-    figure = new_figure(4.4, "Adhesion at rest over slip; dots: operating points, triangles: peaks")
+    figure = new_figure(4.4, "Adhesion at rest over slip; circles: operating points, triangles: peaks")
     axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
         for i, curve in enumerate(one for one in curves if one.rail is rail):
@@ -105,7 +107,7 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
                 curve.peak.slip, curve.peak.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False
             )
             for point in curve.points:
-                ax.plot(point.slip, point.adhesion_coefficient, marker="o", markersize=6, color=style["color"])
+                ax.plot(point.slip, point.adhesion_coefficient, color=style["color"], **_POINT)
         ax.set_title(f"{rail} rail", fontsize=TEXT)
         ax.set_xlabel("slip ratio λ (-)")
         ax.set_xlim(left=0.0)

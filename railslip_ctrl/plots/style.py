@@ -140,9 +140,11 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 def figure_files(figure: Figure) -> dict[str, bytes]:
     """A figure as PNG and SVG, by suffix; its layout is found once, and both have it."""
-    png = figure_bytes(figure, "png")
-    figure.set_layout_engine("none")
-    return {"png": png, "svg": figure_bytes(figure, "svg")}
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine(None)  # with any, even one that does nothing, each file is drawn twice
+    return {form: figure_bytes(figure, form) for form in ("png", "svg")}
 
 
 def figure_bytes(figure: Figure, form: str) -> bytes:

@@ -15,8 +15,10 @@ from railslip_ctrl.design_report import (
     LoopDesign,
     LoopDesigns,
     RangeLine,
+    Shortfall,
     SlidingVerdict,
     SlowEnd,
+    SlowRun,
     SpeedRange,
     Stop,
     StopRun,
@@ -153,6 +155,7 @@ def _designs(loops: LoopDesigns) -> dict[str, Any]:
         "least_worst_ms": None if best is None else best.name,
         "recommended": None if taken is None else taken.name,
         "refused": dict(loops.refused),
+        "no_robust_design": _shortfall(loops.shortfall),
         "known_rules_and_predictors": [_attempt(one) for one in loops.attempts],
         "shown_at": case_json(loops.shown_at),
         "reference_steps": {
@@ -231,6 +234,20 @@ def _effort(effort: Effort | None) -> dict[str, float | None] | None:
     }
 
 
+def _shortfall(found: Shortfall | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "case": case_json(found.point),
+        "ms_lower_bound": number(found.limits.ms_bound),
+        "dead_time_s": found.limits.dead_time,
+        "lag_s": found.limits.lag,
+        "dead_time_upper_bound_of_any_linear_controller_s": number(found.longest_dead_time),
+        "dead_time_of_least_ms_design_s": found.lead_dead_time,
+        "least_ms_design_of_each_case_alone": [_attempt(one) for one in found.alone],
+    }
+
+
 def _attempt(one: Attempt) -> dict[str, Any]:
     return {"name": one.name, **case_json(one.point), **margin_numbers(one.margins), "reason": one.reason}
 
@@ -297,13 +314,31 @@ def _run(one: StopRun) -> dict[str, Any]:
 def _slow(end: SlowEnd) -> dict[str, Any]:
     return {
         "adhesion": end.law,
+        "rail": str(end.rail),
+        "controller": end.name,
+        "reference_slip": end.reference,
         "from_kmh": end.from_kmh,
-        "highest_slip": number(end.highest_slip(end.from_kmh)),
-        "over_twice_its_reference_from_kmh": number(end.first_beyond(2 * end.reference, end.from_kmh)),
-        "locked_from_kmh": number(end.locks_at),
+        "usual_end_kmh": end.usual_kmh,
+        "to_kmh": end.least_kmh,
         "torque_held_nm": end.torque,
-        "controlled": simulation_json(end.controlled, None),
-        "torque_held": simulation_json(end.cut_out, None),
+        "torque_held_locks_from_kmh": number(end.held_locks_at),
+        "friction_that_it_needs": number(end.friction_needed),
+        "friction_there_is": number(end.friction_there),
+        "torque_of_that_friction_nm": number(end.torque_there),
+        "controlled": [_slow_run(one) for one in end.controlled],
+        "undisturbed": [_slow_run(one) for one in end.undisturbed],
+        "handed_over_to_a_held_torque": [_slow_run(one) for one in end.handed_over],
+    }
+
+
+def _slow_run(one: SlowRun) -> dict[str, Any]:
+    return {
+        "mass_kg": one.mass,
+        "seed": one.seed,
+        "highest_slip": one.highest_slip,
+        "highest_slip_to_usual_end": one.highest_slip_usual,
+        "over_twice_its_reference_from_kmh": number(one.beyond_kmh),
+        "locked_from_kmh": number(one.locked_kmh),
     }
 
 

@@ -29,10 +29,8 @@ def _matrix(matrix: Iterable[Iterable[float]]) -> str:
 
 def case_title(point: OperatingPoint) -> str:
     """The case in a line."""
-    return (
-        f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, slip {point.slip:g}, "
-        f"M {point.vehicle.mass:g} kg, inertia scale {point.vehicle.inertia_scale:g}"
-        + ("" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h")
+    return f"{point.words}, inertia scale {point.vehicle.inertia_scale:g}" + (
+        "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     )
 
 

@@ -8,6 +8,8 @@ lead_filter = 0.06
 torque_low = 0.0
 torque_high = "9 kN*m"
 tracking_time = 2.0
+cut_out_speed = "20 km/h"         # below it slip is not controlled and cut_out_torque commanded; left out: never
+cut_out_torque = 1862.0
 
 [reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet
 dry = 0.132
@@ -79,15 +81,16 @@ class PIKeys(Limited):
     anti_windup: bool = True
     tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
     initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
+    cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
+    cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)
     rule: Rule = Rule.BACKWARD
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `LinearControl`."""
         design = PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
         tracking = self.tracking_time if self.anti_windup else math.inf
-        return LinearControl(
-            design, tracking_time=tracking, rule=self.rule, initial_torque=self.initial_torque, **self.common()
-        )
+        own = {name: getattr(self, name) for name in ("rule", "initial_torque", "cut_out_speed", "cut_out_torque")}
+        return LinearControl(design, tracking_time=tracking, **own, **self.common())
 
 
 class SlidingKeys(Limited):
@@ -166,10 +169,10 @@ class SlideProtectionKeys(ControllerKeys):
 
 
 class TorqueProfileKeys(ControllerKeys):
-    """`kind = "torque-profile"`: times, s, and torques, N*m, as lists of numbers."""
+    """`kind = "torque-profile"`: times, s, and torques, N*m, as lists of numbers, or of texts with units."""
 
-    times: tuple[float, ...]
-    torques: tuple[float, ...]
+    times: tuple[float, ...] = quantity("s", "times, rising")
+    torques: tuple[float, ...] = quantity("N*m", "torques at them")
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
         """A `TorqueProfile`."""

@@ -100,13 +100,16 @@ class LinearControl:
         As of `SampledController`; a tracking time of inf: no anti-windup.
     initial_torque : float
         The integral's start, N*m: a torque that the rail surely takes, which need not be built up first.
+    cut_out_speed, cut_out_torque : float
+        Below that measured train speed, m/s, slip is no longer controlled and that torque, N*m, is commanded; a speed
+        of 0: never.
     model_law, knows_rail
         As of `Controller`: no adhesion law, and the reference follows the rail.
 
     Raises
     ------
     InputError
-        An initial torque that is not finite.
+        An initial or cut-out torque that is not finite, a cut-out speed that is not or is negative.
     """
 
     design: PIController
@@ -118,6 +121,8 @@ class LinearControl:
     tracking_time: float | None = math.inf
     rule: Rule = Rule.BACKWARD
     initial_torque: float = 0.0
+    cut_out_speed: float = 0.0
+    cut_out_torque: float = 0.0
     model_law: None = None
     knows_rail: bool = True
 
@@ -126,6 +131,8 @@ class LinearControl:
     def __post_init__(self) -> None:
         check_fields(self)
         number("initial torque", self.initial_torque, "N*m")
+        number("cut-out speed", self.cut_out_speed, "m/s", ge=0)
+        number("cut-out torque", self.cut_out_torque, "N*m")
 
     def sampled(self, period: float) -> SampledController:
         """The difference equations at a period, s."""
@@ -136,8 +143,9 @@ class LinearControl:
         return step_text("linear")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """kp, p, q0, q1, the integrator's weights, h/Tt, limits."""
-        return (*self.sampled(situation.period).constants, self.torque_low, self.torque_high)
+        """kp, p, q0, q1, the integrator's weights, h/Tt, limits, cut-out speed and torque."""
+        limits, cut_out = (self.torque_low, self.torque_high), (self.cut_out_speed, self.cut_out_torque)
+        return (*self.sampled(situation.period).constants, *limits, *cut_out)
 
     def start(self, speed: float) -> tuple[float, ...]:
         """At rest but for the initial torque."""

@@ -23,6 +23,8 @@ from .published import published_reference
 from .scenario import named_law
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from railslip_ctrl.linearization import LinearPlant
     from railslip_ctrl.loop.batch import BatchMargins
 
@@ -72,6 +74,7 @@ def recommended_pi_lead(
     gains: PIGains | None = None,
     reference: ReferenceSlip | None = None,
     period: float | None = None,
+    plants: Sequence[LinearPlant] = (),
 ) -> LinearControl:
     """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
 
@@ -90,16 +93,21 @@ def recommended_pi_lead(
         The bristle column's, 0.132 dry and 0.092 wet, if not given.
     period : float, optional
         Sampling period, s; every step of the scenario if not given.
+    plants : sequence of LinearPlant, optional
+        Linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's own.
 
     Raises
     ------
     InfeasibleDesignError
-        No gains with Ms <= `MS_MAX` for that vehicle.
+        No gains with Ms <= `MS_MAX` for that vehicle, and none are given.
     """
     car = published_vehicle() if vehicle is None else vehicle
-    lead, lead_filter = _lead(car)
+    lead, lead_filter = lead_of(car)
     if gains is None:
-        gains = _tuned(car) if is_tuned_when_asked("pi-lead", car) else _PI_LEAD[car.inertia_scale]
+        try:
+            gains = full_range_gains(car, plants)
+        except InfeasibleDesignError as error:
+            raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
     return LinearControl(
         PIController(gains, lead, lead_filter),
         reference or published_reference("bristle"),
@@ -171,8 +179,11 @@ def lag_lead(actuator: Actuator) -> tuple[float, float]:
     return actuator.lag, actuator.lag / 10.0
 
 
-def _lead(vehicle: Vehicle) -> tuple[float, float]:
-    """For the vehicle; the published one keeps its controller where its brake is made to differ."""
+def lead_of(vehicle: Vehicle) -> tuple[float, float]:
+    """Lead and its filter, s, of `recommended_pi_lead` for a vehicle: `lag_lead` of its brake.
+
+    The published one keeps its controller where its brake is made to differ.
+    """
     return (LEAD, LEAD_FILTER) if is_published(vehicle) else lag_lead(vehicle.actuator)
 
 
@@ -221,15 +232,26 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
     return family_margins([wheel_slip_loop(*each, car.actuator) for each in zip(points, designs, strict=True)])
 
 
-def _tuned(vehicle: Vehicle) -> PIGains:
+def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
+    """The gains of `recommended_pi_lead`: kept with the package, or tuned now (`is_tuned_when_asked`).
+
+    InfeasibleDesignError where no gains keep Ms <= `MS_MAX` over the plants, or, where none are given,
+    `design_points`.
+    """
     from railslip_ctrl.design.tuning import tune_pi
 
-    compensator = PIController(PIGains(kp=1.0, ki=0.0), *_lead(vehicle)).transfer_function
-    plants = [actuated_plant(plant, vehicle.actuator) for plant in design_points(vehicle)]
-    try:
-        design = tune_pi(plants, vehicle.actuator.dead_time, ms_max=MS_MAX, compensator=compensator)
-    except InfeasibleDesignError as error:
-        raise InfeasibleDesignError(f"controller: no pi-lead for {vehicle.name}: {error}; give --kp and --ki") from None
+    if not plants and not is_tuned_when_asked("pi-lead", vehicle):
+        return _PI_LEAD[vehicle.inertia_scale]
+    lead, lead_filter = lead_of(vehicle)
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
+    points = plants or design_points(vehicle)
+    design = tune_pi(
+        [actuated_plant(plant, vehicle.actuator) for plant in points],
+        vehicle.actuator.dead_time,
+        ms_max=MS_MAX,
+        compensator=compensator,
+        names=[plant.point.words for plant in points],
+    )
     return PIGains(kp=design.kp, ki=design.ki)
 
 
@@ -247,7 +269,7 @@ def _schedule(
 def _tuned_schedule(vehicle: Vehicle) -> GainSchedule:
     from railslip_ctrl.design.schedule import schedule_gains
 
-    lead, lead_filter = _lead(vehicle)
+    lead, lead_filter = lead_of(vehicle)
     return schedule_gains(
         _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
     )

@@ -105,14 +105,14 @@ def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) ->
     if vehicle is None:
         return {}
     if "inertia_scale" in keys:
-        scale = to_unit(keys["inertia_scale"], "1", name=f"{where}: inertia_scale")
+        scale = to_unit(keys["inertia_scale"], "1", name=f"{where}: inertia_scale", text_needs_unit=True)
         vehicle = vehicle.model_copy(update={"inertia_scale": scale})
     if keys.get("loaded") is True:
         vehicle = vehicle.loaded()
     found: dict[str, Any] = {"vehicle": vehicle}
     speed = None if base is None else base.initial_speed
     if "initial_speed" in keys:
-        speed = to_unit(keys["initial_speed"], "m/s", name=f"{where}: initial_speed")
+        speed = to_unit(keys["initial_speed"], "m/s", name=f"{where}: initial_speed", text_needs_unit=True)
     if "adhesion" in keys:
         found["adhesion"] = _law(keys["adhesion"], vehicle, speed, path)
     elif base is not None and speed is not None and speed > 0:

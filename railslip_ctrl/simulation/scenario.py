@@ -206,7 +206,11 @@ def named_law(name: str, vehicle: Vehicle, initial_speed: float = INITIAL_SPEED_
     demands. Errors as `adhesion.published_law`.
     """
     v0 = round(initial_speed / KMH, 9)  # 100 km/h, not 100.00000000000001
-    law = published_law(name, Rail.DRY, v0, vehicle.wheel_load)
+    return in_reading(published_law(name, Rail.DRY, v0, vehicle.wheel_load), vehicle)
+
+
+def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
+    """A law as the vehicle's inertia scale demands: the stiffness of a published dynamic law is scaled with it."""
     if law.has_state and vehicle.inertia_scale != 1.0:
         law = law.model_copy(update={"alpha": vehicle.inertia_scale * law.alpha})  # type: ignore[attr-defined]
     return law

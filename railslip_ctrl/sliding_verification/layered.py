@@ -85,7 +85,8 @@ def layered_design(
     lead = PIController(PIGains(kp=1.0, ki=0.0), actuator.lag, lead_filter).transfer_function
     least = LEAST_INTEGRAL_GAIN * vehicle.inertia_scale if ki_min is None else ki_min
     loops = [actuated_plant(plant, actuator) for plant in plants.values()]
-    tuned = tune_pi(loops, actuator.dead_time, minimise_ms=True, ki_min=least, compensator=lead)
+    names = [plant.point.words for plant in plants.values()]
+    tuned = tune_pi(loops, actuator.dead_time, minimise_ms=True, ki_min=least, compensator=lead, names=names)
     design = LayeredDesign(tuned.kp, tuned.ki, actuator.lag, lead_filter, 1.0 if K is None else K)
     return design if K is not None else replace(design, K=AUTHORITY_MARGIN * least_authority(design, vehicle, adhesion))
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 Cells = Sequence[str]
 
 _NUMBER = re.compile(r"[−+±≤>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
-_SHORT = 10  # rows
+_SHORT = 16  # rows
 
 
 @dataclass(frozen=True)

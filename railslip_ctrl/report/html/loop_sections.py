@@ -220,7 +220,7 @@ def _best(loops: LoopDesigns) -> str:
     best, taken = loops.best, loops.recommended
     if best is None or taken is None:
         return "None of these designs holds every operating point, or is a controller by itself: none is recommended."
-    standing = "Recommended" if taken.worst_ms <= ROBUST_MS else "None is robust. The least fragile"
+    standing = "Recommended" if taken.robust else "None is robust. The least fragile"
     text = f"{standing}: {taken.name}, worst Ms {short(taken.worst_ms, 3)}; the verdict says why."
     if best is taken:
         return text

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from markupsafe import Markup
+
 from railslip_ctrl.design.limits import Limits, StructureLimit
 from railslip_ctrl.design_report import DesignReport
 from railslip_ctrl.linearization import LinearPlant
@@ -27,11 +29,12 @@ def vehicle_section(report: DesignReport) -> Section:
         blocks.append(Paragraph("Nothing was assumed: every parameter above was given."))
     blocks.append(
         Paragraph(
-            "Numbers are SI unless a unit is written beside them; speeds are in km/h where they say so. The inertia "
-            "scale multiplies M, J and B and nothing else: 1 is SI, 3.6 the reading under which the results printed in "
-            "[Park2008] come out (speeds integrated in km/h with forces in N). Torque and slip are positive in "
-            "braking: "
-            "σ = v − rω, λ = σ/v, e = λ_d v − σ."
+            typeset(
+                "Numbers are SI unless a unit is written beside them; speeds are in km/h where they say so. The "
+                "inertia scale multiplies M, J and B and nothing else: 1 is SI, 3.6 the reading under which the "
+                "results printed in [Park2008] come out (speeds integrated in km/h with forces in N). Torque and slip "
+                "are positive in braking: σ = v − rω, λ = σ/v, e = λ_d v − σ."
+            )
         )
     )
     used = [(formula(one.latex), _unit(one.unit), typeset(one.meaning)) for one in NOTATION.values()]
@@ -70,7 +73,7 @@ def adhesion_section(report: DesignReport) -> Section:
             Paragraph(told + beside + " A wheel held where adhesion falls with slip is unstable by itself."),
             Picture(
                 "adhesion",
-                "Adhesion coefficient at rest over the slip ratio. Dots: the operating points of this report; "
+                "Adhesion coefficient at rest over the slip ratio. Circles: the operating points of this report; "
                 "triangles: the peaks.",
                 f"Curves of the adhesion coefficient over slip for {listed(dict.fromkeys(c.law for c in curves))}, one "
                 f"panel a rail. Operating points: {points}.",
@@ -115,15 +118,17 @@ def _plant_blocks(plant: LinearPlant) -> tuple[Block, ...]:
         ("Adhesion force Fa", f"{short(point.adhesion_force, 6)} N (μ = {short(point.adhesion_coefficient, 5)})"),
         ("Brake torque Tb", f"{short(point.brake_torque, 6)} N·m, at which λ′ = 0"),
         ("States; outputs", f"{_letters(plant.states)}; {_letters(plant.outputs)}"),
-        ("A", matrix(plant.A)),
-        ("B", matrix(plant.B)),
-        ("C", matrix(plant.C)),
-        ("D", matrix(plant.D)),
+        ("A, B", _beside(matrix(plant.A), matrix(plant.B))),
+        ("C, D", _beside(matrix(plant.C), matrix(plant.D))),
         ("Poles", roots(plant.poles)),
         ("Zeros, torque to σ", roots(plant.zeros)),
         ("σ/torque", transfer_function(num, den, r"\frac{\mathrm{m/s}}{\mathrm{N\cdot m}}")),
     )
     return (Facts(rows),)
+
+
+def _beside(first: Markup, second: Markup) -> Markup:
+    return Markup("{}, {}").format(first, second)
 
 
 _LETTERS = {"sigma": "σ", "lambda": "λ", "error": "e", "omega": "ω"}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from railslip_ctrl.assessment import ROBUST_MS
-from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SpeedRange
+from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SlowRun, SpeedRange
 from railslip_ctrl.simulation.designed import SPEEDS_KMH
 
 from .blocks import Block, Items, Paragraph, Picture, Section, Table
 from .numbers import NONE, short
-from .words import USUAL_END_KMH, load_words, lost_words, policy_words, slow_words
+from .words import load_of, load_words, lost_words, policy_words, slow_words
 
 RANGE = "range"
 """Anchor of the section, and name of its picture."""
@@ -144,31 +145,43 @@ def _worst_table(speeds: SpeedRange) -> Table:
 def _end_table(ends: list[SlowEnd]) -> Table:
     first = ends[0]
     rows = [
-        (
-            str(end.rail),
-            end.law,
-            short(end.highest_slip(end.from_kmh), 3),
-            _speed(end.first_beyond(2 * end.reference, end.from_kmh)),
-            _speed(end.locks_at),
-            short(end.highest_slip_cut_out(USUAL_END_KMH), 3),
-            short(end.highest_slip_cut_out(end.least_kmh), 3),
-            "yes" if end.cut_out.locked_fraction > 0 else "no",
-        )
+        (str(end.rail), end.law, what, load_of(mass, end.controlled), *_end_cells(group))
         for end in ends
+        for what, runs in (
+            ("with it", end.controlled),
+            ("with it, undisturbed", end.undisturbed),
+            (f"{short(end.torque)} N·m held", end.handed_over),
+        )
+        for mass, group in _by_mass(runs)
     ]
     head = (
-        "Rail", "Law", f"Highest slip below {first.from_kmh:g} km/h, -", "Slip over twice its reference from, km/h",
-        "Locked from, km/h", f"Torque held: highest slip down to {USUAL_END_KMH:g} km/h, -",
-        f"down to {first.least_kmh:g} km/h, -", "locks",
+        "Rail", "Law", f"Below {first.from_kmh:g} km/h", "Load", "Runs",
+        f"Highest slip down to {first.usual_kmh:g} km/h, -", f"down to {first.least_kmh:g} km/h, -",
+        "Slip over twice its reference from, km/h", "Locked", "Locked from, km/h",
     )  # fmt: skip
     return Table(
-        f"The end of the stop, continued to {first.least_kmh:g} km/h, one noise seed: with the controller, and with "
-        f"{short(first.torque)} N·m held from {first.from_kmh:g} km/h down in its place, free rolling at first.",
+        f"The end of the stop, continued to {first.least_kmh:g} km/h: with the controller, the same without random "
+        f"force and caliper torque, and handed over at {first.from_kmh:g} km/h to a held torque. Slips and speeds are "
+        "the highest of the runs, read from every step.",
         head,
         rows,
         wide=True,
     )
 
 
-def _speed(value: float) -> str:
-    return "never" if math.isnan(value) else short(value, 3)
+def _by_mass(runs: Sequence[SlowRun]) -> list[tuple[float, list[SlowRun]]]:
+    masses = dict.fromkeys(one.mass for one in runs)
+    return [(mass, [one for one in runs if one.mass == mass]) for mass in masses]
+
+
+def _end_cells(runs: Sequence[SlowRun]) -> tuple[str, ...]:
+    locked = [one.locked_kmh for one in runs if one.locks]
+    beyond = [one.beyond_kmh for one in runs if not math.isnan(one.beyond_kmh)]
+    return (
+        str(len(runs)),
+        short(max(one.highest_slip_usual for one in runs), 3),
+        short(max(one.highest_slip for one in runs), 3),
+        short(max(beyond), 3) if beyond else "never",
+        str(len(locked)),
+        short(max(locked), 3) if locked else "never",
+    )

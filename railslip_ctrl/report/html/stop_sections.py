@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
-from railslip_ctrl.design_report.candidates import FULL_RANGE, LEAST_MS
-from railslip_ctrl.design_report.stops import DRY_START, HOLDING, RELAY, RELAY_SHARE, STARTED_DRY
+from railslip_ctrl.design_report.candidates import design_names
+from railslip_ctrl.design_report.stops import DRY_START, HOLDING, RELAY, RELAY_SHARE
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.units import KMH
@@ -28,7 +30,7 @@ def stops_section(report: DesignReport) -> Section:
         "knows the rail ahead: on the adhesion law of the same run no controller can stop in less. Another law, as "
         f"the dynamic model below, has another bound, which is not given here.{_alone(report)}"
     )
-    groups = [_stop_group(i, stop) for i, stop in enumerate(report.stops, start=1)]
+    groups = [_stop_group(i, stop, report.loops.refused) for i, stop in enumerate(report.stops, start=1)]
     laws = Paragraph(_adhesion(report), strong=True)
     return Section("stops", "Braking runs", (intro, laws, *_compared(report), *_layered(report), *groups))
 
@@ -59,30 +61,32 @@ def _adhesion(report: DesignReport) -> str:
 
 def _compared(report: DesignReport) -> list[Block]:
     """What the controllers are that stand in the tables to compare, and not in the pictures."""
-    load = report.check.vehicle.wheel_load * report.check.vehicle.wheel.radius
+    vehicle = report.check.vehicle
+    load, names = vehicle.wheel_load * vehicle.wheel.radius, design_names(vehicle)
+    there = {one.name for stop in report.stops for one in stop.runs if one.run is not None}
+    linear = [name for name in (HOLDING, names.least_ms) if name in there]
     told = {
-        HOLDING: f"{HOLDING} and {LEAST_MS}: the designs of those names, with limits, anti-windup and initial torque "
-        "of "
-        f"{FULL_RANGE}.",
-        STARTED_DRY: f"{STARTED_DRY}: begun with {DRY_START:g} of wheel load times radius in place of "
+        (linear or [HOLDING])[0]: f"{listed(linear)}: the {'designs' if len(linear) > 1 else 'design'} of "
+        f"{'those names' if len(linear) > 1 else 'that name'}, with limits, anti-windup and initial torque of "
+        f"{names.full_range}.",
+        names.started_dry: f"{names.started_dry}: begun with {DRY_START:g} of wheel load times radius in place of "
         f"{INITIAL_SHARE:g}, which wet rail does not take.",
         RELAY: f"{RELAY}: {short(RELAY_SHARE * load)} N·m while the slip is below the reference, none above.",
     }
-    there = {one.name for stop in report.stops for one in stop.runs if one.run is not None}
     texts = tuple(text for name, text in told.items() if name in there)
     return [Paragraph("To compare, in the tables only:"), Items(texts)] if texts else []
 
 
 def _layered(report: DesignReport) -> list[Block]:
     """Why the layered law is in no table of the runs, and what its own stops were."""
-    full = report.sliding.layered
+    full, names = report.sliding.layered, design_names(report.check.vehicle)
     if full is None:
         return []
     own = next((one for one in full.verification.conditions if one.name == _LAYERED_STOPS), None)
     text = (
         "The layered law is not in these tables: it acts about the holding torque of a rail that it has to know, and "
         "starts with that torque applied, while these controllers measure only speeds. A common table would compare "
-        "unlike tasks. Nor do these begin alike: PI-lead commands at once what even wet rail surely takes "
+        f"unlike tasks. Nor do these begin alike: {names.full_range} commands at once what even wet rail surely takes "
         f"({INITIAL_SHARE:g} of wheel load times radius), while the integral of the published PI begins at nought. "
         "The command railslip simulate prints initial torque, torque limits and anti-windup of each."
     )
@@ -91,9 +95,14 @@ def _layered(report: DesignReport) -> list[Block]:
     return [Paragraph(typeset(text))]
 
 
-def _stop_group(i: int, stop: Stop) -> Group:
+def _stop_group(i: int, stop: Stop, refused: Mapping[str, str]) -> Group:
+    """A stop; of a controller that is no design either, its reason is told once, beside the designs."""
     blocks: list[Block] = [Paragraph(_stop_finding(stop), strong=True), _stop_table(stop)]
-    missing = tuple(f"{one.name}: none. {one.reason}." for one in stop.runs if one.run is None)
+    missing = tuple(
+        f"{one.name}: none. {'The reason is beside the designs' if one.name in refused else one.reason}."
+        for one in stop.runs
+        if one.run is None
+    )
     if missing:
         blocks.append(Items(missing))
     if stop.dynamic:

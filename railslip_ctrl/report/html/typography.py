@@ -70,7 +70,7 @@ _RULES: tuple[_Rule, ...] = (
     (re.compile(r"(?<![A-Za-z])([A-Za-zα-ωΑ-Ω][\u0302\u0303]?[₀-₉]*(?:_\w)?)('{1,2})(?![A-Za-z])"), _primes),
 )
 _CODE = re.compile(r"`([^`]+)`")
-_INDEX = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω][\u0302\u0303]?)_([A-Za-zα-ωΑ-Ω]{1,6})(?![A-Za-z])")
+_INDEX = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω][\u0302\u0303]?)_([A-Za-zα-ωΑ-Ω]{1,6}|\d)(?![A-Za-z\d])")
 
 
 def typeset(text: str) -> Markup:

@@ -8,15 +8,16 @@ from dataclasses import replace
 
 from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedRange, Stop, StopRun
-from railslip_ctrl.design_report.candidates import FULL_RANGE
-from railslip_ctrl.design_report.stops import DRY_START, STARTED_DRY
+from railslip_ctrl.design_report.candidates import design_names
+from railslip_ctrl.design_report.stops import DRY_START
 from railslip_ctrl.report.text import Verdict
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.sliding_verification import FullVerification
 
-from .numbers import above, below, listed, short, where
+from .numbers import above, listed, short, where
 from .paper_sections import reproduction_finding
+from .shortfall_words import margin_words, no_robust_design, shortfall_numbers, stops_meanwhile, why_none
 from .sliding_sections import claims_and_own
 from .words import (
     controller_words,
@@ -35,10 +36,7 @@ def verdict(report: DesignReport) -> Verdict:
     """What the report finds and recommends."""
     taken = report.loops.recommended
     if taken is None:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in report.loops.refused.items())
-        paragraph = f"{report.check.vehicle.name}: none of the designs compared here holds all operating points."
-        none = (("Why none", reasons), ("Limits", _limits(report)), ("The paper", _paper(report)))
-        return Verdict(paragraph, (), tuple((head, text) for head, text in none if text))
+        return _none(report)
     points = (
         ("Why this one", _reasons(report, taken)),
         ("Low speed", _low_speed(report, taken)),
@@ -50,6 +48,23 @@ def verdict(report: DesignReport) -> Verdict:
     return Verdict(
         _paragraph(report, taken), _numbers(report, taken), tuple((head, text) for head, text in points if text)
     )
+
+
+def _none(report: DesignReport) -> Verdict:
+    """The verdict where no design holds all operating points."""
+    shortfall = report.loops.shortfall
+    paragraph = f"{report.check.vehicle.name}: none of the designs compared here holds all operating points."
+    numbers: tuple[tuple[str, str], ...] = ()
+    if shortfall is not None:
+        paragraph, numbers = no_robust_design(report, shortfall, None), shortfall_numbers(report, shortfall)
+    points = (
+        ("Why none", why_none(report)),
+        ("Limits", "" if shortfall is not None else _limits(report)),
+        ("Braking runs", stops_meanwhile(report)),
+        ("Sliding mode", _sliding(report)),
+        ("The paper", _paper(report)),
+    )
+    return Verdict(paragraph, numbers, tuple((head, text) for head, text in points if text))
 
 
 # --- the paragraph --------------------------------------------------------------------------------------------------
@@ -66,7 +81,9 @@ def _recommended(report: DesignReport, taken: LoopDesign) -> str:
     points = "the operating point" if count == 1 else f"the {count} operating points"
     name, gains = report.check.vehicle.name, controller_words(taken.controller)
     worst = f"(worst Ms {short(taken.worst_ms, 3)})"
-    if taken.worst_ms > ROBUST_MS:
+    if report.loops.shortfall is not None:
+        return no_robust_design(report, report.loops.shortfall, taken)
+    if not taken.robust:
         return (
             f"No robust design was found for {name}. The least fragile is “{taken.name}”, {gains}: stable at {points} "
             f"asked for {worst}, and not to be used without more."
@@ -153,13 +170,10 @@ def _numbers(report: DesignReport, taken: LoopDesign) -> tuple[tuple[str, str], 
     margins = [one.margins for one in taken.assessments if one.margins is not None]
     rows = [
         ("Design", f"{taken.name}: {controller_words(taken.controller)}"),
-        (
-            "Margins at the operating points",
-            f"Ms ≤ {above(max(m.ms for m in margins))}, phase ≥ {below(min(m.phase_deg for m in margins))} deg, "
-            f"added dead time ≤ {below(min(m.delay_s for m in margins))} s, gain "
-            f"{above(max(m.gain_decrease for m in margins))} to {below(min(m.gain_increase for m in margins))}",
-        ),
+        ("Margins at the operating points", margin_words(margins)),
     ]
+    if report.loops.shortfall is not None:
+        rows += shortfall_numbers(report, report.loops.shortfall)
     speeds = report.loops.speeds
     if speeds is not None:
         rows.append((f"Ms ≤ {ROBUST_MS:g}", _from(speeds.robust_from, speeds.least_kmh)))
@@ -220,16 +234,19 @@ def _limits(report: DesignReport) -> str:
 
 def _reasons(report: DesignReport, taken: LoopDesign) -> str:
     best = report.loops.best
-    if taken.over_range and taken.worst_ms <= ROBUST_MS:
+    names = design_names(report.check.vehicle)
+    if taken.name == names.largest_ki:
+        why = f"Where the wheel is stable by itself less Ms is no aim, as no feedback has the least: {taken.how}."
+    elif taken.over_range and taken.robust:
         why = (
             f"Of the designs with Ms ≤ {ROBUST_MS:g} it is the only one tuned for more than these points: {taken.how}."
         )
-    elif taken.worst_ms <= ROBUST_MS:
+    elif taken.robust:
         why = f"It has the least worst Ms of the robust ones; {taken.how}."
     else:
         why = f"None is robust (Ms ≤ {ROBUST_MS:g}); it is the least fragile."
-    if FULL_RANGE in report.loops.refused:
-        why += f" There is no {FULL_RANGE}: {report.loops.refused[FULL_RANGE]}."
+    if names.full_range in report.loops.refused:
+        why += f" There is no {names.full_range}: {report.loops.refused[names.full_range]}."
     if best is not None and best is not taken:
         least = short(best.worst_ms, 3)
         why += f" “{best.name}” has the least worst Ms at these points ({least}), but {_weak(report, best)}."
@@ -256,6 +273,8 @@ def _low_speed(report: DesignReport, taken: LoopDesign) -> str:
     texts = []
     if speeds is not None and speeds.stable_from > speeds.least_kmh:
         texts.append(f"Linearised at each speed, {lost_words(speeds)}.")
+        if not ends:
+            texts.append("Below that it has to hand over to a limit of the brake itself; no run of it was made there.")
     if ends:
         texts += [slow_words(ends), policy_words(ends)]
     return " ".join(texts)
@@ -308,11 +327,12 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
             f"hold the slip, and the integral that Ms ≤ {ROBUST_MS:g} allows brings it to "
             f"{short(one.run.max_torque, 3)} N·m before the train stands."
         )
+    started = design_names(report.check.vehicle).started_dry
     begun = [
         f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
         + (f", locked {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
         for stop in _stops(report)
-        if (one := _of(stop.runs, STARTED_DRY)) is not None and one.run is not None
+        if (one := _of(stop.runs, started)) is not None and one.run is not None
     ]
     if texts and begun:
         texts.append(f"Begun with {DRY_START:g} of wheel load times radius it would take {listed(begun)}.")

@@ -6,14 +6,11 @@ import math
 from collections.abc import Sequence
 
 from railslip_ctrl.design.controllers import PIController
-from railslip_ctrl.design_report import RangeLine, SlowEnd, SpeedRange, StopRun
+from railslip_ctrl.design_report import RangeLine, SlowEnd, SlowRun, SpeedRange, StopRun
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 
-from .numbers import above, listed, short
-
-USUAL_END_KMH = 5.0
-"""Where the stops of the tables end, as those of [Park2008]."""
+from .numbers import above, below, listed, short
 
 _MUCH = 1.03  # of the shortest distance, that the longest is
 
@@ -59,10 +56,15 @@ def percent_over(run: Run, bound: ClairvoyantStop | None) -> str:
 
 def load_words(line: RangeLine, speeds: SpeedRange) -> str:
     """Which load a line is of."""
-    masses = {one.mass for one in speeds.lines}
+    return load_of(line.mass, speeds.lines)
+
+
+def load_of(mass: float, among: Sequence[RangeLine] | Sequence[SlowRun]) -> str:
+    """A mass, kg, in a word, where there are two."""
+    masses = {one.mass for one in among}
     if len(masses) == 1:
-        return f"M {line.mass:g} kg"
-    return "empty" if line.mass == min(masses) else "loaded"
+        return f"M {mass:g} kg"
+    return "empty" if mass == min(masses) else "loaded"
 
 
 def lost_words(speeds: SpeedRange) -> str:
@@ -80,33 +82,100 @@ def lost_words(speeds: SpeedRange) -> str:
 
 
 def slow_words(ends: Sequence[SlowEnd]) -> str:
-    """What the controller's continued stops do at the end."""
-    told = []
-    for end in ends:
-        beyond = end.first_beyond(2 * end.reference, end.from_kmh)
-        where = f"{end.rail} rail, law {end.law}"
-        if math.isnan(beyond):
-            told.append(f"{where}: slip at most {short(end.highest_slip(end.from_kmh), 2)}, no lock")
-        else:
-            lock = f"locked from {short(end.locks_at, 2)} km/h" if not math.isnan(end.locks_at) else "no lock"
-            told.append(f"{where}: slip over twice its reference from {short(beyond, 2)} km/h, {lock}")
-    first = ends[0]
-    return f"Runs continued with it from {first.from_kmh:g} down to {first.least_kmh:g} km/h: {'; '.join(told)}."
+    """What the controller's continued stops do at the end, and what of it the disturbances do."""
+    first, told = ends[0], [f"{end.rail} rail, law {end.law}: {_slow_word(end)}" for end in ends]
+    text = (
+        f"Runs continued with it from {first.from_kmh:g} down to {first.least_kmh:g} km/h, {_how_many(first)}: "
+        f"{'; '.join(told)}."
+    )
+    if any(_lock_is_the_disturbance(end) for end in ends):
+        text += (
+            " A wheel that locks in these runs and not in the undisturbed one is locked by the disturbance: a force "
+            "moves the slip velocity by as much at any speed, and the slip ratio by the more the slower the train is."
+        )
+    return text
+
+
+def _slow_word(end: SlowEnd) -> str:
+    locked = [one.locked_kmh for one in end.controlled if one.locks]
+    beyond = [one.beyond_kmh for one in end.controlled if not math.isnan(one.beyond_kmh)]
+    if not beyond:
+        return f"slip at most {short(_highest(end.controlled), 2)}, no lock"
+    text = f"slip over twice its reference from {short(max(beyond), 2)} km/h at the highest"
+    text += f", {_locks(locked, len(end.controlled))}" if locked else ", no lock"
+    quiet = [one.locked_kmh for one in end.undisturbed if one.locks]
+    alone = _locks(quiet, len(end.undisturbed)) if quiet else f"slip at most {short(_highest(end.undisturbed), 2)}"
+    return f"{text} (undisturbed: {alone})"
+
+
+def _locks(speeds: Sequence[float], count: int) -> str:
+    return f"locked in {len(speeds)} of {count}, from {short(max(speeds), 2)} km/h at the highest"
+
+
+def _lock_is_the_disturbance(end: SlowEnd) -> bool:
+    return any(one.locks for one in end.controlled) and not any(one.locks for one in end.undisturbed)
+
+
+def _highest(runs: Sequence[SlowRun]) -> float:
+    return max(one.highest_slip for one in runs)
+
+
+def _how_many(end: SlowEnd) -> str:
+    """Of how many runs the numbers of an end are."""
+    seeds, masses = ({getattr(one, what) for one in end.controlled} for what in ("seed", "mass"))
+    return f"{len(seeds)} noise seeds{', empty and loaded' if len(masses) > 1 else ''}"
 
 
 def policy_words(ends: Sequence[SlowEnd]) -> str:
     """The torque to hold in place of slip control, what came of it, and whether that is advice."""
     first = ends[0]
-    locked = [f"{end.rail} rail, law {end.law}" for end in ends if end.cut_out.locked_fraction > 0]
-    usual, least = (max(end.highest_slip_cut_out(speed) for end in ends) for speed in (USUAL_END_KMH, first.least_kmh))
-    held = f"from {first.from_kmh:g} km/h down slip control cut out and {short(first.torque)} N·m held in its place"
-    slips = f"slip ratio at most {short(usual, 2)} down to {USUAL_END_KMH:g} km/h, {short(least, 2)} down to"
-    found = f"{slips} {first.least_kmh:g} km/h"
-    if locked:
-        tried = f"{held}; locked on {listed(locked)}, {found}"
-        return f"The design has no policy of its own there. Tried, and no remedy: {tried}."
+    runs = [(end, one) for end in ends for one in end.handed_over]
+    early = [end for end in ends if end.held_locks_at > end.usual_kmh]
+    held = f"from {first.from_kmh:g} km/h down slip control handed over to {short(first.torque)} N·m held in its place"
+    highest = max(one.highest_slip_usual for _, one in runs)
+    found = f"slip ratio at most {short(highest, 2)} down to {first.usual_kmh:g} km/h"
+    if early:
+        where = [f"{end.rail} rail, law {end.law}, from {short(end.held_locks_at, 2)} km/h" for end in early]
+        tried = f"{held}; locked on {'; on '.join(where)}; {found}"
+        return f"The design has no policy of its own there. Tried, and no remedy: {tried}. {_instead(ends)}"
+    late = [one.locked_kmh for _, one in runs if one.locks]
+    below = f"; below, {_locks(late, len(runs))}" if late else f", and no lock down to {first.least_kmh:g} km/h"
     return (
-        f"The design has no policy of its own there. Use: {held}, the torque that the full-range design begins with. "
-        "In "
-        f"runs from free rolling no wheel locks with it, {found}."
+        f"The design has no policy of its own there. Use: {held}, the torque that it begins with. In the same runs "
+        f"with that hand-over no wheel locks above {first.usual_kmh:g} km/h, {found}{below}."
+    )
+
+
+def _instead(ends: Sequence[SlowEnd]) -> str:
+    """What follows where the torque held locks the wheel too: what lasts longest, and the limit below that."""
+    first = ends[0]
+    lost = max((end.lost_at for end in ends if end.lost_at > end.usual_kmh), default=math.nan)
+    if math.isnan(lost):
+        return (
+            "What follows: leave slip control on, as its own runs keep the wheel rolling down to "
+            f"{first.usual_kmh:g} km/h."
+        )
+    locks = max(end.held_locks_at for end in ends if not math.isnan(end.held_locks_at))
+    control, held = f"slip control down to {above(lost, 2)} km/h", f"the torque held down to {above(locks, 2)} km/h"
+    best, other = (control, held) if lost <= locks else (held, control)
+    return (
+        f"What follows: use {best}, which lasts longest ({other}). Below {above(min(lost, locks), 2)} km/h neither "
+        "keeps the wheel, and slip control by this brake has to hand over to a limit of the brake itself: "
+        f"{_torque_limit(ends)}."
+    )
+
+
+def _torque_limit(ends: Sequence[SlowEnd]) -> str:
+    """The torque to stay below, from the friction there is; where that is enough for the torque held, that one."""
+    least = min((end for end in ends if not math.isnan(end.held_locks_at)), key=lambda end: end.torque_there)
+    asks = (
+        f"the {short(least.torque, 3)} N·m held ask for an adhesion coefficient of {short(least.friction_needed, 2)}, "
+        f"where {least.rail} rail has at most {short(least.friction_there, 2)} by the law {least.law} at rest, "
+        f"{least.from_kmh:g} km/h"
+    )
+    if least.friction_needed >= least.friction_there:
+        return f"a torque below {below(least.torque_there, 2)} N·m; {asks}"
+    return (
+        f"a torque below the {short(least.torque, 3)} N·m held, which runs have to find (railslip simulate), as "
+        f"friction at rest does not tell it: {asks}, and it locks nevertheless"
     )

@@ -1,6 +1,7 @@
 """The step of `design.sampled.SampledController`: a PI, with or without a lead, and back-calculation.
 
-c: reference slip, radius, kp, p, q0, q1, weights of the filtered error now and before, h/Tt, torque limits.
+c: reference slip, radius, kp, p, q0, q1, weights of the filtered error now and before, h/Tt, torque limits, speed below
+which slip is no longer controlled, torque commanded there.
 x: integral, error, filtered error, unlimited torque.
 """
 
@@ -14,6 +15,8 @@ from railslip_ctrl.kernels.slots import compiled
 @compiled
 def command(x, t, v, omega, applied, c, table):
     """See the package of the steps."""
+    if v < c[11]:
+        return c[12]
     error = c[0] * v - (v - c[1] * omega)
     if not math.isfinite(error):
         return applied

@@ -1,0 +1,80 @@
+"""The adhesion laws that a report computes with, each with the slip held on it: published ones, or the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from railslip_ctrl.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.simulation.designed import SPEEDS_KMH
+from railslip_ctrl.simulation.scenario import named_law
+from railslip_ctrl.units import KMH
+
+TUNED_LAWS = ("curve", "bristle")
+"""Published laws that the full-range design is tuned for, see `simulation.designed.design_points`."""
+
+
+@dataclass(frozen=True)
+class HeldLaw:
+    """A law on a rail, with the slip ratio held, and whether the full-range design is tuned for it.
+
+    `law` is at `wheel_load`, N.
+    """
+
+    law: AdhesionLaw
+    rail: Rail
+    slip: float
+    wheel_load: float
+    tuned: bool
+
+    def at(self, vehicle: Vehicle) -> AdhesionLaw:
+        """The law at the vehicle's wheel load, mu as it was."""
+        return self.law.at_wheel_load(vehicle.wheel_load / self.wheel_load)
+
+
+def held_laws(points: Sequence[OperatingPoint]) -> tuple[HeldLaw, ...]:
+    """Law by law, rail by rail: those tuned for, and the one asked about where it is another.
+
+    Of the published laws asked about, the slips are the published ones; of a law of the user's own, which alone is
+    tuned for then, those of its points, the first on each rail.
+    """
+    own = {point.rail: point for point in reversed(points)}
+    rails = list(dict.fromkeys(point.rail for point in points))
+    first, load = points[0], points[0].vehicle.wheel_load
+    asked = [HeldLaw(own[rail].law, rail, own[rail].slip, load, tuned=is_own(first)) for rail in rails]
+    if is_own(first):
+        return tuple(asked)
+    tuned = [
+        HeldLaw(law.on(rail), rail, getattr(law.reference, rail.value), load, tuned=True)
+        for law in (named_law(name, first.vehicle) for name in TUNED_LAWS)
+        for rail in rails
+    ]
+    return tuple(tuned if first.adhesion in TUNED_LAWS else tuned + asked)
+
+
+def is_own(point: OperatingPoint) -> bool:
+    """Whether the law of a point is the user's own: not a published set at the point's v0 and wheel load."""
+    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
+    try:
+        published = published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load)
+    except RailslipError:
+        return True
+    return type(published) is not type(point.law) or published.parameters() != point.law.parameters()
+
+
+def own_design_points(points: Sequence[OperatingPoint]) -> list[LinearPlant]:
+    """Linear plants over speeds and loads of a law of the user's own, for the full-range design to be tuned over.
+
+    Empty where the points are of a published law, for which `simulation.designed.design_points` has them.
+    """
+    if not is_own(points[0]):
+        return []
+    return [
+        linearize(operating_point(held.at(load), load, speed * KMH, held.slip, rail=held.rail))
+        for held in held_laws(points)
+        for load in points[0].vehicle.loads()
+        for speed in SPEEDS_KMH
+    ]

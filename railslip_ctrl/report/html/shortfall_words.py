@@ -1,0 +1,133 @@
+"""What the verdict says where no design is robust: what limits it, the best there is, what would have to change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from railslip_ctrl.assessment import ROBUST_MS
+from railslip_ctrl.design_report import DesignReport, LoopDesign, Shortfall
+from railslip_ctrl.design_report.candidates import design_names
+from railslip_ctrl.loop import Margins
+
+from .numbers import above, below, listed, short
+from .words import controller_words
+
+
+def no_robust_design(report: DesignReport, found: Shortfall, least_fragile: LoopDesign | None) -> str:
+    """The paragraph: the limit first, as nothing that is tuned can pass it."""
+    parts = (_limit(report, found), _best(report, found, least_fragile), _change(report, found))
+    return " ".join(part for part in parts if part)
+
+
+def shortfall_numbers(report: DesignReport, found: Shortfall) -> tuple[tuple[str, str], ...]:
+    """The rows that stand beside the paragraph."""
+    limits = found.limits
+    return (
+        ("Least Ms of any linear controller", f"{below(limits.ms_bound)} ({found.point.words})"),
+        (
+            "Unstable pole p there",
+            f"{short(limits.unstable_pole, 3)} 1/s, doubling in {short(limits.doubling_time, 3)} s",
+        ),
+        ("Brake", f"dead time {limits.dead_time:g} s, lag {limits.lag:g} s"),
+        (f"Dead time for Ms ≤ {ROBUST_MS:g}, any linear controller", f"below {below(found.longest_dead_time)} s"),
+        (f"Dead time for Ms ≤ {ROBUST_MS:g}, {design_names(report.check.vehicle).least_ms}", _lead_range(found)),
+    )
+
+
+def margin_words(margins: Sequence[Margins]) -> str:
+    """The worst of each margin over some loops, rounded to the side that promises less."""
+    return (
+        f"Ms ≤ {above(max(m.ms for m in margins))}, phase ≥ {below(min(m.phase_deg for m in margins))} deg, "
+        f"added dead time ≤ {below(min(m.delay_s for m in margins))} s, gain "
+        f"{above(max(m.gain_decrease for m in margins))} to {below(min(m.gain_increase for m in margins))}"
+    )
+
+
+def _limit(report: DesignReport, found: Shortfall) -> str:
+    """The theorem, then the race between the wheel and the brake that it is about."""
+    limits, name, asked = found.limits, report.check.vehicle.name, f"robust design (Ms ≤ {ROBUST_MS:g})"
+    theorem = f"no linear controller gets Ms below {below(limits.ms_bound)} ({found.point.words})."
+    if limits.ms_bound > ROBUST_MS:
+        lead = f"{name} has no {asked}, and none can exist: {theorem}"
+    else:
+        lead = f"No {asked} was found for {name}; {theorem}"
+    product = limits.actuator_product
+    needs = "and a PI needs less than 1" if product >= 1 else "of the 1 below which a PI can hold it"
+    return (
+        f"{lead} The wheel doubles its slip error there in {short(limits.doubling_time, 2)} s by itself (unstable pole "
+        f"p = {short(limits.unstable_pole, 3)} 1/s), while the brake answers after a dead time τ of "
+        f"{limits.dead_time:g} s and with a lag T of {limits.lag:g} s: p (τ + T) is {short(product, 3)}, {needs}."
+    )
+
+
+def _best(report: DesignReport, found: Shortfall, least_fragile: LoopDesign | None) -> str:
+    """The least fragile design, or what is left where none holds all operating points."""
+    if least_fragile is not None:
+        margins = [one.margins for one in least_fragile.assessments if one.margins is not None]
+        return (
+            f"The least fragile design is “{least_fragile.name}”, {controller_words(least_fragile.controller)}: stable "
+            f"at {_points(report)}, with {margin_words(margins)}, and not to be used without more."
+        )
+    none = f"None of the designs compared holds {_points(report)}"
+    held = [(one.point, one.margins) for one in found.alone if one.margins is not None]
+    if not held:
+        name = design_names(report.check.vehicle).least_ms
+        return f"{none}, and no {name} tuned for one of them alone holds that one."
+    told = [f"{point.words}: {margin_words([margins])}" for point, margins in held]
+    return f"{none}. The best there is holds one of them alone: {'; '.join(told)}."
+
+
+def _points(report: DesignReport) -> str:
+    count = len(report.plants)
+    if count > 2:
+        return f"all {count} operating points asked for"
+    return "the operating point asked for" if count == 1 else "both operating points asked for"
+
+
+def _change(report: DesignReport, found: Shortfall) -> str:
+    """The dead time at which a theorem lets go, and the one at which a design of known structure is robust."""
+    own, name = report.check.vehicle.actuator.dead_time, design_names(report.check.vehicle).least_ms
+    possible = below(found.longest_dead_time, 2)
+    if found.longest_dead_time <= 0:
+        any_ = f"no dead time is short enough for Ms ≤ {ROBUST_MS:g} with any linear controller"
+    elif found.longest_dead_time < own:
+        any_ = f"any linear controller needs a dead time below {possible} s for Ms ≤ {ROBUST_MS:g}"
+    else:
+        any_ = f"a linear controller of higher order may reach Ms ≤ {ROBUST_MS:g} up to a dead time of {possible} s"
+    lead = (
+        f"the design “{name}” does up to {below(found.lead_dead_time, 2)} s, at the same lag"
+        if found.lead_dead_time > 0
+        else f"the design “{name}” does not without dead time either, so that the lag has to be shorter too"
+    )
+    return f"What would have to change is the brake: {any_}; {lead}."
+
+
+def _lead_range(found: Shortfall) -> str:
+    return f"up to {below(found.lead_dead_time, 2)} s" if found.lead_dead_time > 0 else "none at this lag"
+
+
+def why_none(report: DesignReport) -> str:
+    """What came of each design, in a few words each."""
+    told = []
+    for one in report.loops.designs:
+        lost = [each.point.words for each in one.assessments if not each.stable]
+        if one.needs_hold:
+            told.append(f"{one.name}: needs a known holding torque")
+        elif lost:
+            told.append(
+                f"{one.name}: unstable at {'; '.join(lost) if len(lost) < len(one.assessments) else 'each of them'}"
+            )
+    told += [f"{name}: {reason}" for name, reason in report.loops.refused.items()]
+    return f"{'. '.join(told)}." if told else ""
+
+
+def stops_meanwhile(report: DesignReport) -> str:
+    """What stops the train without a locked wheel in the runs, though no margins vouch for it."""
+    told = []
+    for stop in report.stops:
+        best = stop.shortest_unlocked
+        if not stop.scenario.events and best is not None and best.run is not None:
+            told.append(f"{short(best.run.braking_distance, 3)} m on {stop.scenario.rail} rail with {best.name}")
+    if not told:
+        return ""
+    return f"The shortest stops without a locked wheel, single runs that no margin vouches for: {listed(told)}."

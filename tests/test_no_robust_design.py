@@ -1,0 +1,173 @@
+"""What a report says where no design is robust, and where none is needed; and that designs are called what they are."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from test_html_report import SOURCE, rendered
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.assessment import ROBUST_MS, Verdict, limits_of
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.limits import least_peak
+from railslip_ctrl.design_check import design_check
+from railslip_ctrl.design_report import loops as loops_module
+from railslip_ctrl.design_report.candidates import design_names, least_ms, least_ms_gains
+from railslip_ctrl.design_report.loops import loop_designs
+from railslip_ctrl.errors import InfeasibleDesignError
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.report.design_report_json import design_report_json
+from railslip_ctrl.report.html.verdict import verdict
+from railslip_ctrl.report.text import design_check_text
+
+pytestmark = pytest.mark.xdist_group("html report")  # its fixture `record`
+
+SLOW = PARK2008.model_copy(
+    update={
+        "name": "Slow brake",
+        "wheel": PARK2008.wheel.model_copy(update={"inertia": 38.0}),  # a light wheelset runs away sooner
+        "actuator": Actuator(dead_time=0.7, lag=2.0),
+    }
+)
+
+
+def plants_of(vehicle, name="bristle", slip=None):
+    found = []
+    for rail in Rail:
+        law = published_law(name, rail, 100.0, vehicle.wheel_load)
+        held = law.reference_slip(rail) if slip is None else slip
+        found.append(linearize(operating_point(law, vehicle, 100 / 3.6, held, rail=rail, initial_speed_kmh=100.0)))
+    return tuple(found)
+
+
+def linear(vehicle, plants, given=None):
+    """Check and designs, without what costs most and is not looked at here: speeds, known rules, responses."""
+    check = design_check(vehicle, [plant.point for plant in plants], given=given)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loops_module, "speed_range", lambda *_: None)
+        patch.setattr(loops_module, "_attempts", lambda *_: [])
+        patch.setattr(loops_module, "_RESPONSE_TIME", 1.0)
+        return check, loop_designs(check, plants, given)
+
+
+def report_of(record, vehicle, plants, check, loops):
+    limits = tuple(limits_of(plant, vehicle.actuator) for plant in plants)
+    loops = replace(loops, attempts=record.loops.attempts)
+    return replace(
+        record, check=check, plants=plants, limits=limits, loops=loops, recommended=None, stops=(), table5=None
+    )
+
+
+# --- none is robust --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def slow(record):
+    plants = plants_of(SLOW)
+    check, loops = linear(SLOW, plants, PIGains(kp=300.0, ki=5.0))
+    return report_of(record, SLOW, plants, check, loops)
+
+
+def test_shortfall_is_the_theorem_and_what_tuning_finds(slow):
+    found = slow.loops.shortfall
+    assert slow.loops.recommended is None
+    pole = slow.plants[0].poles.real.max()  # one real pole on either rail, the faster one on the dry
+    assert found.point.rail is Rail.DRY
+    assert found.limits.ms_bound == pytest.approx(math.exp(pole * 0.7), rel=1e-12)
+    assert found.limits.ms_bound > ROBUST_MS
+    assert found.longest_dead_time == pytest.approx(math.log(ROBUST_MS) / pole, rel=1e-9)
+    assert least_peak([pole], [], found.longest_dead_time) == pytest.approx(ROBUST_MS)
+    # a design of that structure at the end of the bisection, and none 2 % beyond: its tolerance is 1 % of the theorem's
+    assert 0 < found.lead_dead_time < found.longest_dead_time
+    assert least_ms_gains(slow.plants, SLOW, found.lead_dead_time).worst.ms <= ROBUST_MS
+    beyond = found.lead_dead_time + 0.02 * found.longest_dead_time
+    assert least_ms_gains(slow.plants, SLOW, beyond).worst.ms > ROBUST_MS
+
+
+def test_verdict_without_a_robust_design_leads_with_the_limit_and_says_what_would_change(slow):
+    found, told = slow.loops.shortfall, verdict(slow)
+    paragraph = told.paragraph
+    first = paragraph.split(". ")[0]
+    assert "no linear controller gets Ms below 2." in f"{first}. "
+    for words in (
+        "bristle, dry rail, 100 km/h, slip 0.132, M 3517 kg",
+        "dead time τ of 0.7 s and with a lag T of 2 s",
+        f"p = {found.limits.unstable_pole:.3g} 1/s",
+        "a PI needs less than 1",
+        "What would have to change is the brake",
+    ):
+        assert words in paragraph
+    assert len(paragraph.split()) < 180
+    everything = " ".join([paragraph, *(f"{a} {b}" for a, b in told.numbers), *(f"{a} {b}" for a, b in told.points)])
+    assert "--kp" not in everything  # gains are given; and an option is no design
+    assert "plant 1" not in everything
+    assert "given PI: unstable at each" in dict(told.points)["Why none"]
+    assert ("Brake", "dead time 0.7 s, lag 2 s") in told.numbers
+
+
+def test_the_same_words_stand_in_the_text_the_page_and_the_json(slow):
+    page = rendered(slow)
+    content = design_report_json(slow, page, SOURCE)
+    paragraph = verdict(slow).paragraph
+    assert content["verdict"]["paragraph"] == paragraph
+    assert content["designs"]["no_robust_design"]["ms_lower_bound"] == slow.loops.shortfall.limits.ms_bound
+    json.dumps(content, allow_nan=False)
+    for text in (design_check_text(slow.check, verdict(slow)), page.replace("\N{NO-BREAK SPACE}", " ")):
+        assert " ".join(paragraph.split())[:200] in " ".join(text.split())
+
+
+def test_a_fragile_design_is_told_with_its_margins_and_the_same_limit(record):
+    vehicle = PARK2008.model_copy(update={"name": "Slow brake", "actuator": Actuator(dead_time=0.4, lag=1.2)})
+    plants = plants_of(vehicle)[:1]
+    check, loops = linear(vehicle, plants)
+    assert loops.recommended.worst_ms > ROBUST_MS
+    assert loops.shortfall.alone == ()
+    paragraph = verdict(report_of(record, vehicle, plants, check, loops)).paragraph
+    assert paragraph.startswith(
+        "No robust design (Ms ≤ 2) was found for Slow brake; no linear controller gets Ms below"
+    )
+    assert f"The least fragile design is “{loops.recommended.name}”" in paragraph
+    assert "not to be used without more" in paragraph
+
+
+# --- none is needed --------------------------------------------------------------------------------------------------
+
+
+def test_where_the_wheel_is_stable_no_design_without_gain_is_robust_or_recommended():
+    plants = plants_of(PARK2008, "beam", slip=0.03)[:1]
+    assert max(plant.poles.real.max() for plant in plants) < 0
+    _, loops = linear(PARK2008, plants, PIGains(kp=0.0, ki=0.0))
+    names_of = design_names(PARK2008)
+    for refused in ("holding PI", names_of.least_ms):
+        assert "the wheel is stable by itself" in loops.refused[refused]
+    idle = next(one for one in loops.designs if one.name == "given PI")
+    assert (idle.stable, idle.holds) == (True, False)
+    assert {one.verdict for one in idle.assessments} == {Verdict.NO_FEEDBACK}
+    assert idle not in (loops.recommended, loops.best)
+    most = next(one for one in loops.designs if one.name == names_of.largest_ki)
+    assert most.worst_ms == pytest.approx(ROBUST_MS, rel=1e-9)  # integral action as far as that allows
+    assert most.controller.gains.ki > 100.0
+    assert replace(loops, designs=(idle,)).recommended is None
+    with pytest.raises(InfeasibleDesignError, match="stable by itself"):
+        least_ms(plants, PARK2008)
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_design_is_called_pi_lead_only_where_there_is_a_lead(record):
+    for one in record.loops.designs:
+        if one.name.startswith("PI"):
+            assert one.name.split(",")[0] == one.controller.structure
+    prompt = PARK2008.model_copy(update={"mass_loaded": 6000.0, "actuator": Actuator(dead_time=0.15, lag=0.0)})
+    found = design_names(prompt)
+    assert (found.full_range, found.least_ms) == ("PI, full range", "PI, least Ms")
+    assert found.started_dry == "PI, full range, started for dry rail"
+    design = least_ms(plants_of(prompt), prompt)
+    assert isinstance(design.controller, PIController)
+    assert (design.name, design.controller.structure) == (found.least_ms, "PI")
+    assert "lead" not in design.how
