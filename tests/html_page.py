@@ -78,6 +78,8 @@ class Page(HTMLParser):
         self._in_cell = tag in ("td", "th") or (self._in_cell and tag not in ("tr", "table"))
         if tag in ("td", "th"):
             self.cells[-1][1].append("")
+        if tag == "mtd" and self._in_cell:  # an entry of a matrix is a number of its own
+            self.cells[-1][1][-1] += " "
 
     def _check_loads(self, tag: str, given: dict[str, str]) -> None:
         href = given.get("href", "")

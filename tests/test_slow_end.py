@@ -15,15 +15,20 @@ from railslip_ctrl.design_report.held_laws import held_laws, is_own
 from railslip_ctrl.design_report.slow_end import slow_ends
 from railslip_ctrl.design_report.speed_range import speed_range
 from railslip_ctrl.design_report.stops import stops
+from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.report.html.numbers import above, below, short
+from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.html.words import policy_words, slow_words
 from railslip_ctrl.simulation import Simulator, published_scenario
+from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.designed import recommended_pi_lead
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
+
+pytestmark = pytest.mark.xdist_group("html report")  # one test has its fixture `record`
 
 TAKEN = recommended_pi_lead(PARK2008)
 V100 = 100.0 * KMH
@@ -67,6 +72,16 @@ def test_below_the_cut_out_speed_the_torque_is_the_one_asked_for():
     assert np.all(signals.command[below][1:] == 1500.0)
     first = int(np.flatnonzero(below)[0])
     np.testing.assert_array_equal(signals.command[:first], alone.command[:first])
+
+
+def test_a_controller_file_asks_for_the_cut_out(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('kind = "pi"\nkp = 330\nki = 129\ncut_out_speed = "20 km/h"\ncut_out_torque = "1.5 kN*m"\n')
+    made = load_controller(path)
+    assert (made.cut_out_speed, made.cut_out_torque) == pytest.approx((20 * KMH, 1500.0))
+    path.write_text('kind = "pi"\nkp = 330\nki = 129\ncut_out_speed = -1\n')
+    with pytest.raises(InputError, match=r"mine.toml: cut_out_speed: -1 is not allowed; give a value >= 0 \(m/s\)"):
+        load_controller(path)
 
 
 def test_what_locks_a_slow_wheel_is_the_disturbance(wet_end):
@@ -119,6 +134,19 @@ def test_friction_that_a_held_torque_needs_is_that_of_constant_slip(wet_end):
         assert needed == pytest.approx(point.adhesion_coefficient, rel=0.05 * 0.09 + 4e-3)
     assert wet_end.friction_there == peak(law, speed, PARK2008.wheel_load).coefficient
     assert wet_end.torque_there / wet_end.torque == pytest.approx(wet_end.friction_there / wet_end.friction_needed)
+
+
+def test_a_design_that_hands_over_is_told_where_it_is_the_best(record):
+    """Handed over before the speeds at which the wheel is lost, it may begin with the torque of a dry rail."""
+    name = "PI-lead, full range, started for dry rail, handed over at 20 km/h"
+    runs = {stop.scenario.rail: {one.name: one for one in stop.runs} for stop in record.stops[:2]}
+    assert runs[Rail.WET]["PI-lead, full range"].locks
+    assert not any(of_rail[name].locks for of_rail in runs.values())
+    told = [f"{of_rail[name].run.braking_distance:.3g} m on {rail} rail" for rail, of_rail in runs.items()]
+    assert f"The shortest that locks no wheel is “{name}”: {told[0]} and {told[1]}." in verdict(record).paragraph
+    # the shortest on dry rail, but it locks the wheel on wet rail
+    first = record.stops[0]
+    assert first.shortest_unlocked.run.braking_distance < first.run_of(name).braking_distance
 
 
 # --- an adhesion law of one's own -----------------------------------------------------------------------------------

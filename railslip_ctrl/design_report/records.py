@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -403,7 +403,11 @@ class Stop:
     @property
     def shortest_unlocked(self) -> StopRun | None:
         """The shortest of the stops without a locked wheel with any seed; None if there is none."""
-        return _shortest(one for one in self.runs if one.run is not None and not one.locks)
+        return self.shortest_of({one.name for one in self.runs if not one.locks})
+
+    def shortest_of(self, names: Container[str]) -> StopRun | None:
+        """The shortest of the stops of some controllers; None if none of them stopped."""
+        return _shortest(one for one in self.runs if one.run is not None and one.name in names)
 
     @property
     def without_dynamic(self) -> tuple[str, ...]:

@@ -20,8 +20,19 @@ from railslip_ctrl.units import KMH
 
 from .records import SlowEnd, SlowRun
 
+START_KMH = min(SPEEDS_KMH)
+"""Where the range ends that the designs are tuned for, and slip control can be handed over to a held torque."""
+
+HANDED_OVER = f", handed over at {START_KMH:g} km/h"
+"""What the name of a design that does so ends with."""
+
 SLOWEST_KMH = 1.0
 """Where a stop that is continued below its usual end is given up."""
+
+
+def handing_over(controller: LinearControl, vehicle: Vehicle) -> LinearControl:
+    """The controller with slip control handed over, at `START_KMH`, to the torque that the designs begin with."""
+    return replace(controller, cut_out_speed=START_KMH * KMH, cut_out_torque=initial_torque(vehicle))
 
 
 def slow_ends(
@@ -42,11 +53,10 @@ def slow_ends(
 
 def _slow_end(scenario: Scenario, name: str, controller: LinearControl, seeds: Sequence[int]) -> SlowEnd:
     vehicle, usual = scenario.vehicle, scenario.final_speed / KMH
-    start, torque = min(SPEEDS_KMH), initial_torque(vehicle)
+    start, torque = START_KMH, initial_torque(vehicle)
     reference = float(getattr(controller.reference, scenario.rail.value))
     whole = scenario.with_changes(final_speed=SLOWEST_KMH * KMH)
     quiet = whole.with_changes(disturbances=Disturbances())
-    handing_over = replace(controller, cut_out_speed=start * KMH, cut_out_torque=torque)
 
     def at(load: Vehicle) -> dict[str, Any]:
         return {"vehicle": load, "adhesion": scenario.adhesion.at_wheel_load(load.wheel_load / vehicle.wheel_load)}
@@ -68,7 +78,7 @@ def _slow_end(scenario: Scenario, name: str, controller: LinearControl, seeds: S
         friction_there=peak(scenario.adhesion.on(scenario.rail), start * KMH, vehicle.wheel_load).coefficient,
         controlled=ends(whole, controller, seeds),
         undisturbed=ends(quiet, controller, [None]),
-        handed_over=ends(whole, handing_over, seeds),
+        handed_over=ends(whole, handing_over(controller, vehicle), seeds),
     )
 
 

@@ -29,7 +29,7 @@ from .candidates import DesignNames, design_names, least_ms
 from .held_laws import is_own, own_design_points
 from .loops import COMPARED_LAWS
 from .records import Stop, StopRun
-from .slow_end import slow_ends
+from .slow_end import HANDED_OVER, handing_over, slow_ends
 
 CONTROLLERS = {
     "pi": "published PI",
@@ -187,15 +187,19 @@ def _stop(
 ) -> Stop:
     spread = bool(compared)
     runs = [_run(name, scenario, controller, spread=spread) for name, controller in controllers.items()]
-    chief = _chief(controllers | compared, design_names(scenario.vehicle))
+    names = design_names(scenario.vehicle)
+    chief = _chief(controllers | compared, names)
+    design = (controllers | compared).get(chief) if compared else None
+    for name, one in ((chief, design), (names.started_dry, compared.get(names.started_dry))):
+        if isinstance(one, LinearControl):
+            compared = compared | {f"{name}{HANDED_OVER}": handing_over(one, scenario.vehicle)}
     runs += [_run(name, scenario, one, spread=spread, drawn=name == chief) for name, one in compared.items()]
     laws, again = [scenario.adhesion], []
     if dynamic:
         laws.append(named_law("bristle", scenario.vehicle, scenario.initial_speed))
         again = list(_dynamic(scenario.with_changes(adhesion=laws[1]), controllers | compared))
-    design = (controllers | compared).get(chief)
     ends = slow_ends(scenario, chief, design, laws, SPREAD_SEEDS) if isinstance(design, LinearControl) else ()
-    return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), ends if compared else ())
+    return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), ends)
 
 
 def _chief(controllers: dict[str, Controller | str], names: DesignNames) -> str:

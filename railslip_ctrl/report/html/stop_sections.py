@@ -6,9 +6,10 @@ from collections.abc import Mapping
 
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
+from railslip_ctrl.design_report.slow_end import HANDED_OVER
 from railslip_ctrl.design_report.stops import DRY_START, HOLDING, RELAY, RELAY_SHARE
 from railslip_ctrl.simulation import Run
-from railslip_ctrl.simulation.designed import INITIAL_SHARE
+from railslip_ctrl.simulation.designed import INITIAL_SHARE, initial_torque
 from railslip_ctrl.units import KMH
 
 from .blocks import Block, Group, Items, Paragraph, Picture, Section, Table
@@ -65,12 +66,15 @@ def _compared(report: DesignReport) -> list[Block]:
     load, names = vehicle.wheel_load * vehicle.wheel.radius, design_names(vehicle)
     there = {one.name for stop in report.stops for one in stop.runs if one.run is not None}
     linear = [name for name in (HOLDING, names.least_ms) if name in there]
+    handed = next((name for name in there if name.endswith(HANDED_OVER)), "")
     told = {
         (linear or [HOLDING])[0]: f"{listed(linear)}: the {'designs' if len(linear) > 1 else 'design'} of "
         f"{'those names' if len(linear) > 1 else 'that name'}, with limits, anti-windup and initial torque of "
         f"{names.full_range}.",
         names.started_dry: f"{names.started_dry}: begun with {DRY_START:g} of wheel load times radius in place of "
-        f"{INITIAL_SHARE:g}, which wet rail does not take.",
+        f"{INITIAL_SHARE:g}; wet rail does not take it, and slip control has to bring it down.",
+        handed: f"{HANDED_OVER.removeprefix(', ')}: below that speed {short(initial_torque(vehicle))} N·m are "
+        "commanded, and slip is not controlled.",
         RELAY: f"{RELAY}: {short(RELAY_SHARE * load)} N·m while the slip is below the reference, none above.",
     }
     texts = tuple(text for name, text in told.items() if name in there)

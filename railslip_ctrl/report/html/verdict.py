@@ -9,6 +9,7 @@ from dataclasses import replace
 from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedRange, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
+from railslip_ctrl.design_report.slow_end import HANDED_OVER
 from railslip_ctrl.design_report.stops import DRY_START
 from railslip_ctrl.report.text import Verdict
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
@@ -72,7 +73,12 @@ def _none(report: DesignReport) -> Verdict:
 
 def _paragraph(report: DesignReport, taken: LoopDesign) -> str:
     stops = _stops(report)
-    found = (_recommended(report, taken), _over_speed(report), *(_stop(stop, taken, stops) for stop in stops))
+    found = (
+        _recommended(report, taken),
+        _over_speed(report),
+        *(_stop(stop, taken, stops) for stop in stops),
+        _shortest(stops, taken),
+    )
     return " ".join(text for text in (*found, _surge(report, taken)) if text)
 
 
@@ -102,7 +108,7 @@ def _over_speed(report: DesignReport) -> str:
     if speeds.stable_from > speeds.least_kmh and math.isinf(speeds.robust_from):
         return f"{text}, and {lost_words(speeds)}, where slip control has to be cut out."
     if speeds.stable_from > speeds.least_kmh:
-        return f"{text}. It is not for lower speeds (see Low speed): {lost_words(speeds)}."
+        return f"{text}. Not for lower speeds (see Low speed): {lost_words(speeds)}."
     return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
 
 
@@ -123,7 +129,7 @@ def _of(runs: Iterable[StopRun], name: str) -> StopRun | None:
 
 
 def _stop(stop: Stop, taken: LoopDesign, others: Sequence[Stop]) -> str:
-    """The stop of the recommended design in a sentence, beside the shortest that does not lock and the bound."""
+    """The stop of the recommended design in a sentence, beside the shortest that locks on no rail and the bound."""
     one = _of(stop.runs, taken.name)
     if one is None or one.run is None:
         return ""
@@ -131,22 +137,39 @@ def _stop(stop: Stop, taken: LoopDesign, others: Sequence[Stop]) -> str:
     if not run.stopped:
         return f"On {rail} rail the train does not stop with it."
     text = f"On {rail} rail it stops in {short(run.braking_distance, 3)} m{percent_over(run, stop.bound)}"
-    if run.max_slip < reference_of(run):
-        text += f", its slip never above {short(run.max_slip, 2)} (reference {reference_of(run):g})"
-    best = stop.shortest_unlocked
-    if best is one:
-        text += ", the shortest without a locked wheel"
-    elif best is not None and best.run is not None:
-        locks = [str(other.scenario.rail) for other in others if _locks(_of(other.runs, best.name))]
-        but = f", but locks the wheel on {listed(locks)} rail" if locks else ""
-        text += f"; {best.name} takes {short(best.run.braking_distance, 3)} m{but}"
     if one.locks:
-        text += f"; the wheel is locked for {short(100 * one.most_locked, 2)} % of the time"
+        text += f", its wheel locked for up to {short(100 * one.most_locked, 2)} % of the time"
+    best = _best(stop, others)
+    if best is one:
+        text += ", the shortest of those that lock no wheel"
+    elif best is not None and best.run is not None and not _one_is_best(others):
+        text += f"; “{best.name}” takes {short(best.run.braking_distance, 3)} m"
     return text + "."
 
 
-def _locks(one: StopRun | None) -> bool:
-    return one is not None and one.run is not None and one.locks
+def _shortest(stops: Sequence[Stop], taken: LoopDesign) -> str:
+    """The one controller that is, on every rail, the shortest of those that lock on none; empty if there is none."""
+    found = [one.run for stop in stops if (one := _best(stop, stops)) is not None and one.run is not None]
+    best = _best(stops[0], stops) if stops else None
+    if best is None or best.name == taken.name or not _one_is_best(stops):
+        return ""
+    told = [f"{short(run.braking_distance, 3)} m on {run.scenario.rail} rail" for run in found]
+    return f"The shortest that locks no wheel is “{best.name}”: {listed(told)}."
+
+
+def _one_is_best(stops: Sequence[Stop]) -> bool:
+    return len({None if one is None else one.name for one in (_best(stop, stops) for stop in stops)}) == 1
+
+
+def _best(stop: Stop, stops: Sequence[Stop]) -> StopRun | None:
+    """The shortest run of a stop by a controller that locks the wheel in none of the stops."""
+    return stop.shortest_of(_without_lock(stops))
+
+
+def _without_lock(stops: Sequence[Stop]) -> set[str]:
+    """Controllers that lock the wheel on no rail with any of the seeds."""
+    there = {one.name for stop in stops for one in stop.runs if one.run is not None}
+    return there - {one.name for stop in stops for one in stop.runs if one.run is not None and one.locks}
 
 
 def _surge(report: DesignReport, taken: LoopDesign) -> str:
@@ -328,15 +351,23 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
             f"{short(one.run.max_torque, 3)} N·m before the train stands."
         )
     started = design_names(report.check.vehicle).started_dry
-    begun = [
-        f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
-        + (f", locked {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
-        for stop in _stops(report)
-        if (one := _of(stop.runs, started)) is not None and one.run is not None
-    ]
+    begun, handed = (_takes(report, name) for name in (started, f"{started}{HANDED_OVER}"))
     if texts and begun:
-        texts.append(f"Begun with {DRY_START:g} of wheel load times radius it would take {listed(begun)}.")
+        over = f"; {HANDED_OVER.removeprefix(', ')} (see Low speed) besides, {handed}" if handed else ""
+        texts.append(f"Begun with {DRY_START:g} of wheel load times radius it would take {begun}{over}.")
     return " ".join(texts)
+
+
+def _takes(report: DesignReport, name: str) -> str:
+    """Where a controller stops on each rail; empty if it has no runs."""
+    return listed(
+        [
+            f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
+            + (f", locked up to {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
+            for stop in _stops(report)
+            if (one := _of(stop.runs, name)) is not None and one.run is not None
+        ]
+    )
 
 
 def _not_covered(report: DesignReport, taken: LoopDesign) -> str:
