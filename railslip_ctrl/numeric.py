@@ -176,12 +176,10 @@ def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
 
 def generate(law: type[AdhesionLaw]) -> str:
     """Text of the numeric module of a law."""
-    from sympy.printing.numpy import NumPyPrinter
-
     from . import plant
 
     closed = plant.close(law)
-    printer = NumPyPrinter({"user_functions": {name: path.split(":")[1] for name, path in closed.functions.items()}})
+    printer = _printer({"user_functions": {name: path.split(":")[1] for name, path in closed.functions.items()}})
     names = [*plant.VEHICLE_PARAMETERS, *law.argument_names()]
     imports = [f"from {path.split(':')[0]} import {path.split(':')[1]}" for path in closed.functions.values()]
     head = [
@@ -193,6 +191,32 @@ def generate(law: type[AdhesionLaw]) -> str:
     ]
     functions = [_function_text(name, getattr(closed, name), plant.ARGUMENTS, names, printer) for name in FUNCTIONS]
     return "\n".join(head) + "\n" + "".join(functions)
+
+
+def _printer(settings: dict[str, Any]) -> Any:
+    """SymPy's printer for NumPy, but for what is slow there: powers beyond the square, and `select`."""
+    import sympy as sp
+    from sympy.printing.numpy import NumPyPrinter
+
+    class Printer(NumPyPrinter):  # type: ignore[misc]
+        def _print_Pow(self, expr: Any, rational: bool = False) -> str:
+            base, exponent = expr.as_base_exp()
+            if not (base.is_Symbol and exponent.is_Integer and exponent not in (-1, 2)):
+                return str(super()._print_Pow(expr, rational=rational))
+            product = "(" + "*".join([self._print(base)] * abs(int(exponent))) + ")"
+            return product if exponent > 0 else f"{product}**(-1.0)"
+
+        def _print_Piecewise(self, expr: Any) -> str:
+            *cases, (last, condition) = expr.args
+            rest = self._print(last) if condition is sp.true else self._print_case(last, condition, "numpy.nan")
+            for value, condition in reversed(cases):
+                rest = self._print_case(value, condition, rest)
+            return rest
+
+        def _print_case(self, value: Any, condition: Any, rest: str) -> str:
+            return f"numpy.where({self._print(condition)}, {self._print(value)}, {rest})"
+
+    return Printer(settings)
 
 
 def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters: list[str], printer: Any) -> str:

@@ -217,9 +217,9 @@ def probe(text, what):
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
     found["failed"] = [step.name for step in d.steps if not step.checked]
     found["verify"] = derivation_checked(d).holds
-    if what == "errata":
+    if "errata" in what:
         found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
-    if what == "cycle":
+    if "cycle" in what:
         try:
             found["cycle"] = predict_limit_cycle(published_loop(Rail.DRY)).period
         except (ArithmeticError, LookupError, ValueError) as error:
@@ -299,14 +299,30 @@ def _probed(folder: Path, asked: dict[str, tuple[str, str]]) -> dict[str, dict]:
     return json.loads(done.stdout)
 
 
-def test_a_broken_plant_is_noticed(tmp_path) -> None:
-    """Each changes the law or the disturbance, fails a check of the derivation, and (35)-(45) agree no longer."""
+@pytest.fixture(scope="module")
+def probed(tmp_path_factory) -> tuple[dict, dict[str, dict], dict[str, dict]]:
+    """What the sound plant, each of `MUTATIONS` and each sign flip give; a flip that is a mutation too is run once."""
     text = Path(plant.__file__).read_text(encoding="utf-8")
     assert all(text.count(before) == 1 for before, _ in MUTATIONS.values())
-    asked = {name: (text.replace(*pair), "errata") for name, pair in MUTATIONS.items()}
-    found = _probed(tmp_path, {"sound": (text, "errata"), **asked})
-    sound = found.pop("sound")
+    mutated = {name: _bare(text.replace(*pair)) for name, pair in MUTATIONS.items()}
+    flips = _sign_flips(text)
+    what = {flip: "cycle" if name.split(" = ")[0] in ACTUATOR else "" for name, flip in flips.items()}
+    what |= {**dict.fromkeys(mutated.values(), "errata"), _bare(text): "errata, cycle"}
+    found = _probed(tmp_path_factory.mktemp("broken"), {source: (source, asked) for source, asked in what.items()})
+    broken, flipped = ({name: found[source] for name, source in of.items()} for of in (mutated, flips))
+    return found[_bare(text)], broken, flipped
+
+
+def _bare(source: str) -> str:
+    """Without comments and layout."""
+    return ast.unparse(ast.parse(source))
+
+
+def test_a_broken_plant_is_noticed(probed) -> None:
+    """Each changes the law or the disturbance, fails a check of the derivation, and (35)-(45) agree no longer."""
+    sound, found, _ = probed
     assert (sound["failed"], sound["verify"]) == ([], True)
+    assert list(found) == list(MUTATIONS)
     for name, broken in found.items():
         assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
         assert broken["failed"], name
@@ -315,23 +331,19 @@ def test_a_broken_plant_is_noticed(tmp_path) -> None:
         assert "(35)" in broken["disagree"], name
 
 
-def test_every_sign_of_the_statement_counts(tmp_path) -> None:
+def test_every_sign_of_the_statement_counts(probed) -> None:
     """Whichever sign of whichever equation is changed, `derive` and `verify` say that a step fails.
 
     A changed actuator also stops the analysis of what the actuator does.
     """
-    text = Path(plant.__file__).read_text(encoding="utf-8")
-    flips = _sign_flips(text)
-    assert {name.split(" = ")[0] for name in flips} == EQUATIONS | ACTUATOR
-    assert len(flips) >= 20
-    asked = {name: (flip, "cycle" if name.split(" = ")[0] in ACTUATOR else "") for name, flip in flips.items()}
-    found = _probed(tmp_path, {"sound": (text, "cycle"), **asked})
-    sound = found.pop("sound")
+    sound, _, found = probed
+    assert {name.split(" = ")[0] for name in found} == EQUATIONS | ACTUATOR
+    assert len(found) >= 20
     assert (sound["failed"], sound["verify"]) == ([], True)
     for name, broken in found.items():
         assert broken["failed"], name
         assert not broken["verify"], name
-        if "cycle" in broken:
+        if name.split(" = ")[0] in ACTUATOR:
             assert "do not describe one actuator" in broken["cycle"], name
     assert sound["cycle"] > 0.0
 

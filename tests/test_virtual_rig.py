@@ -375,7 +375,7 @@ def test_a_parameter_on_its_bound_leaves_the_others_their_uncertainty():
     test = published_tests("beam")[0]
     test = dataclasses.replace(test, law=test.law.model_copy(update={"a": 0.001}))  # a standard error is 0.0015
     hits, rested = dict.fromkeys(test.law.parameter_names(), 0), 0
-    seeds = range(1005, 1025)
+    seeds = range(1005, 1017)
     for seed in seeds:
         found = fit_of(test, seed=seed)
         for p in found.parameters:
@@ -389,7 +389,8 @@ def test_a_parameter_on_its_bound_leaves_the_others_their_uncertainty():
             assert any("a: rests on its lower bound; by this log it is not more than" in note for note in found.notes)
             assert found.parameters[0].stderr > 1e-3  # not as if a were known, which would make it 4e-4
     assert rested >= 3
-    assert min(hits.values()) >= len(seeds) - 2, hits  # 99 % each
+    # of 12 at 99 % each, three misses of a parameter or more have a probability of 0.02 %
+    assert min(hits.values()) >= len(seeds) - 2, hits
 
 
 @pytest.mark.parametrize(("given", "slip", "mu"), [(2.93, 0.129, 0.299), (1.0, 0.0811, 0.3097)])

@@ -16,35 +16,35 @@ def force(v, sigma, z, Tb, Td, Tr, p):
     _x5 = a*sigma
     _x6 = Kx*_x1*_x2*_x3
     _x7 = _x6*sigma
-    return numpy.select([numpy.less_equal(_x0*_x6, 3),numpy.greater(_x7, 3),True], [-N*_x5*(Kx*_x0*_x1*_x2*_x3 - 2/9*_x4*sigma**2) + N*mu_max*((1/27)*Kx**3*sigma**3/(N**3*mu_max**3*v**3) - 1/3*_x0*_x4*sigma + _x7),N*(-_x5 + mu_max),-N*(_x5 + mu_max)], default=numpy.nan)
+    return numpy.where(numpy.less_equal(_x0*_x6, 3), -N*_x5*(Kx*_x0*_x1*_x2*_x3 - 2/9*_x4*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x0*_x4*sigma + _x7), numpy.where(numpy.greater(_x7, 3), N*(-_x5 + mu_max), -N*(_x5 + mu_max)))
 
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = abs(sigma)
-    _x1 = v**(-2.0)
+    _x1 = (v*v)**(-1.0)
     _x2 = N**(-1.0)
     _x3 = mu_max**(-1.0)
     _x4 = Kx*_x2*_x3
     _x5 = _x1*_x4
     _x6 = sigma**2
-    _x7 = v**(-3.0)
+    _x7 = (v*v*v)**(-1.0)
     _x8 = _x6*_x7
     _x9 = Kx**2
-    _x10 = N**(-2.0)
-    _x11 = mu_max**(-2.0)
+    _x10 = (N*N)**(-1.0)
+    _x11 = (mu_max*mu_max)**(-1.0)
     _x12 = _x10*_x11*_x9
     _x13 = (4/9)*_x12
     _x14 = N*a
     _x15 = _x14*sigma
-    _x16 = (1/9)*Kx**3/(N**3*mu_max**3)
+    _x16 = (1/9)*(Kx*Kx*Kx)/((N*N*N)*(mu_max*mu_max*mu_max))
     _x17 = v**(-1.0)
     _x18 = _x17*_x4
     _x19 = numpy.less_equal(_x0*_x18, 3)
     _x20 = numpy.sign(sigma)
     _x21 = _x1*_x12
     _x22 = (1/3)*_x21
-    return (numpy.select([_x19,True], [N*mu_max*((2/3)*_x0*_x10*_x11*_x7*_x9*sigma - _x16*sigma**3/v**4 - _x5*sigma) - _x15*(-_x0*_x5 + _x13*_x8),0], default=numpy.nan), numpy.select([_x19,True], [N*mu_max*(-_x0*_x22 + _x16*_x8 + _x18 - _x20*_x22*sigma) - _x14*(Kx*_x0*_x17*_x2*_x3 - 2/9*_x21*_x6) - _x15*(Kx*_x17*_x2*_x20*_x3 - _x1*_x13*sigma),-_x14], default=numpy.nan), 0)
+    return (numpy.where(_x19, N*mu_max*((2/3)*_x0*_x10*_x11*_x7*_x9*sigma - _x16*(sigma*sigma*sigma)/(v*v*v*v) - _x5*sigma) - _x15*(-_x0*_x5 + _x13*_x8), 0), numpy.where(_x19, N*mu_max*(-_x0*_x22 + _x16*_x8 + _x18 - _x20*_x22*sigma) - _x14*(Kx*_x0*_x17*_x2*_x3 - 2/9*_x21*_x6) - _x15*(Kx*_x17*_x2*_x20*_x3 - _x1*_x13*sigma), -_x14), 0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
@@ -64,7 +64,7 @@ def rates(v, sigma, z, Tb, Td, Tr, p):
     _x7 = a*sigma
     _x8 = Kx*_x3*_x4*_x5
     _x9 = _x8*sigma
-    _x10 = numpy.select([numpy.less_equal(_x2*_x8, 3),numpy.greater(_x9, 3),True], [-N*_x7*(Kx*_x2*_x3*_x4*_x5 - 2/9*_x6*sigma**2) + N*mu_max*((1/27)*Kx**3*sigma**3/(N**3*mu_max**3*v**3) - 1/3*_x2*_x6*sigma + _x9),N*(-_x7 + mu_max),-N*(_x7 + mu_max)], default=numpy.nan)
+    _x10 = numpy.where(numpy.less_equal(_x2*_x8, 3), -N*_x7*(Kx*_x2*_x3*_x4*_x5 - 2/9*_x6*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x2*_x6*sigma + _x9), numpy.where(numpy.greater(_x9, 3), N*(-_x7 + mu_max), -N*(_x7 + mu_max)))
     _x11 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*_x1 + Tr*_x0/r + _x0*_x10
     _x12 = J**(-1.0)
     return (-_x11, -B*_x12*sigma + B*_x12*v + Tb*_x12*r + Td*_x12*r - Tr*_x12*r - _x10*_x12*r**2 - _x11, 0)
@@ -74,31 +74,31 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
     _x0 = M**(-1.0)
     _x1 = abs(sigma)
-    _x2 = v**(-2.0)
+    _x2 = (v*v)**(-1.0)
     _x3 = N**(-1.0)
     _x4 = mu_max**(-1.0)
     _x5 = Kx*_x3*_x4
     _x6 = _x2*_x5
     _x7 = sigma**2
-    _x8 = v**(-3.0)
+    _x8 = (v*v*v)**(-1.0)
     _x9 = _x7*_x8
     _x10 = Kx**2
-    _x11 = N**(-2.0)
-    _x12 = mu_max**(-2.0)
+    _x11 = (N*N)**(-1.0)
+    _x12 = (mu_max*mu_max)**(-1.0)
     _x13 = _x10*_x11*_x12
     _x14 = (4/9)*_x13
     _x15 = N*a
     _x16 = _x15*sigma
-    _x17 = (1/9)*Kx**3/(N**3*mu_max**3)
+    _x17 = (1/9)*(Kx*Kx*Kx)/((N*N*N)*(mu_max*mu_max*mu_max))
     _x18 = v**(-1.0)
     _x19 = _x18*_x5
     _x20 = numpy.less_equal(_x1*_x19, 3)
-    _x21 = numpy.select([_x20,True], [N*mu_max*((2/3)*_x1*_x10*_x11*_x12*_x8*sigma - _x17*sigma**3/v**4 - _x6*sigma) - _x16*(-_x1*_x6 + _x14*_x9),0], default=numpy.nan)
+    _x21 = numpy.where(_x20, N*mu_max*((2/3)*_x1*_x10*_x11*_x12*_x8*sigma - _x17*(sigma*sigma*sigma)/(v*v*v*v) - _x6*sigma) - _x16*(-_x1*_x6 + _x14*_x9), 0)
     _x22 = Fr1*_x0 + 2*Fr2*_x0*v + _x0*_x21
     _x23 = numpy.sign(sigma)
     _x24 = _x13*_x2
     _x25 = (1/3)*_x24
-    _x26 = numpy.select([_x20,True], [N*mu_max*(-_x1*_x25 + _x17*_x9 + _x19 - _x23*_x25*sigma) - _x15*(Kx*_x1*_x18*_x3*_x4 - 2/9*_x24*_x7) - _x16*(Kx*_x18*_x23*_x3*_x4 - _x14*_x2*sigma),-_x15], default=numpy.nan)
+    _x26 = numpy.where(_x20, N*mu_max*(-_x1*_x25 + _x17*_x9 + _x19 - _x23*_x25*sigma) - _x15*(Kx*_x1*_x18*_x3*_x4 - 2/9*_x24*_x7) - _x16*(Kx*_x18*_x23*_x3*_x4 - _x14*_x2*sigma), -_x15)
     _x27 = _x0*_x26
     _x28 = J**(-1.0)
     _x29 = B*_x28
@@ -126,6 +126,6 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x15 = a*sigma
     _x16 = Kx*_x12*_x13
     _x17 = _x10*_x16
-    _x18 = numpy.select([numpy.less_equal(_x11*_x16*_x9, 3),numpy.greater(_x17, 3),True], [-N*_x15*(Kx*_x11*_x12*_x13*_x9 - 2/9*_x14*sigma**2) + N*mu_max*((1/27)*Kx**3*sigma**3/(N**3*mu_max**3*v**3) - 1/3*_x11*_x14*sigma + _x17),N*(-_x15 + mu_max),-N*(_x15 + mu_max)], default=numpy.nan)
+    _x18 = numpy.where(numpy.less_equal(_x11*_x16*_x9, 3), -N*_x15*(Kx*_x11*_x12*_x13*_x9 - 2/9*_x14*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x11*_x14*sigma + _x17), numpy.where(numpy.greater(_x17, 3), N*(-_x15 + mu_max), -N*(_x15 + mu_max)))
     _x19 = _x18*_x3
     return -Td + Tr + _x1*sigma - _x1*v - _x10*_x19 - _x10*_x4 - _x10*_x5 + _x18*r + _x19 + _x4 + _x5 - _x6*sigma + _x6*v + _x7*_x8 - _x8*sigma*v

@@ -5,7 +5,7 @@ import numpy
 
 from railslip_ctrl.adhesion.curve import curve_force
 
-SOURCES_SHA256 = "d6d1f0d1e69b1abfe08e634961680447a93735093bb94245bca9173425243207"
+SOURCES_SHA256 = "53c56f741bfc0e7b6e065cd41717c9aad471424fa8d52db928baaf8d85bb609f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
@@ -18,7 +18,7 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     _x0 = abs(sigma)
     _x1 = v**(-1.0)
     _x2 = _x0*alpha*v0**2*(-beta*abs(curve_force(_x1*sigma, alpha, beta, gamma, R, v0))/(-_x0*_x1*v0 + gamma) + 1)/R
-    return (-_x2*sigma/v**3, _x2/v**2, 0)
+    return (-_x2*sigma/(v*v*v), _x2/v**2, 0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
@@ -42,11 +42,11 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x2 = 2*Fr2*_x0*v
     _x3 = abs(sigma)
     _x4 = R**(-1.0)
-    _x5 = v**(-3.0)
+    _x5 = (v*v*v)**(-1.0)
     _x6 = v0**2
     _x7 = v**(-1.0)
     _x8 = -beta*abs(curve_force(_x7*sigma, alpha, beta, gamma, R, v0))/(-_x3*_x7*v0 + gamma) + 1
-    _x9 = v**(-2.0)
+    _x9 = (v*v)**(-1.0)
     _x10 = _x3*_x4*_x6*_x8*alpha
     _x11 = _x0*_x10
     _x12 = _x11*_x9

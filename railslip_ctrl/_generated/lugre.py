@@ -14,7 +14,7 @@ def force(v, sigma, z, Tb, Td, Tr, p):
 
 def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
-    _x0 = vs**(-2.0)
+    _x0 = (vs*vs)**(-1.0)
     _x1 = (-Fc + Fs)*numpy.exp(-_x0*sigma**2)
     _x2 = Fc + _x1
     _x3 = alpha/_x2
@@ -42,7 +42,7 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
     _x0 = M**(-1.0)
     _x1 = Fr1*_x0 + 2*Fr2*_x0*v
-    _x2 = vs**(-2.0)
+    _x2 = (vs*vs)**(-1.0)
     _x3 = (-Fc + Fs)*numpy.exp(-_x2*sigma**2)
     _x4 = Fc + _x3
     _x5 = alpha/_x4

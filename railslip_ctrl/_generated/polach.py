@@ -17,16 +17,16 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
     _x0 = numpy.pi**2
     _x1 = G**2
-    _x2 = N**(-2.0)
+    _x2 = (N*N)**(-1.0)
     _x3 = a**2
     _x4 = b**2
     _x5 = c11**2
     _x6 = kA**2
-    _x7 = mu0**(-2.0)
-    _x8 = v**(-2.0)
+    _x7 = (mu0*mu0)**(-1.0)
+    _x8 = (v*v)**(-1.0)
     _x9 = (1 - A)*numpy.exp(-Bw*abs(sigma))
     _x10 = A + _x9
-    _x11 = _x10**(-2.0)
+    _x11 = (_x10*_x10)**(-1.0)
     _x12 = _x0*_x1*_x11*_x2*_x3*_x4*_x5*_x6*_x7*_x8
     _x13 = sigma**2
     _x14 = (1/16)*_x13
@@ -40,8 +40,8 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     _x22 = _x0*_x1*_x2*_x3*_x4*_x5*_x7*_x8
     _x23 = (_x11*_x14*_x22*kS**2 + 1)**(-1.0)
     _x24 = kS*sigma
-    _x25 = _x10**(-3.0)
-    _x26 = _x15**(-2.0)
+    _x25 = (_x10*_x10*_x10)**(-1.0)
+    _x26 = (_x15*_x15)**(-1.0)
     _x27 = numpy.pi**(-1.0)
     _x28 = 2*N*_x27*mu0
     _x29 = v**(-1.0)
@@ -50,7 +50,7 @@ def force_gradient(v, sigma, z, Tb, Td, Tr, p):
     _x32 = _x16*_x30
     _x33 = Bw*_x9*numpy.sign(sigma)
     _x34 = (1/4)*numpy.pi*G*_x11*_x18*_x19*_x29*_x33*a*b*c11
-    return (_x10*_x28*((1/32)*numpy.pi**3*G**3*_x25*_x26*a**3*b**3*c11**3*kA**3*sigma**3/(N**3*mu0**3*v**4) - _x17*_x21 - _x21*_x23*_x24), 2*N*_x10*_x27*mu0*(_x17*_x34 + _x23*(_x24*_x34 + _x31) + _x26*_x30*kA*sigma*(-1/8*_x12*sigma - 1/8*_x13*_x22*_x25*_x33*_x6) + _x32) - _x28*_x33*(_x32*sigma + numpy.arctan(_x31*sigma)), 0)
+    return (_x10*_x28*((1/32)*numpy.pi**3*(G*G*G)*_x25*_x26*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x17*_x21 - _x21*_x23*_x24), 2*N*_x10*_x27*mu0*(_x17*_x34 + _x23*(_x24*_x34 + _x31) + _x26*_x30*kA*sigma*(-1/8*_x12*sigma - 1/8*_x13*_x22*_x25*_x33*_x6) + _x32) - _x28*_x33*(_x32*sigma + numpy.arctan(_x31*sigma)), 0)
 
 
 def rest_state(v, sigma, z, Tb, Td, Tr, p):
@@ -76,18 +76,18 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x1 = 2*_x0
     _x2 = numpy.pi**2
     _x3 = G**2
-    _x4 = N**(-2.0)
+    _x4 = (N*N)**(-1.0)
     _x5 = a**2
     _x6 = b**2
     _x7 = c11**2
     _x8 = kA**2
-    _x9 = mu0**(-2.0)
-    _x10 = v**(-2.0)
+    _x9 = (mu0*mu0)**(-1.0)
+    _x10 = (v*v)**(-1.0)
     _x11 = 1 - A
     _x12 = numpy.exp(-Bw*abs(sigma))
     _x13 = _x11*_x12
     _x14 = A + _x13
-    _x15 = _x14**(-2.0)
+    _x15 = (_x14*_x14)**(-1.0)
     _x16 = _x10*_x15*_x2*_x3*_x4*_x5*_x6*_x7*_x8*_x9
     _x17 = sigma**2
     _x18 = (1/16)*_x17
@@ -101,9 +101,9 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x26 = _x10*_x2*_x3*_x4*_x5*_x6*_x7*_x9
     _x27 = (_x15*_x18*_x26*kS**2 + 1)**(-1.0)
     _x28 = kS*sigma
-    _x29 = _x14**(-3.0)
-    _x30 = _x19**(-2.0)
-    _x31 = (1/32)*numpy.pi**3*G**3*_x29*_x30*a**3*b**3*c11**3*kA**3*sigma**3/(N**3*mu0**3*v**4) - _x21*_x25 - _x25*_x27*_x28
+    _x29 = (_x14*_x14*_x14)**(-1.0)
+    _x30 = (_x19*_x19)**(-1.0)
+    _x31 = (1/32)*numpy.pi**3*(G*G*G)*_x29*_x30*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x21*_x25 - _x25*_x27*_x28
     _x32 = numpy.pi**(-1.0)
     _x33 = N*_x32*mu0
     _x34 = _x14*_x33

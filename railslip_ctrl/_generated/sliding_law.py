@@ -125,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "2896ad3f61d9272d3c05cfe4b2963d6f7b53cfeae7f77a5f72dca2a5198476d2"
+SOURCES_SHA256 = "70ddfc8ed72319610a20af53bee96efc1ed5bafc89d6a9459d28e4252be6f2d7"

@@ -6,7 +6,7 @@ import numpy
 from railslip_ctrl.adhesion.table import table_force
 from railslip_ctrl.adhesion.table import table_slope
 
-SOURCES_SHA256 = "e462553cd66230dae5d96bc0ee68d1df5f3fcf54a142b2f72731dd9b8f9b72a1"
+SOURCES_SHA256 = "8bd147ad2fa9e45cc35c0fb87b7ead01c8cd7b54b357b3fc06c793b22202c3d2"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):
@@ -40,7 +40,7 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x0 = M**(-1.0)
     _x1 = Fr1*_x0
     _x2 = 2*Fr2*_x0*v
-    _x3 = v**(-2.0)
+    _x3 = (v*v)**(-1.0)
     _x4 = v**(-1.0)
     _x5 = table_slope(_x4*sigma, N, table)
     _x6 = _x0*_x5

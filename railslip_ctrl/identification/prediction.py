@@ -185,9 +185,8 @@ class Along:
         v, torque, sigma, decay = i.speed0, i.torque0, i.speed0 - self.radius * i.omega0, np.ones(len(i))
         dv = dv - bend * (self._substeps - 1) / 2.0
         for _ in range(self._substeps):
-            force = self._force(values, sigma, v)
-            steeper = self._force(values, sigma + _SLIP_STEP * v, v)
-            later = self._force(values, sigma, v + dv)
+            at = np.stack([sigma, sigma + _SLIP_STEP * v, sigma])  # in one call: rows are few, calls are slow
+            force, steeper, later = self._force(values, at, np.stack([v, v, v + dv]))
             q = (self.radius**2 * (steeper - force) / (_SLIP_STEP * v) + self.B) / self.J * h
             q = np.maximum(q, -_WILDEST)
             turning = self.B * (v - sigma) + self.radius * torque - self.radius**2 * force
@@ -258,30 +257,28 @@ class Along:
         from scipy.optimize import minimize_scalar
 
         found = self.errors(values)
-        error = self._without_start(found.error, found.start)
+        error, bands = self._without_start(found.error, found.start), self._covariance_bands(found.decay)
 
         def deviance(log_ratio: float) -> float:
-            factor = self._covariance_factor(found.decay, math.exp(log_ratio))
+            factor = _covariance_factor(bands, math.exp(log_ratio))
             white = self._whitened(error, factor)
             size = float(np.sum(white**2)) + np.finfo(float).tiny
             return len(white) * math.log(size) + 2.0 * float(np.sum(np.log(factor[0])))
 
         best = minimize_scalar(deviance, bounds=_RATIOS, method="bounded", options={"xatol": 1e-3})
-        factor = self._covariance_factor(found.decay, math.exp(best.x))
+        factor = _covariance_factor(bands, math.exp(best.x))
         scale = math.sqrt(float(np.mean(self._whitened(error, factor) ** 2))) or 1.0
         self._factor = factor * scale
 
-    def _covariance_factor(self, decay: Floats, ratio: float) -> Floats:
-        """Cholesky factor, banded, of the errors' covariance for a random force of effect 1 and a pickup's variance."""
-        from scipy.linalg import cholesky_banded
-
-        i, A = self.intervals, decay
+    def _covariance_bands(self, A: Floats) -> tuple[Floats, Floats]:
+        """The errors' covariance, banded: of a random force of effect 1, of a pickup of variance 1; `A` the decay."""
+        i = self.intervals
         # a force held for a nominal interval; over another its mean is the surer the longer
         gain = _phi(-np.log(np.clip(A, 1e-12, 1e12))) * np.sqrt(i.step / np.median(i.step))
-        bands = np.zeros((2, len(i)))
-        bands[0] = ratio * (1 + A**2) + gain**2
-        bands[1, :-1] = np.where(i.begins[1:], 0.0, -ratio * A[1:])
-        return np.asarray(cholesky_banded(bands, lower=True))
+        force, pickup = np.zeros((2, len(i))), np.zeros((2, len(i)))
+        force[0], pickup[0] = gain**2, 1 + A**2
+        pickup[1, :-1] = np.where(i.begins[1:], 0.0, -A[1:])
+        return force, pickup
 
     def residuals(self, values: Floats) -> Floats:
         """The whitened errors, of variance 1 each where the model is right."""
@@ -292,9 +289,10 @@ class Along:
 
     @staticmethod
     def _whitened(x: Floats, factor: Floats) -> Floats:
-        from scipy.linalg import solve_banded
+        from scipy.linalg.blas import dtbsv
 
-        return np.asarray(solve_banded((1, 0), factor, x))
+        # `solve_banded` pivots, of which a triangle has no need; ValueError where x is not finite, as it has
+        return np.asarray(dtbsv(1, factor, np.asarray_chkfinite(x), lower=1))
 
     def _without_start(self, error: Floats, start: Floats | None) -> Floats:
         """The errors with the best start of each run."""
@@ -370,9 +368,18 @@ class Along:
 _ZERO = np.zeros(1)
 
 
+def _covariance_factor(bands: tuple[Floats, Floats], ratio: float) -> Floats:
+    """Cholesky factor, banded, of the covariance for a pickup's variance over the effect of the random force."""
+    from scipy.linalg import cholesky_banded
+
+    force, pickup = bands
+    return np.asarray(cholesky_banded(force + ratio * pickup, lower=True))
+
+
 def _phi(q: Floats) -> Floats:
     """(1 - exp(-q))/q, 1 at 0."""
-    result: Floats = np.where(np.abs(q) < 1e-8, 1.0 - q / 2, -np.expm1(-q) / np.where(np.abs(q) < 1e-8, 1.0, q))
+    small = np.abs(q) < 1e-8
+    result: Floats = np.where(small, 1.0 - q / 2, -np.expm1(-q) / np.where(small, 1.0, q))
     return result
 
 

@@ -40,12 +40,27 @@ class Response:
 
     def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
         """ln|L| and d ln|L|/d omega."""
-        return self.system.log_magnitude(omega)
+        return self.log_size(omega), self.log_size_slope(omega)
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
         """Continuous phase of L, rad, and its derivative."""
-        value, slope = self.system.phase(omega)
-        return value - self.dead_time * omega, slope - self.dead_time
+        return self.angle(omega), self.angle_slope(omega)
+
+    def log_size(self, omega: Floats) -> Floats:
+        """ln|L|."""
+        return self.system.log_size(omega)
+
+    def log_size_slope(self, omega: Floats) -> Floats:
+        """d ln|L|/d omega."""
+        return self.system.log_size_slope(omega)
+
+    def angle(self, omega: Floats) -> Floats:
+        """Continuous phase of L, rad."""
+        return self.system.angle(omega) - self.dead_time * omega
+
+    def angle_slope(self, omega: Floats) -> Floats:
+        """Its derivative."""
+        return self.system.angle_slope(omega) - self.dead_time
 
     def log_slope(self, omega: Floats) -> NDArray[np.complex128]:
         """d ln L(j omega)/d omega, complex."""
@@ -133,13 +148,13 @@ def gain_crossovers(response: Response, nodes: Floats) -> Floats:
     """
     if response.system.gain == 0:
         return np.array([])
-    nodes = _with_extrema(nodes, lambda w: response.log_magnitude(w)[1])
-    value = response.log_magnitude(nodes)[0]
+    nodes = _with_extrema(nodes, response.log_size_slope)
+    value = response.log_size(nodes)
     if np.all(np.abs(value) < 1e-12):
         return np.array([])  # all-pass: |L| = 1 everywhere
     crossing = (np.sign(value[:-1]) * np.sign(value[1:]) < 0) & ~_axis_intervals(response.system, nodes)
     at = np.flatnonzero(crossing)
-    found = bracketed_roots(lambda w, _: response.log_magnitude(w)[0], nodes[at], nodes[at + 1])
+    found = bracketed_roots(lambda w, _: response.log_size(w), nodes[at], nodes[at + 1])
     touching = nodes[1:-1][np.abs(value[1:-1]) < 1e-13]
     return np.unique(np.concatenate([found, touching]))
 
@@ -165,11 +180,11 @@ def phase_crossovers(
     """
     if response.system.gain == 0:
         return np.array([])
-    nodes = _with_extrema(nodes, lambda w: response.phase(w)[1])
+    nodes = _with_extrema(nodes, response.angle_slope)
     # the largest |L| within an interval is at its ends only if the extrema of |L| are among them
-    nodes = _with_extrema(nodes, lambda w: response.log_magnitude(w)[1])
-    phase = response.phase(nodes)[0]
-    size = response.log_magnitude(nodes)[0]
+    nodes = _with_extrema(nodes, response.log_size_slope)
+    phase = response.angle(nodes)
+    size = response.log_size(nodes)
     lower, upper = np.minimum(phase[:-1], phase[1:]), np.maximum(phase[:-1], phase[1:])
     first = np.ceil((lower - level) / (2 * np.pi))
     count = np.floor((upper - level) / (2 * np.pi)) - first + 1
@@ -185,5 +200,5 @@ def phase_crossovers(
     total = np.floor((upper - level) / (2 * np.pi)) - first
     number = np.where(falling, first[at] + total[at] - step, first[at] + step)
     target = level + 2 * np.pi * number
-    found = bracketed_roots(lambda w, i: response.phase(w)[0] - target[i], nodes[at], nodes[at + 1])
+    found = bracketed_roots(lambda w, i: response.angle(w) - target[i], nodes[at], nodes[at + 1])
     return np.unique(found)

@@ -255,7 +255,7 @@ class DeadTimeLoop:
         if sizes.size == 0 or self._system.gain == 0:
             return 1.0
         beyond = self._nodes[self._nodes >= 0.3 * sizes.min()]
-        return float(np.exp(self._response.log_magnitude(beyond)[0].max()))
+        return float(np.exp(self._response.log_size(beyond).max()))
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:

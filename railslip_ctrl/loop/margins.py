@@ -109,10 +109,10 @@ def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
     dc = system.dc_gain
     if np.isfinite(dc) and dc < 0:
         # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
-        slope = float(response.phase(np.array([1e-12 * _smallest(response)]))[1][0])
+        slope = float(response.angle_slope(np.array([1e-12 * _smallest(response)]))[0])
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
-    log_size = response.log_magnitude(phase_crossings)[0]
-    slopes = response.phase(phase_crossings)[1]
+    log_size = response.log_size(phase_crossings)
+    slopes = response.angle_slope(phase_crossings)
     limits += [
         GainLimit(float(np.exp(-size)), float(w), 2 if slope < 0 else -2)
         for w, size, slope in zip(phase_crossings, log_size, slopes, strict=True)
@@ -147,7 +147,7 @@ def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase
     limits = gain_limits(response, phase_crossings)
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
-    phase = response.phase(crossovers)[0]
+    phase = response.angle(crossovers)
     signed = np.degrees(np.pi - np.mod(np.pi - (phase + np.pi), 2 * np.pi))
     room = np.mod(phase + np.pi, 2 * np.pi) / crossovers
     smallest_phase, phase_frequency = _smallest_of(np.abs(signed), crossovers)
@@ -157,7 +157,7 @@ def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase
     points = _peak_points(response, nodes, crossovers, phase_crossings)
     (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(response, points)
     at_zero = [limit for limit in limits if limit.frequency == 0]
-    gains = np.exp(-response.log_magnitude(phase_crossings)[0])
+    gains = np.exp(-response.log_size(phase_crossings))
     return Margins(
         gain_increase=up.factor,
         gain_increase_frequency=up.frequency,
@@ -206,8 +206,8 @@ RESPONSES = (_sensitivity, _complementary, _disk)
 def _peak_points(response: Response, nodes: Floats, crossovers: Floats, phase_crossings: Floats) -> Floats:
     """Frequencies that separate all local peaks: the nodes, the crossovers, and a bound on the phase step."""
     points = np.union1d(np.union1d(nodes, crossovers), phase_crossings)
-    phase = response.phase(points)[0]
-    size = response.log_magnitude(points)[0]
+    phase = response.angle(points)
+    size = response.log_size(points)
     matters = np.maximum(size[:-1], size[1:]) > np.log(_SMALL)
     parts = np.where(matters, np.ceil(np.abs(np.diff(phase)) / _PHASE_STEP), 1).astype(int)
     divided = int(np.count_nonzero(parts > 1))

@@ -342,14 +342,20 @@ class _DelayedResponse(Response):
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(1j * (num.slope(s) / num(s) - den.slope(s) / den(s)))
 
-    def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
+    def log_size(self, omega: Floats) -> Floats:
         with np.errstate(divide="ignore"):
-            return np.log(np.abs(self(omega))), self.log_slope(omega).real
+            return np.log(np.abs(self(omega)))
 
-    def phase(self, omega: Floats) -> tuple[Floats, Floats]:
+    def log_size_slope(self, omega: Floats) -> Floats:
+        return self.log_slope(omega).real
+
+    def angle(self, omega: Floats) -> Floats:
         at = np.clip(np.searchsorted(self.nodes, omega), 0, self.nodes.size - 1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self._phases[at] + np.angle(self(omega) / self._values[at]), self.log_slope(omega).imag
+            return self._phases[at] + np.angle(self(omega) / self._values[at])
+
+    def angle_slope(self, omega: Floats) -> Floats:
+        return self.log_slope(omega).imag
 
 
 def _band(num: QuasiPolynomial, den: QuasiPolynomial) -> tuple[float, float]:

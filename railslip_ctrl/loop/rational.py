@@ -8,6 +8,7 @@ polynomials lose digits, gives the phase of G(j omega) as a *continuous* functio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -197,20 +198,31 @@ class Rational:
         at_pole = np.any(s == self.poles, axis=-1) & ~np.any(s == self.zeros, axis=-1)
         return np.asarray(np.where(at_pole, complex(np.inf, 0.0), value))
 
-    @property
+    @cached_property
     def _roots(self) -> tuple[Floats, Floats, Floats]:
         """Real parts, imaginary parts and signs (+1 zero, -1 pole) of all zeros and poles."""
         roots = np.concatenate([self.zeros, self.poles])
-        return roots.real, roots.imag, np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
+        signs = np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
+        return roots.real.copy(), roots.imag.copy(), signs
 
     def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
         """ln abs G(j omega) and its derivative with respect to omega; shapes of `omega`, rad/s."""
+        return self.log_size(omega), self.log_size_slope(omega)
+
+    def log_size(self, omega: Floats) -> Floats:
+        """ln abs G(j omega); shape of `omega`, rad/s."""
+        real, imag, sign = self._roots
+        distance = np.hypot(real, omega[..., None] - imag)  # hypot, not squares: no overflow at any frequency
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.log(abs(self.gain)) + np.log(distance) @ sign)
+
+    def log_size_slope(self, omega: Floats) -> Floats:
+        """d ln abs G(j omega)/d omega; shape of `omega`, rad/s."""
         real, imag, sign = self._roots
         offset = omega[..., None] - imag
-        distance = np.hypot(real, offset)  # hypot, not squares: no overflow at any frequency
+        distance = np.hypot(real, offset)
         with np.errstate(divide="ignore", invalid="ignore"):
-            value = np.log(abs(self.gain)) + np.log(distance) @ sign
-            return value, (offset / distance / distance) @ sign
+            return np.asarray((offset / distance / distance) @ sign)
 
     def log_slope(self, omega: Floats) -> Complexes:
         """d ln G(j omega)/d omega, complex; shape of `omega`, rad/s."""
@@ -223,9 +235,16 @@ class Rational:
 
         Continuous on omega > 0 but for a step of pi at each zero or pole on the imaginary axis.
         """
-        zeros, slope_z = _angle_sum(self.zeros, omega)
-        poles, slope_p = _angle_sum(self.poles, omega)
-        return zeros - poles + (np.pi if self.gain < 0 else 0.0), slope_z - slope_p
+        return self.angle(omega), self.angle_slope(omega)
+
+    def angle(self, omega: Floats) -> Floats:
+        """The phase alone."""
+        turned = np.pi if self.gain < 0 else 0.0
+        return np.asarray(angle_sum(self.zeros, omega) - angle_sum(self.poles, omega) + turned)
+
+    def angle_slope(self, omega: Floats) -> Floats:
+        """Its derivative alone."""
+        return np.asarray(_angle_slope(self.zeros, omega) - _angle_slope(self.poles, omega))
 
 
 def polynomial_roots(coefficients: ArrayLike) -> Complexes:
@@ -283,21 +302,19 @@ def _zero_multiplicity(a: Floats) -> int:
     return found
 
 
-def _angle_sum(roots: Complexes, omega: Floats) -> tuple[Floats, Floats]:
-    """Sum over the roots of the continuous angle of (j omega - root), and its derivative."""
-    real, imag = roots.real, roots.imag
-    offset = omega[..., None] - imag
-    angle = np.arctan2(offset, np.abs(real))
-    angle = np.where(real > 0, np.pi - angle, angle)
-    distance = np.hypot(real, offset)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(real == 0, 0.0, -real / distance / distance)
-    return angle.sum(axis=-1), slope.sum(axis=-1)
-
-
 def angle_sum(roots: Complexes, omega: Floats) -> Floats:
     """Continuous argument of prod(j omega - roots), rad; a root on the axis counts as one left of it."""
-    return _angle_sum(roots, omega)[0]
+    real = roots.real
+    angle = np.arctan2(omega[..., None] - roots.imag, np.abs(real))
+    return np.asarray(np.where(real > 0, np.pi - angle, angle).sum(axis=-1))
+
+
+def _angle_slope(roots: Complexes, omega: Floats) -> Floats:
+    """Derivative of `angle_sum`."""
+    real = roots.real
+    distance = np.hypot(real, omega[..., None] - roots.imag)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(real == 0, 0.0, -real / distance / distance).sum(axis=-1))
 
 
 def _factor(a: Floats, b: Floats, c: Floats, d: float) -> Rational:

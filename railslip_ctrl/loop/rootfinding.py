@@ -45,8 +45,9 @@ def bracketed_roots(
     f1, f2 = (function(x1, index), function(x2, index)) if ends is None else ends
     root = np.where(np.abs(f1) < np.abs(f2), x1, x2)
     live = np.sign(f1) * np.sign(f2) < 0
-    x1, x2, f1, f2, index = x1[live], x2[live], f1[live], f2[live], index[live]
-    t = np.full(x1.size, 0.5)
+    if not live.all():
+        x1, x2, f1, f2, index = x1[live], x2[live], f1[live], f2[live], index[live]
+    t: Floats | float = 0.5
     for _ in range(_MOST_STEPS):
         if index.size == 0:
             break
@@ -61,16 +62,21 @@ def bracketed_roots(
         width = np.abs(x2 - x1)
         smallest = 2e-16 * np.abs(best) + 1e-300
         keep = (width > 2 * smallest) & (f != 0)
-        x1, x2, x3, f1, f2, f3, index = (q[keep] for q in (x1, x2, x3, f1, f2, f3, index))
-        t = _next_fraction(x1, x2, x3, f1, f2, f3, (smallest / np.maximum(width, 1e-300))[keep])
+        least = smallest / np.maximum(width, 1e-300)
+        if not keep.all():
+            kept = np.flatnonzero(keep)
+            x1, x2, x3, f1, f2, f3, least = (q.take(kept) for q in (x1, x2, x3, f1, f2, f3, least))
+            index = index.take(kept)
+        t = _next_fraction(x1, x2, x3, f1, f2, f3, least)
     return root
 
 
 def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f3: Floats, least: Floats) -> Floats:
     """Where in [x1, x2] to look next: inverse quadratic where it can be trusted, else the middle."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
-        trusted = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
-        quadratic = f1 / (f2 - f1) * f3 / (f2 - f3) + (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
-    t = np.where(trusted & np.isfinite(quadratic), quadratic, 0.5)
-    return np.clip(t, np.minimum(least, 0.5), 1 - np.minimum(least, 0.5))
+        of12, of13, of32 = f1 - f2, f1 - f3, f3 - f2
+        xi, phi = (x1 - x2) / (x3 - x2), of12 / of32
+        quadratic = f1 / of12 * f3 / of32 - (x3 - x1) / (x2 - x1) * f1 / of13 * f2 / of32
+        trusted = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi) & np.isfinite(quadratic)
+    edge = np.minimum(least, 0.5)
+    return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))

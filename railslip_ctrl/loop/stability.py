@@ -91,9 +91,9 @@ def _count(system: Rational, dead_time: float) -> tuple[float, bool]:
     response = Response(system, dead_time)
     nodes = frequency_nodes(response)
     crossovers = gain_crossovers(response, nodes)
-    if crossovers.size == 0 and abs(response.log_magnitude(nodes[:1])[0][0]) < 1e-12:
+    if crossovers.size == 0 and abs(response.log_size(nodes[:1])[0]) < 1e-12:
         return _count_all_pass(system)
-    phase = response.phase(crossovers)[0]
+    phase = response.angle(crossovers)
     turns = np.round(phase / (2 * np.pi))
     distance = np.pi - np.abs(phase - 2 * np.pi * turns)
     if np.any(distance <= _ON_AXIS * (1 + np.abs(phase))):
@@ -105,7 +105,7 @@ def _rotation(response: Response, nodes: Floats, crossovers: Floats, turns: Floa
     """Change of arg Q(j omega) from omega = 0 to infinity, rad."""
     system = response.system
     origin = np.array([0.0])
-    large = response.log_magnitude(_between(nodes, crossovers))[0] > 0  # |L| > 1, interval by interval
+    large = response.log_size(_between(nodes, crossovers)) > 0  # |L| > 1, interval by interval
     # the branch of arg Q follows the form in use; at a touch of |L| = 1 the form does not change
     jump = 2 * np.pi * float(np.sum(turns * (large[:-1].astype(float) - large[1:].astype(float))))
     negative = np.pi if system.gain < 0 else 0.0

@@ -20,7 +20,7 @@ from railslip_ctrl.sources import cite
 
 from .adaptation import PHI, Adaptation, derive_adaptation
 from .identities import vanishes
-from .reaching import D, K, derive_reaching
+from .reaching import D, K, Reaching, derive_reaching
 from .statement_steps import statement_steps
 from .steps import Step, step
 from .surface import Reference, Surface, derive_surface, e, s
@@ -127,16 +127,14 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
     InputError
         An unknown reference or law.
     """
-    surface = derive_surface(reference)
-    reaching = derive_reaching(surface)
-    adaptive = derive_adaptation(surface, reaching)
+    surface, reaching, adaptive = _whatever_the_adhesion(reference)
     estimates_step, estimation = _estimates(surface, adaptive)
     adhesion_steps, torque, state_rate, closed = _with_adhesion(law, surface, adaptive)
     scalar, matrix = adaptive.scalar, adaptive.matrix
     return Derivation(
         reference=reference,
         adhesion=None if law is None else law_class(law).name,
-        steps=(*surface.steps, *reaching.steps, *adaptive.steps, estimates_step, *statement_steps(), *adhesion_steps),
+        steps=(*surface.steps, *reaching.steps, *adaptive.steps, estimates_step, *_statement_steps(), *adhesion_steps),
         s=surface.definition,
         error=surface.error,
         reference_rate=surface.reference_rate,
@@ -166,6 +164,19 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
         adhesion_state_rate=state_rate,
         law_in_adhesion=closed,
     )
+
+
+@cache
+def _whatever_the_adhesion(reference: Reference) -> tuple[Surface, Reaching, Adaptation]:
+    """What is derived with Ta as an argument, once for all adhesion laws."""
+    surface = derive_surface(reference)
+    reaching = derive_reaching(surface)
+    return surface, reaching, derive_adaptation(surface, reaching)
+
+
+@cache
+def _statement_steps() -> tuple[Step, ...]:
+    return statement_steps()
 
 
 def _estimates(surface: Surface, adaptive: Adaptation) -> tuple[Step, sp.Expr]:

@@ -43,10 +43,14 @@ def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
 
 def actuator_lag(actuator: Actuator) -> Rational:
     """Ga without its dead time."""
+    return _lag(actuator.lag)
+
+
+@cache
+def _lag(lag: float) -> Rational:
     made = _actuation()
     numerator, denominator = (
-        np.trim_zeros(np.atleast_1d(np.asarray(f(actuator.lag), dtype=float)), "f")
-        for f in (made.numerator, made.denominator)
+        np.trim_zeros(np.atleast_1d(np.asarray(f(lag), dtype=float)), "f") for f in (made.numerator, made.denominator)
     )
     return Rational.from_polynomials(numerator, denominator)
 

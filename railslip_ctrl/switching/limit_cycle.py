@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -293,13 +294,13 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
 
     def residual(x: Floats) -> Floats:
         omega, part, mean = float(np.exp(x[0])), float(x[1]), float(x[2])
-        ends = mean - _series(loop.surface_response, omega, part, np.array([0.0, part]))
+        ends = mean - _series(loop.surface_response, omega, part, _turns(np.array([0.0, part])))
         return np.array([*(ends * first.relay_gain), loop.gains.D * mean + 2 * part - 1 - load / height])
 
     found = root(residual, np.array([math.log(first.frequency), share, bias]), tol=1e-12)
     omega, part, mean = float(np.exp(found.x[0])), float(found.x[1]), float(found.x[2])
-    phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
-    surface = mean - _series(loop.surface_response, omega, part, phase)
+    phase, turns = _over_a_period()
+    surface = mean - _series(loop.surface_response, omega, part, turns)
     margin = 2.0 / _SAMPLES  # next to a switch s is 0 to rounding
     inside = (phase > margin) & (phase < part - margin)
     outside = (phase > part + margin) & (phase < 1 - margin)
@@ -309,7 +310,7 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
             f"limit cycle: with K = {height:g} N*m and a load of {load:g} N*m there is none with two switches a period "
             "(s would change sign in between); change K or the load"
         )
-    swing = height * _series(loop.slip_response, omega, part, phase)
+    swing = height * _series(loop.slip_response, omega, part, turns)
     sigma = _half_range(swing)
     fundamental = complex(loop.surface_response(omega))
     return LimitCycle(
@@ -321,7 +322,7 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
         relay_gain=1.0 / abs(fundamental),
         surface_amplitude=height * _half_range(surface),
         sigma_amplitude=sigma,
-        torque_amplitude=height * _half_range(_series(loop.torque_response, omega, part, phase)),
+        torque_amplitude=height * _half_range(_series(loop.torque_response, omega, part, turns)),
         surface_mean=height * mean,
         slip_amplitude=sigma / loop.plant.point.speed,
         sigma_range=(loop.plant.point.sigma + float(swing.min()), loop.plant.point.sigma + float(swing.max())),
@@ -329,12 +330,24 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
     )
 
 
-def _series(response: Callable[[Floats], Complexes], omega: float, share: float, phase: Floats) -> Floats:
+def _series(response: Callable[[Floats], Complexes], omega: float, share: float, turns: Complexes) -> Floats:
     """Response, without its mean, to a relay of height 1 that is positive over [0, share) of the period."""
     k = np.arange(1, _HARMONICS + 1)
     relay = (1 - np.exp(-2j * np.pi * k * share)) / (1j * np.pi * k)
     terms = response(np.asarray(k * omega, dtype=np.float64)) * relay
-    return np.asarray(2 * np.real(np.exp(2j * np.pi * np.outer(phase, k)) @ terms))
+    return np.asarray(2 * np.real(turns @ terms))
+
+
+def _turns(phase: Floats) -> Complexes:
+    """exp(2 pi j k phase), by phase, 0 to 1, and harmonic k."""
+    return np.asarray(np.exp(2j * np.pi * np.outer(phase, np.arange(1, _HARMONICS + 1))))
+
+
+@cache
+def _over_a_period() -> tuple[Floats, Complexes]:
+    """The phases at which peaks are looked for, and their turns: the same for every cycle, and slow to work out."""
+    phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
+    return phase, _turns(phase)
 
 
 def _half_range(values: Floats) -> float:

@@ -9,6 +9,7 @@ frequency, the relay's share and the mean of s; Newton's method, from the linear
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 _SAMPLES = 101  # odd, for a derivative without a lone highest harmonic; sigma falls as 1/k^3: 1/(2 50^2) is left out
 _FINE = 1024  # times in a period at which peaks are looked for
 _SOLVED = 1e-6  # residual, all unknowns being of order 1
-_EVALUATIONS = 700  # of the residual: three Jacobians; what has not been found then is not near
+_EVALUATIONS = 700  # of the residual: three Jacobians, one a column; what has not been found then is not near
 _RATIO, _LEAST_RATIO = 1.3, 1.01  # of relays on the way up; where even 1 % more finds nothing, there is nothing
 _SMALL = 0.3  # of the slip: the swing of the cycle the ladder starts from
 _LEAST_OVER_LOAD = 1.15  # times the load: the lowest relay to start from; below it the load takes nearly all of K
@@ -57,24 +58,33 @@ class _Equations:
         self.k = np.fft.rfftfreq(_SAMPLES, 1.0 / _SAMPLES)
         self.states = 2 if self.point.law.has_state else 1
 
-    def split(self, x: Floats) -> tuple[Floats, Floats, float, float, float]:
-        sigma = self.scale * x[:_SAMPLES]
+    def split(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Samples of sigma and z along the last axis; frequency, share and mean of s with a last axis of 1."""
+        sigma = self.scale * x[..., :_SAMPLES]
         rest = self.point.adhesion_state or 0.0
-        z = rest * (1 + x[_SAMPLES:-3]) if self.states == 2 else np.zeros(_SAMPLES)
-        return sigma, z, float(np.exp(x[-3])), float(x[-2]), float(self.scale * x[-1])
+        z = rest * (1 + x[..., _SAMPLES:-3]) if self.states == 2 else np.zeros(_SAMPLES)
+        return sigma, z, np.exp(x[..., -3:-2]), x[..., -2:-1], self.scale * x[..., -1:]
 
     def residual(self, x: Floats) -> Floats:
+        """What is to be nought, for unknowns along the last axis; further axes are further trials."""
         sigma, z, omega, share, mean = self.split(x)
         rate = self.time(1j * self.k * omega * self.series(sigma))
         sigma_rate, z_rate = self._rates(sigma, z, self.time(self.torque_series(x)))
         wheel = (rate - sigma_rate) / (omega * self.scale)
-        ends = self.at(self.surface_series(sigma, omega, mean), np.array([0.0, share])) / self.scale
-        closing = [np.mean(sigma) / self.scale, *ends]
+        switches = np.concatenate([np.zeros_like(share), share], axis=-1)
+        ends = self.at(self.surface_series(sigma, omega, mean), switches) / self.scale
+        closing = [np.mean(sigma, axis=-1, keepdims=True) / self.scale, ends]
         if self.states == 1:
-            return np.array([*wheel, *closing])
+            return np.concatenate([wheel, *closing], axis=-1)
         rest = self.point.adhesion_state or 1.0
         adhesion = (self.time(1j * self.k * omega * self.series(z)) - z_rate) / (omega * rest)
-        return np.array([*wheel, *adhesion, *closing])
+        return np.concatenate([wheel, adhesion, *closing], axis=-1)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Its derivatives, (residuals, unknowns), by forward differences: all unknowns' steps are one call."""
+        steps = math.sqrt(np.finfo(float).eps) * np.where(x == 0.0, 1.0, np.abs(x))
+        moved = self.residual(x + np.diag(steps)) - self.residual(x)
+        return np.asarray((moved / steps[:, None]).T)
 
     def torque_series(self, x: Floats) -> Complexes:
         """Tb, N*m, by harmonics: law, dead time and lag."""
@@ -87,28 +97,29 @@ class _Equations:
         command = command + self.K * self.relay_series(share)
         return command * actuator_response(loop.actuator, np.asarray(1j * self.k * omega))
 
-    def surface_series(self, sigma: Floats, omega: float, mean: float) -> Complexes:
+    def surface_series(self, sigma: Floats, omega: Floats, mean: Floats) -> Complexes:
         """s = mean - (sigma + rho int sigma), by harmonics."""
         k = self.k.copy()
         k[0] = 1.0  # the mean is set apart
         series = -self.series(sigma) * (1 + self.loop.gains.rho / (1j * k * omega))
-        series[0] = mean
+        series[..., :1] = mean
         return series
 
     def at(self, series: Complexes, phase: Floats) -> Floats:
         """Values of a series at phases of the period, 0 to 1."""
         terms = series * np.where(self.k > 0, 2.0, 1.0)
-        return np.asarray(np.real(np.exp(2j * np.pi * np.outer(phase, self.k)) @ terms))
+        turns = np.exp(2j * np.pi * phase[..., None] * self.k)
+        return np.asarray(np.real((turns @ terms[..., None])[..., 0]))
 
     def within(self, x: Floats) -> bool:
         """Whether slip velocity stays above 0, where the rates have a kink, and below `slip_velocity_limit`."""
         sigma = self.point.sigma + self.split(x)[0]
         return bool(sigma.min() > 0.0 and sigma.max() < slip_velocity_limit(self.point.law, self.point.speed))
 
-    def relay_series(self, share: float) -> Complexes:
+    def relay_series(self, share: Floats) -> Complexes:
         """Of height 1, positive over [0, share)."""
         k = self.k[1:]
-        return np.concatenate([[2 * share - 1], (1 - np.exp(-2j * np.pi * k * share)) / (1j * np.pi * k)])
+        return np.concatenate([2 * share - 1, (1 - np.exp(-2j * np.pi * k * share)) / (1j * np.pi * k)], axis=-1)
 
     def _model_force(self, sigma: Floats, z: Floats) -> Floats:
         v, none = self.point.speed, (0.0, 0.0, 0.0)
@@ -200,10 +211,39 @@ def _solve(loop: SurfaceLoop, K: float, load: float, start: Floats) -> Floats | 
     from scipy.optimize import root
 
     equations = _Equations(loop, K, load, loop.plant.point.sigma)
-    with np.errstate(all="ignore"):  # a step of the search may leave the domain; it is then no solution
-        found = root(equations.residual, start, tol=1e-10, options={"maxfev": _EVALUATIONS})
-    solved = bool(np.all(np.isfinite(found.fun))) and float(np.abs(found.fun).max()) < _SOLVED
-    return np.asarray(found.x) if solved and equations.within(found.x) else None
+    search = _Search(equations)
+    with np.errstate(all="ignore"), suppress(_TooLong):  # a step may leave the domain; it is then no solution
+        root(search.residual, start, jac=search.jacobian, tol=1e-10)
+    solved = float(np.abs(search.residuals).max()) < _SOLVED
+    return search.best if solved and equations.within(search.best) else None
+
+
+class _TooLong(Exception):
+    """A search has had its evaluations."""
+
+
+class _Search:
+    """The residual and its derivatives while evaluations are left, and the best unknowns met."""
+
+    def __init__(self, equations: _Equations) -> None:
+        self.equations, self.evaluations = equations, 0
+        self.best, self.residuals = np.zeros(0), np.full(1, np.inf)
+
+    def residual(self, x: Floats) -> Floats:
+        self._count(1)
+        found = self.equations.residual(x)
+        if np.linalg.norm(found) < np.linalg.norm(self.residuals):
+            self.best, self.residuals = x.copy(), found
+        return found
+
+    def jacobian(self, x: Floats) -> Floats:
+        self._count(x.size)
+        return self.equations.jacobian(x)
+
+    def _count(self, evaluations: int) -> None:
+        if self.evaluations >= _EVALUATIONS:
+            raise _TooLong
+        self.evaluations += evaluations
 
 
 def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:
@@ -212,7 +252,7 @@ def _start(loop: SurfaceLoop, linear: LimitCycle) -> Floats:
     equations = _Equations(loop, linear.K, linear.load, scale)
     share = 0.5 + 0.5 * (linear.load - loop.gains.D * linear.surface_mean) / linear.K
     k = np.maximum(equations.k, 1.0)
-    swing = linear.K * equations.relay_series(share) * loop.slip_response(k * linear.frequency)
+    swing = linear.K * equations.relay_series(np.array([share])) * loop.slip_response(k * linear.frequency)
     swing[0] = 0.0
     sigma = np.fft.irfft(swing * _SAMPLES, _SAMPLES)
     adhesion = np.zeros((equations.states - 1) * _SAMPLES)
@@ -233,12 +273,12 @@ def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats, stable: bool) ->
         K=K,
         load=load,
         layer=0.0,
-        frequency=omega,
+        frequency=float(omega[0]),
         relay_gain=K * abs(complex(equations.relay_series(share)[1] / surface[1])),
         surface_amplitude=_half_range(signals[0]),
         sigma_amplitude=swing,
         torque_amplitude=_half_range(torque),
-        surface_mean=mean,
+        surface_mean=float(mean[0]),
         slip_amplitude=swing / point.speed,
         sigma_range=(point.sigma + float(signals[1].min()), point.sigma + float(signals[1].max())),
         stable=stable,

@@ -125,6 +125,16 @@ class SurfaceLoop:
         return np.atleast_1d(numerator / self.plant.gain), denominator
 
     @cached_property
+    def _behind_the_controller(self) -> Rational:
+        """Lag and wheel: what the controller acts through, its dead time apart."""
+        return actuator_lag(self.actuator) * Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
+
+    @cached_property
+    def _direct(self) -> Rational:
+        """The controller without relay and adaptation."""
+        return self.controller()
+
+    @cached_property
     def _compensation(self) -> tuple[Floats, Floats]:
         """Q_m as numerator and denominator, N*m/(m/s)."""
         zeros, poles = self._wheel
@@ -159,9 +169,8 @@ class SurfaceLoop:
 
         `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
         """
-        wheel = Rational(self.plant.zeros, self.plant.poles, self.plant.gain)
-        system = self.controller(relay_gain=relay_gain, adaptation=adaptation) * actuator_lag(self.actuator) * wheel
-        return DeadTimeLoop(system, actuator_dead_time(self.actuator))
+        controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
+        return DeadTimeLoop(controller * self._behind_the_controller, actuator_dead_time(self.actuator))
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
         """Whether the linear loop is stable, by the exact root count.
@@ -181,7 +190,7 @@ class SurfaceLoop:
         """From the relay's output to sigma, (m/s)/(N*m): W/G; omega > 0, rad/s, any shape."""
         s = 1j * np.asarray(omega, dtype=float)
         actuator = actuator_response(self.actuator, s)
-        return np.asarray(actuator / (self.inverse_wheel(s) + actuator * self.controller()(s)))
+        return np.asarray(actuator / (self.inverse_wheel(s) + actuator * self._direct(s)))
 
     def torque_response(self, omega: ArrayLike) -> Complexes:
         """From the relay's output to the acting torque, N*m/(N*m); omega > 0, rad/s, any shape."""
