@@ -54,7 +54,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
     (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba)\..*"),
-    (r"py:.*", r"(abc|collections\.abc|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
+    (r"py:.*", r"(abc|collections\.abc|concurrent|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
     (r"py:class", r"(NDArray|ArrayLike|Figure|Axes|Path|Any|RenderableType|ValidationError|BaseModel|Self|Literal)"),
     # names that modules give to types of their own
     (r"py:class", r"(.*\.)?(Floats|Complexes|Booleans|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)"),

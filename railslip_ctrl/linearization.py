@@ -87,8 +87,12 @@ class OperatingPoint:
     @property
     def words(self) -> str:
         """The point as text names it: law, rail, speed, slip, mass."""
-        where = f"{self.adhesion}, {self.rail} rail, {self.speed_kmh:g} km/h"
-        return f"{where}, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
+        return f"{self.adhesion}, {self.place}"
+
+    @property
+    def place(self) -> str:
+        """Its `words` without the law."""
+        return f"{self.rail} rail, {self.speed_kmh:g} km/h, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
 
     @property
     def sigma(self) -> float:

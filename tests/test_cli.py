@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+
+from railslip_ctrl.adhesion import law_classes
 
 PUBLISHED_CASE = {"adhesion": "bristle", "rail": "dry", "speed_kmh": 100.0, "slip": 0.132, "mass_kg": 3517.0}
 
@@ -199,6 +202,45 @@ def test_bad_vehicle_files_are_one_clear_line_and_exit_2(railslip, tmp_path, con
     assert err.count("\n") == 1
     assert "train.toml" in err
     assert told in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "advised"),
+    [
+        (("--speed", "100 m/s"), False),  # above 140 km/h, to where the published parameters go
+        (("--speed", "120"), True),
+        (("--speed", "100 m/s", "--adhesion", "polach", "--slip", "0.05"), True),  # knows no v0
+        (("--speed", "120", "--adhesion", "LAW"), False),  # its polynomials end at 110 km/h
+        (("--speed", "105", "--adhesion", "LAW"), True),
+    ],
+)
+def test_a_speed_above_v0_is_advised_only_what_is_taken(railslip, tmp_path, arguments, advised):
+    law = tmp_path / "law.toml"
+    law.write_text(
+        'law = "dahl"\ninitial_speed_range = [30, 110]\n[parameters]\nalpha = 2.0e4\n[polynomials]\nFc = [1e4, -10]\n'
+        "[reference_slip]\ndry = 0.12\nwet = 0.08\n"
+    )
+    words = ["linearize", "--rail", "dry", *(law if word == "LAW" else word for word in arguments)]
+    status, _, err = railslip(*words)
+    (told,) = (line for line in err.splitlines() if line.startswith("railslip: warning: --speed: "))
+    assert status == 0
+    assert ("--initial-speed" in told) is advised
+    speed = "360" if "m/s" in arguments[1] else arguments[1]
+    status, _, err = railslip(*words, "--initial-speed", speed)
+    assert status == (0 if advised else 2)
+    if advised:
+        assert told.endswith(f"give another, or --initial-speed {speed}")
+        assert "--speed: " not in err
+
+
+@pytest.mark.parametrize(
+    "law", [name for name in law_classes() if name not in ("dahl", "lugre", "tyre_lugre", "table")]
+)
+def test_slip_0_is_a_point_of_the_laws_that_the_help_names(railslip, law):
+    """Of those with published parameters."""
+    (named,) = re.findall(r"or 0 with a static law \((.+?)\)", " ".join(railslip("linearize", "--help")[1].split()))
+    status = railslip("linearize", "--adhesion", law, "--slip", "0", "--rail", "dry")[0]
+    assert status == (0 if law in named.split(", ") else 2)
 
 
 def test_adhesion_law_from_a_file(railslip, tmp_path):

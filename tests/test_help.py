@@ -101,6 +101,24 @@ def test_the_help_of_a_command_names_it(name):
     assert EXAMPLES[name].startswith(f"railslip {name} ")
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_short_option_gives_the_same_help(name):
+    done = [CliRunner().invoke(railslip, [name, option]) for option in ("-h", "--help")]
+    assert [one.exit_code for one in done] == [0, 0]
+    assert done[0].output == done[1].output
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_takes_the_adhesion_law_or_its_help_says_how_it_is_given(name):
+    text = " ".join(COMMANDS[name].help.split())
+    if name in ("campaign", "verify"):
+        told = {"campaign": 'no --adhesion: name a scenario file in CAMPAIGN.toml, with scenario = "own.toml"',
+                "verify": "no --adhesion: they have the bristle model in them"}  # fmt: skip
+        assert told[name] in text
+    if name not in ("campaign", "reproduce", "identify"):  # these are given a scenario, the paper or a log
+        assert any("--adhesion" in option.opts for option in COMMANDS[name].params)
+
+
 def test_the_help_of_the_program_lists_the_commands():
     done = CliRunner().invoke(railslip, ["--help"])
     assert done.exit_code == 0

@@ -172,7 +172,8 @@ def test_speed_range_is_that_of_the_json(content, page):
     speeds = content["range"]["speeds_kmh"]
     for row, line in zip(shown, lines, strict=True):
         assert row[:2] == [line["adhesion"], line["rail"]]
-        for name, cell in list(zip(head, row, strict=True))[3:-2]:
+        assert row[3] == f"{line['slip']:g}"
+        for name, cell in list(zip(head, row, strict=True))[4:-2]:
             i = speeds.index(float(name))
             assert (cell == "×") is not line["stable"][i]
             assert cell == "×" or line["ms"][i] == near(cell)
@@ -269,7 +270,8 @@ def test_limit_is_the_closed_form(record, names):
     rows = Page.parsed(rendered(record, names)).rows("limits")
     for row, plant in zip(rows[1:], record.plants, strict=True):
         pole = plant.poles.real.max()  # one real unstable pole, no zero right of the axis: exp(p tau)
-        assert float(row[4]) == pytest.approx(math.exp(pole * PARK2008.actuator.dead_time), rel=5.1e-4)
+        bound = math.exp(pole * PARK2008.actuator.dead_time)
+        assert bound - 0.01 < float(row[4]) <= bound  # three digits, down: what no controller gets below
         assert limits_of(plant, PARK2008.actuator).unstable_pole == pole
 
 
@@ -369,8 +371,8 @@ def test_layered_law_stands_beside_the_designs_with_its_own_gains(record):
 
 def test_verdict_tells_where_the_recommended_design_overshoots_with_the_dynamic_law(record):
     dry = next(one for one in record.stops[0].dynamic if one.name == record.loops.recommended.name)
-    assert dry.run.max_slip > 2 * 0.132  # [Park2008] p. 55: the reference on dry rail
-    told = f"{dry.run.max_slip:.2g} on dry rail (reference 0.132), at {dry.speed_of_highest_slip:.2g} km/h"
+    assert dry.highest_slip >= dry.run.max_slip > 2 * 0.132  # [Park2008] p. 55: the reference on dry rail
+    told = f"{dry.highest_slip:.2g} on dry rail (reference 0.132), at {dry.highest_slip_kmh:.2g} km/h"
     assert told in verdict(record).paragraph
     stops = tuple(replace(stop, dynamic=()) for stop in record.stops)
     assert "overshoots" not in verdict(replace(record, stops=stops)).text
@@ -426,7 +428,8 @@ def test_provenance_says_what_was_kept(record, names):
     assert "all of it was computed in this run" in Page.parsed(rendered(record, names)).text
     kept = replace(record, from_cache=("errata of the paper",))
     told = " ".join(Page.parsed(rendered(kept, names)).text.split())
-    assert "kept for the same vehicle: errata of the paper." in told
+    assert "an earlier report of the same version and source kept: errata of the paper. What of that depends" in told
+    assert "errata and the paper's numbers depend on none" in told
 
 
 def test_region_marks_only_what_a_picture_of_it_can_show(record):

@@ -22,7 +22,7 @@ from railslip_ctrl.adhesion.bristle import published_coefficients
 from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification.cells import Accumulator
-from railslip_ctrl.identification.comparison import compare, few_for, peak_slip
+from railslip_ctrl.identification.comparison import compare, peak_slip, too_few
 from railslip_ctrl.identification.coordinates import FLAT, Coordinates
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
@@ -413,7 +413,7 @@ def test_criteria_never_count_fewer_samples_than_stretches():
     assert slip.size * noise / found.long_run_variance < stretches
     assert score.independent == pytest.approx(stretches)
     assert score.bic > score.aic
-    assert few_for([score]) == (stretches < 6)
+    assert bool(too_few([score])) == (stretches < 6)
 
 
 def test_mean_absolute_errors_are_those_of_the_bins():

@@ -7,9 +7,13 @@ import json
 import pytest
 from project import refused
 
-from railslip_ctrl.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law
+from railslip_ctrl.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law, published_law
 from railslip_ctrl.adhesion.burckhardt import Burckhardt
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import operating_point
+from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.report.laws import source_at
+from railslip_ctrl.report.text import case_title
 
 PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"
 SLIPS = "[reference_slip]\ndry = 0.1\nwet = 0.1\n"
@@ -184,6 +188,103 @@ def test_a_python_file_may_hold_a_law_of_the_package(file):
     text = "from railslip_ctrl.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
     assert law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
     assert law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
+
+
+# --- which law it was ----------------------------------------------------------------------------------------------
+
+BEAM = """law = "beam"
+[parameters]
+mu_max = 0.3
+a = 0.004
+Kx = "300 kN"
+[reference_slip]
+dry = 0.1
+wet = 0.07
+"""
+ASKED = {
+    "linearize": ("--rail", "dry"),
+    "margins": ("--rail", "dry", "--kp", "190", "--ki", "5"),
+    "tune": ("--rail", "dry", "--minimise-ms", "--ki-min", "5"),
+    "simulate": ("--no-noise", "--controller", "pi-lead"),
+}
+DRY_POINT = ("--rail", "dry", "--slip", "0.3")
+
+
+def laws_in(out):
+    """The laws that a command's JSON names: of its cases, or of the run."""
+    found = json.loads(out)
+    return [case["adhesion_law"] for case in found.get("cases", [found])]
+
+
+@pytest.mark.parametrize("command", ASKED)
+def test_text_and_json_tell_a_file_s_law_from_the_published_one(railslip, file, command):
+    """Of one name, with other parameters."""
+    law = ("--adhesion", file("model.toml", BEAM))
+    out = railslip(command, *law, *ASKED[command], "--json")[1]
+    values = {"mu_max": (0.3, "1"), "a": (0.004, "s/m"), "Kx": (300e3, "N")}
+    parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in values.items()}
+    assert laws_in(out) == [{"name": "beam", "source": "model.toml", "rail": "dry", "parameters": parameters}]
+    assert "beam as given (model.toml)" in " ".join(railslip(command, *law, *ASKED[command])[1].split())
+
+    out = railslip(command, "--adhesion", "beam", *ASKED[command], "--json")[1]
+    assert [(one["name"], one["source"]) for one in laws_in(out)] == [("beam", "published")]
+    assert laws_in(out)[0]["parameters"]["mu_max"]["value"] == 0.261  # [Park2008] Table 1, at 100 km/h
+    text = railslip(command, "--adhesion", "beam", *ASKED[command])[1]
+    assert "beam" in text
+    assert "as given" not in text
+
+
+def test_a_law_of_python_and_a_table_are_told_with_all_their_numbers(railslip, file):
+    table = 'law = "table"\n[parameters]\nslip = [0.1, 0.5]\nmu = [0.2, 0.1]\n'
+    for name, text, numbers in (
+        ("mine.py", LAW, {"friction": 0.3, "creep": 20.0}),
+        ("points.toml", table, {"slip": [0.1, 0.5], "mu": [0.2, 0.1]}),
+    ):
+        (law,) = laws_in(railslip("linearize", "--adhesion", file(name, text), *DRY_POINT, "--json")[1])
+        assert law["source"] == name
+        assert {key: each["value"] for key, each in law["parameters"].items()} == numbers
+
+
+def test_a_published_law_is_told_as_such_at_its_v0_in_the_reading_of_the_run_and_from_a_scenario_s_file(railslip, file):
+    run = ("simulate", "--no-noise", "--json")
+    for more in (
+        ("--adhesion", "bristle", "--initial-speed", "80"),  # scaled, as the default scenario's inertia is
+        ("--adhesion", "beam", "--speed", "80"),
+        (),
+    ):
+        (law,) = laws_in(railslip(*run, *more)[1])
+        assert law["source"] == "published"
+    file("model.toml", BEAM)
+    own = file("own.toml", 'extends = "park2008"\nadhesion = "model.toml"\n')
+    assert laws_in(railslip(*run, "--scenario", own)[1])[0]["source"] == "model.toml"
+
+
+def test_a_law_made_in_python_with_numbers_of_its_own_is_no_published_one():
+    own = published_law("beam", "dry").model_copy(update={"mu_max": 0.3})
+    points = [operating_point(law, PARK2008, 20.0, 0.05) for law in (own, published_law("beam", "dry"))]
+    assert [source_at(point) for point in points] == ["given", "published"]
+    assert case_title(points[0]).startswith("beam as given, dry rail, 72 km/h")
+
+
+def test_laws_from_two_files_are_equal_if_their_numbers_are(file):
+    one, other, third = (load_law(file(f"{i}.toml", text)) for i, text in enumerate((BEAM, BEAM, BEAM + "# x")))
+    assert (one.file, other.file) == ("0.toml", "1.toml")
+    assert one == other == third
+    assert len({one, other, third}) == 1
+    assert one != one.model_copy(update={"a": 0.005})
+    assert one.on("wet").file == "0.toml"
+
+
+@pytest.mark.parametrize("command", ["linearize", "margins", "tune", "report", "simulate", "verify"])
+def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command):
+    """And with that option it is taken."""
+    name = file("fitted.toml", BEAM.replace("[parameters]", 'condition = "wet"\n[parameters]'))
+    more = {"tune": ASKED["tune"][2:], "verify": ("--law", "layered"), "report": ("--out", "never")}.get(command, ())
+    told = refused(railslip(command, "--adhesion", name, *more))
+    assert told.startswith("railslip: error: --adhesion 'beam' of fitted.toml: its parameters are for wet rail")
+    assert "; ask for wet rail alone (--rail wet" in told
+    if command in ASKED:
+        assert railslip(command, "--adhesion", name, *more, "--rail", "wet")[0] in (0, 1)
 
 
 # --- options given twice -------------------------------------------------------------------------------------------

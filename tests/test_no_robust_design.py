@@ -21,8 +21,10 @@ from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
 from railslip_ctrl.report.design_report_json import design_report_json
+from railslip_ctrl.report.html.numbers import above, below, where
+from railslip_ctrl.report.html.plant_sections import limits_section
 from railslip_ctrl.report.html.verdict import verdict
-from railslip_ctrl.report.text import design_check_text
+from railslip_ctrl.report.text import design_check_text, margins_text
 
 pytestmark = pytest.mark.xdist_group("html report")  # its fixture `record`
 
@@ -98,10 +100,10 @@ def test_verdict_without_a_robust_design_leads_with_the_limit_and_says_what_woul
         "dead time τ of 0.7 s and with a lag T of 2 s",
         f"p = {found.limits.unstable_pole:.3g} 1/s",
         "a PI needs less than 1",
-        "What would have to change is the brake",
+        "What would have to change: the brake (any linear controller needs",
     ):
         assert words in paragraph
-    assert len(paragraph.split()) < 180
+    assert len(paragraph.split()) < 185
     everything = " ".join([paragraph, *(f"{a} {b}" for a, b in told.numbers), *(f"{a} {b}" for a, b in told.points)])
     assert "--kp" not in everything  # gains are given; and an option is no design
     assert "plant 1" not in everything
@@ -132,6 +134,48 @@ def test_a_fragile_design_is_told_with_its_margins_and_the_same_limit(record):
     )
     assert f"The least fragile design is “{loops.recommended.name}”" in paragraph
     assert "not to be used without more" in paragraph
+
+
+def test_remedies_are_all_named_and_the_claim_is_for_the_slips_asked(slow):
+    text = verdict(slow).paragraph
+    assert "no robust design (Ms ≤ 2) at reference slips 0.132 and 0.092, and none can exist there" in text
+    assert "a smaller reference slip, where adhesion falls less (--slip), and a wheel of more inertia slow" in text
+    pole = slow.limits[0].unstable_pole
+    heavier = SLOW.model_copy(update={"wheel": SLOW.wheel.model_copy(update={"inertia": 2 * SLOW.wheel.inertia})})
+    for changed in (plants_of(SLOW, slip=0.11), plants_of(heavier)):  # they do what is said of them
+        assert limits_of(changed[0], SLOW.actuator).unstable_pole < pole
+
+
+def test_what_holds_one_point_alone_is_told_with_its_gains(slow):
+    held = [one for one in slow.loops.shortfall.alone if one.margins is not None]
+    assert held
+    told = verdict(slow)
+    for one in held:
+        gains = one.controller.gains
+        row = dict(told.numbers)[f"{one.name}, for {where(one.point)} alone"]
+        assert row.startswith(f"kp {gains.kp:.4g} N·m/(m/s), ki {gains.ki:.4g} N·m/m, behind the lead")
+        assert f"Ms ≤ {above(one.margins.ms)}, phase ≥ {below(one.margins.phase_deg)} deg" in row
+        assert f"{where(one.point)} (Ms ≤ {above(one.margins.ms)})" in told.paragraph
+    assert f"the design “{held[0].name}” tuned for one of them alone" in told.paragraph
+
+
+def test_a_bound_is_rounded_to_the_safe_side_and_the_same_everywhere(slow):
+    found = slow.loops.shortfall
+    bound, longest = found.limits.ms_bound, found.longest_dead_time
+    least, most = below(bound), above(longest)
+    assert float(least) <= bound < float(least) + 0.01
+    assert longest <= float(most) < longest + 0.001
+    paragraph, numbers = verdict(slow).paragraph, dict(verdict(slow).numbers)
+    assert f"Ms below {least} (" in paragraph
+    assert f"needs a dead time below {most} s" in paragraph
+    assert numbers["Least Ms of any linear controller"].startswith(f"{least} ")
+    assert numbers["Dead time for Ms ≤ 2, any linear controller"] == f"below {most} s"
+    limits = limits_section(slow)
+    assert f"Ms or Mt below {least} (" in str(limits)
+    table = next(block for block in limits.blocks if hasattr(block, "rows"))
+    assert [row[table.head.index("Ms, Mt ≥")] for row in table.rows] == [below(one.ms_bound) for one in slow.limits]
+    case = next(one for one in slow.check.groups[0].assessments if one.limits.ms_bound == bound)
+    assert f"Ms or Mt below {least};" in " ".join(margins_text([case]).split())
 
 
 # --- none is needed --------------------------------------------------------------------------------------------------

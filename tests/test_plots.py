@@ -14,11 +14,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
+from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
 from railslip_ctrl.design.robustness import OperatingRange, robustness
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
-from railslip_ctrl.design_check import design_check
+from railslip_ctrl.design_check import controller_group, design_check
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.curves import frequency_curve, gang_of_four
@@ -35,6 +36,7 @@ from railslip_ctrl.plots import (
     save_figure,
     sweep_figure,
 )
+from railslip_ctrl.plots.designs import _round_levels
 from railslip_ctrl.plots.style import (
     PAGE_WIDTH,
     figure_bytes,
@@ -84,6 +86,16 @@ def test_bode_draws_the_curve_it_is_given(groups):
     assert any("(rad/s)" in text for text in labels(figure))
     assert any("(dB)" in text for text in labels(figure))
     assert any("(deg)" in text for text in labels(figure))
+
+
+def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
+    """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
+    plant = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
+    zero = controller_group("no gain", "", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
+    assert np.all(zero.curves[0].magnitude_db == -np.inf)
+    alone, beside = (zero,), (zero, groups[0])
+    for figure in (bode_figure(beside), bode_figure(alone), nyquist_figure(alone), nichols_figure(alone)):
+        assert defects_of(figure) == []
 
 
 def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
@@ -316,3 +328,11 @@ def test_the_same_figure_gives_the_same_file():
         return figure_bytes(figure, "svg")
 
     assert drawn() == drawn()
+
+
+def test_levels_of_a_field_with_endless_margins_are_those_of_the_finite_ones():
+    """Gains without a gain crossover, of a plant stable by itself, have no phase margin to draw."""
+    finite = np.linspace(5.0, 60.0, 50)
+    assert _round_levels(np.concatenate([finite, np.full(50, np.inf), [np.nan]])) == _round_levels(finite)
+    assert _round_levels(finite)
+    assert _round_levels(np.array([np.inf, np.nan])) == {}

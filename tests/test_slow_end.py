@@ -24,7 +24,7 @@ from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.html.words import policy_words, slow_words
 from railslip_ctrl.simulation import Simulator, published_scenario
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.designed import recommended_pi_lead
+from railslip_ctrl.simulation.designed import initial_torque, recommended_pi_lead
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
 
@@ -43,7 +43,9 @@ def a_stop(rail):
 
 @pytest.fixture(scope="module")
 def wet_end():
-    (end,) = slow_ends(a_stop(Rail.WET), "pi-lead", TAKEN, [named_law("curve", PARK2008)], range(4))
+    (end,) = slow_ends(
+        a_stop(Rail.WET), "pi-lead", TAKEN, [named_law("curve", PARK2008)], range(4), initial_torque(PARK2008)
+    )
     return end
 
 
@@ -110,13 +112,16 @@ def test_a_policy_that_locks_a_wheel_is_no_advice(wet_end):
     # and then what: the controller goes on where its own runs do, and hands over where they are lost
     kept = replace(wet_end, handed_over=wet_end.controlled, controlled=wet_end.handed_over)
     assert np.isnan(kept.lost_at)
-    assert "What follows: leave slip control on" in policy_words([kept])
-    lost, locks = both.lost_at, both.held_locks_at
-    assert locks == max(one.locked_kmh for one in wet_end.controlled)
-    assert lost == max(locks, *(one.beyond_kmh for one in wet_end.controlled))
-    assert f"slip control down to {above(lost, 2)} km/h" in told
-    assert f"the torque held down to {above(locks, 2)} km/h" in told
-    assert f"Below {above(min(lost, locks), 2)} km/h neither keeps the wheel" in told
+    assert "What follows: leave slip control on; its own runs lock no wheel above 5 km/h." in policy_words([kept])
+    # a wheel that only slips is kept, one that locks is not
+    slips = replace(kept, controlled=tuple(replace(one, beyond_kmh=19.0) for one in kept.controlled))
+    assert "though slip passes twice its reference from 19 km/h" in policy_words([slips])
+    locks = both.held_locks_at
+    assert locks == both.locks_at == max(one.locked_kmh for one in wet_end.controlled)
+    assert both.lost_at == max(locks, *(one.beyond_kmh for one in wet_end.controlled))
+    assert f"use slip control down to {above(locks, 2)} km/h" in told
+    assert f"(the torque held down to {above(locks, 2)} km/h)" in told
+    assert f"Below {above(locks, 2)} km/h neither does" in told
     assert both.friction_needed < both.friction_there
     assert f"at most {short(both.friction_there, 2)} by the law {both.law}" in told
     assert "and it locks nevertheless" in told
@@ -181,6 +186,11 @@ def test_runs_of_a_report_are_with_the_user_s_law():
         names = design_names(PARK2008)
         ran = {one.name for one in stop.runs if one.run is not None}
         assert {names.full_range, names.least_ms, "published PI", "published ASMC", "slide protection"} <= ran
+        # begun with what its own wet rail takes, not the published one
+        begun = stop.run_of(names.full_range).controller.initial_torque
+        wet = peak(OWN.wet(), V100, PARK2008.wheel_load).coefficient * PARK2008.wheel_load * PARK2008.wheel.radius
+        assert 0.6 * wet < begun < 0.8 * wet  # the share of the published wet peak, over all speeds
+        assert begun < initial_torque(PARK2008)
 
 
 def test_the_full_range_design_is_tuned_for_the_user_s_law():

@@ -86,6 +86,18 @@ class AdhesionLaw(Record):
     reference: ReferenceSlip | None = Field(
         None, description="slip ratios to be held, where the source or the user gives them"
     )
+    file: str | None = Field(
+        None, exclude=True, repr=False, description="name of the file it is from, where it is from one"
+    )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same law with the same numbers, from whatever file."""
+        if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
+            return NotImplemented
+        return {**dict(self), "file": None} == {**dict(other), "file": None}
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.parameters(), self.rail, self.reference))
 
     @classmethod
     @abstractmethod
@@ -152,6 +164,10 @@ class AdhesionLaw(Record):
             for name in cls.parameter_names()
         )
 
+    def numbers(self) -> dict[str, tuple[Any, str]]:
+        """Value, SI, and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""
+        return {name: (getattr(self, name), self._units().get(name, "1")) for name in self.parameter_names()}
+
     def parameters(self) -> tuple[float, ...]:
         """The parameters' values, SI, in order."""
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
@@ -185,8 +201,10 @@ class AdhesionLaw(Record):
         """The law on a rail condition. InputError when wet parameters were given and dry ones are asked for."""
         rail = Rail.of(rail)
         if rail is Rail.DRY and self.rail is Rail.WET:
+            file = "" if self.file is None else f" of {self.file}"
             raise InputError(
-                f"adhesion {self.name!r}: its parameters are for wet rail; dry ones do not follow from them"
+                f"adhesion {self.name!r}{file}: its parameters are for wet rail, and dry ones do not follow from them; "
+                "ask for wet rail alone (--rail wet, or rail = 'wet' in a scenario's file)"
             )
         return self.wet() if rail is Rail.WET else self
 

@@ -88,7 +88,7 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     if "reference_slip" in content:
         slips = _reference(_table(content, "reference_slip", path), path, initial_speed_kmh)
         reference = validated(ReferenceSlip, slips, f"{file_name(path)}: reference_slip")
-    values = {**parameters, "rail": Rail(condition), "reference": reference}
+    values = {**parameters, "rail": Rail(condition), "reference": reference, "file": file_name(path)}
     return validated(cls, values, f"{file_name(path)}: parameters")
 
 

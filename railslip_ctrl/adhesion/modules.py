@@ -34,4 +34,4 @@ def law_in(path: str | Path) -> AdhesionLaw:
             f"{file_name(path)}: {NAME} is no adhesion law with its parameters; name a record of a subclass of "
             f"AdhesionLaw so, {NAME} = MyLaw(...)"
         )
-    return law
+    return law.model_copy(update={"file": file_name(path)})

@@ -48,7 +48,7 @@ class _LazyGroup(click.Group):
         """The command, after a look at its options for one that is given twice."""
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and not ctx.resilient_parsing:
-            _check_repeated(command, rest)
+            _check_repeated(ctx, command, rest)
         return name, command, rest
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -61,9 +61,10 @@ class _LazyGroup(click.Group):
             formatter.write_dl(list(_COMMANDS.items()))
 
 
-def _check_repeated(command: click.Command, arguments: Sequence[str]) -> None:
+def _check_repeated(ctx: click.Context, command: click.Command, arguments: Sequence[str]) -> None:
     """InputError for an option that takes one value and is given two, of which click would take the last."""
-    given = command.make_parser(click.Context(command)).parse_args(list(arguments))[2]
+    parser = command.make_parser(click.Context(command, parent=ctx))  # which has the names of the help from its parent
+    given = parser.parse_args(list(arguments))[2]
     for option in dict.fromkeys(given):
         if not isinstance(option, click.Option) or option.multiple:
             continue

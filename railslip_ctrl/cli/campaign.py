@@ -62,6 +62,9 @@ def command(
     """Many braking runs with sampled quantities: on every core, resumed where they were interrupted, with statistics.
     Exit status 0, or 2 for bad input.
 
+    The adhesion law is the scenario's, so there is no --adhesion: name a scenario file in CAMPAIGN.toml, with
+    scenario = "own.toml", and in it the law by the key adhesion = "beam", or adhesion = "law.toml" for your own.
+
     Example: railslip campaign tolerances.toml --out tolerances
     """
     check_directory(out, _REPORT)

@@ -17,13 +17,14 @@ from railslip_ctrl.adhesion import (
     AdhesionLaw,
     initial_speeds_in,
     is_over_initial_speed,
+    law_classes,
     law_in,
     law_names,
     load_law,
     published_law,
     wheel_load_in,
 )
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle
 from railslip_ctrl.units import KMH, to_unit
@@ -105,13 +106,26 @@ class CaseOptions:
         """The adhesion law on a rail, at the vehicle's wheel load."""
         return _law(self.adhesion, rail, self.initial_speed, self.chosen_vehicle.wheel_load)
 
+    def _takes_initial_speed(self, speed: float) -> bool:
+        """Whether the law has parameters at another v0, km/h."""
+        path = Path(self.adhesion)
+        try:
+            if not is_law_file(self.adhesion):
+                published_law(self.adhesion, Rail.DRY, speed)
+            elif path.suffix.lower() == ".toml":
+                load_law(path, initial_speed_kmh=speed)
+        except RailslipError:
+            return False
+        return True
+
     def points(self) -> list[OperatingPoint]:
         """The operating points, in the order rail, mass, speed."""
         vehicle, speeds = self.chosen_vehicle, tuple(dict.fromkeys(self.speeds)) or (100.0,)
         if max(speeds) > self.initial_speed:
+            other = f", or --initial-speed {max(speeds):g}" if self._takes_initial_speed(max(speeds)) else ""
             warn(
                 f"--speed: {max(speeds):g} km/h is above {self.initial_speed:g} km/h, the v0 at which the brake is "
-                f"applied, which a braking train does not reach again; give another, or --initial-speed {max(speeds):g}"
+                f"applied, which a braking train does not reach again; give another{other}"
             )
         found = []
         for rail in self.chosen_rails():
@@ -226,12 +240,7 @@ def _point_options(*, speeds: bool) -> list[Any]:
             metavar="KMH",
             help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
         ),
-        click.option(
-            "--slip",
-            type=Quantity("1", ge=0, lt=1),
-            metavar="X",
-            help="Slip ratio of the operating point, 0 <= X < 1.  [default: the law's published reference]",
-        ),
+        _slip_option(of_point=speeds),
         click.option(
             "--vehicle",
             type=click.Path(path_type=Path),
@@ -247,6 +256,22 @@ def _point_options(*, speeds: bool) -> list[Any]:
         ),
         click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
     ]
+
+
+def _slip_option(*, of_point: bool) -> Any:
+    """The slip of an operating point, or that held through whole stops."""
+    static = ", ".join(name for name, law in law_classes().items() if not law.has_state)
+    return click.option(
+        "--slip",
+        type=Quantity("1", ge=0, lt=1) if of_point else Quantity("1", gt=0, lt=1),
+        metavar="X",
+        help=(
+            f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
+            if of_point
+            else "Reference slip ratio held, 0 < X < 1."
+        )
+        + "  [default: the law's published reference]",
+    )
 
 
 def _actuator_options() -> list[Any]:

@@ -68,7 +68,7 @@ _OF_PAGE = (
     "--fresh",
     is_flag=True,
     help="Decide the conditions of the sliding-mode laws, and compute the paper's numbers and errata, again; what an "
-    "earlier report of this version found for the same vehicle is taken otherwise.",
+    "earlier report of this version found (of the conditions, for the same vehicle) is taken otherwise.",
 )
 @click.pass_context
 def command(

@@ -77,7 +77,8 @@ def command(
         check_directory(out, _FILES)
     noise = None if no_noise else _seed(seed)
     scenario = scenario_options.chosen()
-    controller, column = controller_options.chosen(scenario, scenario_options.law_speed(scenario.initial_speed))
+    law_speed = scenario_options.law_speed(scenario.initial_speed)
+    controller, column = controller_options.chosen(scenario, law_speed)
     simulator = Simulator(scenario, controller)
     every = max(round(log_period / simulator.period), 1)
     rows = every * simulator.period
@@ -87,16 +88,16 @@ def command(
             f"of {simulator.period:g} s is taken"
         )
     run = simulator.run(noise, record_every=every)  # always, as the report says when events in distance happened
-    content = simulation_json(run, column)
+    content = simulation_json(run, column, law_speed)
     if csv is not None:
         write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")
     if out is not None:
-        files = write_files(out, _writers(run, content))
+        files = write_files(out, _writers(run, content, law_speed))
         progress(f"wrote {len(files)} files to {out}")
     if as_json:
         print_json(content)
     else:
-        print_text(simulation_text, run)
+        print_text(simulation_text, run, law_speed)
     ctx.exit(0 if run.stopped else 1)
 
 
@@ -106,12 +107,12 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _writers(run: Run, content: dict[str, Any]) -> dict[str, Callable[[Path], None]]:
+def _writers(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, Callable[[Path], None]]:
     from railslip_ctrl.plots.simulation import simulation_figure
     from railslip_ctrl.plots.style import save_figure
 
     figure = simulation_figure(run)
-    text = (simulation_text(run), json.dumps(content, indent=2, allow_nan=False) + "\n")
+    text = (simulation_text(run, law_speed), json.dumps(content, indent=2, allow_nan=False) + "\n")
     return {
         "simulation.txt": lambda path: _write_text(path, text[0]),
         "simulation.json": lambda path: _write_text(path, text[1]),

@@ -68,12 +68,13 @@ def command(
     as_json: bool,
 ) -> None:
     """Which stability conditions of the sliding-mode law hold, how that was decided, and on what evidence. Exit status
-    1 if one fails (of the published law several do, and of the robust variants those with the actuator), 2 for bad
-    input.
+    1 if one fails or cannot be decided (of the published law several fail, and of the robust variants those with the
+    actuator), 2 for bad input.
 
     The layered law is tuned and verified for any adhesion and vehicle, on the rails named, from 100 km/h; an adhesion
-    file has to give its reference slip, or --slip does. The other laws' conditions are over the published bristle
-    model: they take --vehicle, but no other adhesion. The inertia scale, a factor on M, J and B, 0.5 to 10.
+    file has to give its reference slip, or --slip does. The other laws take --vehicle, but no --adhesion: they have the
+    bristle model in them, and their conditions are decided over its published parameters. The inertia scale, a factor
+    on M, J and B, 0.5 to 10.
 
     Example: railslip verify --law layered
     """

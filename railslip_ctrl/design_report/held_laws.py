@@ -8,13 +8,32 @@ from dataclasses import dataclass
 from railslip_ctrl.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
-from railslip_ctrl.simulation.designed import SPEEDS_KMH
+from railslip_ctrl.simulation.designed import INITIAL_SHARE, SPEEDS_KMH
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
 
 TUNED_LAWS = ("curve", "bristle")
 """Published laws that the full-range design is tuned for, see `simulation.designed.design_points`."""
+
+
+DRY_START = 0.25
+"""Initial torque by wheel load times radius where the rail is known to be dry; the published curve's peak is 0.3."""
+
+RELAY_SHARE = 1.0 / 3.0
+"""Torque of the relay by wheel load times radius: what the best published dry adhesion takes, about."""
+
+_WET_PEAK, _DRY_PEAK = 0.153, 0.3  # of the published curve, which the shares are made for
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Torques that runs begin with, N*m: what every rail takes, what a dry one does, and the relay's."""
+
+    sure: float
+    dry: float
+    relay: float
 
 
 @dataclass(frozen=True)
@@ -63,6 +82,24 @@ def is_own(point: OperatingPoint) -> bool:
     except RailslipError:
         return True
     return type(published) is not type(point.law) or published.parameters() != point.law.parameters()
+
+
+def torques(points: Sequence[OperatingPoint]) -> Torques:
+    """What the runs of a vehicle begin with: the published shares of wheel load times radius.
+
+    Of a law of the user's own, the same parts of its peaks, the lowest over its rails and `SPEEDS_KMH` and the lowest
+    on the rail that has most.
+    """
+    vehicle = points[0].vehicle
+    load = vehicle.wheel_load * vehicle.wheel.radius
+    low = high = 1.0
+    if is_own(points[0]):
+        peaks = [
+            min(peak(held.law, speed * KMH, vehicle.wheel_load).coefficient for speed in SPEEDS_KMH)
+            for held in held_laws(points)
+        ]
+        low, high = min(peaks) / _WET_PEAK, max(peaks) / _DRY_PEAK
+    return Torques(sure=low * INITIAL_SHARE * load, dry=high * DRY_START * load, relay=high * RELAY_SHARE * load)
 
 
 def own_design_points(points: Sequence[OperatingPoint]) -> list[LinearPlant]:

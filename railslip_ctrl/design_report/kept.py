@@ -1,7 +1,8 @@
 """Results that are the same from report to report, kept in the user's cache folder beside the compiled kernels.
 
-A report of the same vehicle by the same version finds them there. What a result is kept under is a hash of all source
-of this package, of the versions of what it computes with, and of what it was computed for: nothing stale can be found.
+A report by the same version finds them there; what depends on the vehicle, only if it is of the same one. What a result
+is kept under is a hash of all source of this package, of the versions of what it computes with, and of what it was
+computed for: nothing stale can be found.
 """
 
 from __future__ import annotations

@@ -27,7 +27,6 @@ from railslip_ctrl.simulation import Run, Scenario
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding_verification import FullVerification
-from railslip_ctrl.units import KMH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -200,12 +199,16 @@ class SpeedRange:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A known rule or a predictor made for one operating point: its margins, or why there are none."""
+    """A controller made for one operating point: its margins, or why there are none.
+
+    `controller` is there where it is a PI; a predictor is none.
+    """
 
     name: str
     point: OperatingPoint
     margins: Margins | None
     reason: str
+    controller: PIController | None = None
 
 
 @dataclass(frozen=True)
@@ -284,7 +287,8 @@ class StopRun:
 
     `distances`: braking distances, m, with the seeds of the spread, of the runs that stopped; empty if not asked for.
     `drawn`: whether it has a row in the picture, or stands in the table only. `most_locked`: the largest share of time
-    with a locked wheel, 0 to 1, over the seeds.
+    with a locked wheel, 0 to 1, and `highest_slip`, the slip ratio, are those of the worst seed; `highest_slip_kmh` is
+    the speed, km/h, at that slip. 0, and NaN, without a run.
     """
 
     name: str
@@ -293,18 +297,13 @@ class StopRun:
     distances: tuple[float, ...] = ()
     drawn: bool = True
     most_locked: float = 0.0
+    highest_slip: float = float("nan")
+    highest_slip_kmh: float = float("nan")
 
     @property
     def locks(self) -> bool:
         """Whether the wheel locks with any of the seeds."""
         return self.most_locked > 0
-
-    @property
-    def speed_of_highest_slip(self) -> float:
-        """Speed, km/h, at which the slip of the recorded run is highest; NaN without one."""
-        if self.run is None or self.run.signals is None:
-            return float("nan")
-        return float(self.run.signals.speed[int(np.argmax(self.run.signals.slip))] / KMH)
 
 
 @dataclass(frozen=True)
@@ -358,6 +357,11 @@ class SlowEnd:
     def lost_at(self) -> float:
         """Highest speed, km/h, at which a controlled run passes twice its reference or locks; NaN if none does."""
         return _highest([speed for one in self.controlled for speed in (one.beyond_kmh, one.locked_kmh)])
+
+    @property
+    def locks_at(self) -> float:
+        """Highest speed, km/h, at which a controlled run locks; NaN if none does."""
+        return _highest([one.locked_kmh for one in self.controlled])
 
     @property
     def held_locks_at(self) -> float:

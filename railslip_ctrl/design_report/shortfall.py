@@ -66,4 +66,5 @@ def _alone(plant: LinearPlant, vehicle: Vehicle) -> Attempt:
         controller = least_ms([plant], vehicle).controller
     except InfeasibleDesignError as error:
         return Attempt(name, plant.point, None, str(error))
-    return Attempt(name, plant.point, wheel_slip_loop(plant, controller, vehicle.actuator).margins(), "")
+    margins = wheel_slip_loop(plant, controller, vehicle.actuator).margins()
+    return Attempt(name, plant.point, margins, "", controller)

@@ -13,7 +13,7 @@ from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.numeric import peak
 from railslip_ctrl.parameters import Vehicle
 from railslip_ctrl.simulation import LinearControl, Scenario, Simulator
-from railslip_ctrl.simulation.designed import SPEEDS_KMH, initial_torque
+from railslip_ctrl.simulation.designed import SPEEDS_KMH
 from railslip_ctrl.simulation.run import Signals
 from railslip_ctrl.simulation.scenario import Disturbances
 from railslip_ctrl.units import KMH
@@ -30,30 +30,34 @@ SLOWEST_KMH = 1.0
 """Where a stop that is continued below its usual end is given up."""
 
 
-def handing_over(controller: LinearControl, vehicle: Vehicle) -> LinearControl:
-    """The controller with slip control handed over, at `START_KMH`, to the torque that the designs begin with."""
-    return replace(controller, cut_out_speed=START_KMH * KMH, cut_out_torque=initial_torque(vehicle))
+def handing_over(controller: LinearControl, torque: float) -> LinearControl:
+    """The controller with slip control handed over, at `START_KMH`, to a held torque, N*m."""
+    return replace(controller, cut_out_speed=START_KMH * KMH, cut_out_torque=torque)
 
 
 def slow_ends(
-    scenario: Scenario, name: str, controller: LinearControl, laws: Sequence[AdhesionLaw], seeds: Sequence[int]
+    scenario: Scenario,
+    name: str,
+    controller: LinearControl,
+    laws: Sequence[AdhesionLaw],
+    seeds: Sequence[int],
+    torque: float,
 ) -> tuple[SlowEnd, ...]:
-    """How the stop of a controller called `name` ends on each law.
+    """How the stop of a controller called `name` ends on each law, by itself and handed over to a `torque`, N*m.
 
     Left out is what a law does not allow, and what does not come down to the speed at which slip control ends.
     """
     found = []
     for law in laws:
         try:
-            found.append(_slow_end(scenario.with_changes(adhesion=law), name, controller, seeds))
+            found.append(_slow_end(scenario.with_changes(adhesion=law), name, controller, seeds, torque))
         except RailslipError:
             continue
     return tuple(found)
 
 
-def _slow_end(scenario: Scenario, name: str, controller: LinearControl, seeds: Sequence[int]) -> SlowEnd:
-    vehicle, usual = scenario.vehicle, scenario.final_speed / KMH
-    start, torque = START_KMH, initial_torque(vehicle)
+def _slow_end(scenario: Scenario, name: str, controller: LinearControl, seeds: Sequence[int], torque: float) -> SlowEnd:
+    vehicle, usual, start = scenario.vehicle, scenario.final_speed / KMH, START_KMH
     reference = float(getattr(controller.reference, scenario.rail.value))
     whole = scenario.with_changes(final_speed=SLOWEST_KMH * KMH)
     quiet = whole.with_changes(disturbances=Disturbances())
@@ -78,7 +82,7 @@ def _slow_end(scenario: Scenario, name: str, controller: LinearControl, seeds: S
         friction_there=peak(scenario.adhesion.on(scenario.rail), start * KMH, vehicle.wheel_load).coefficient,
         controlled=ends(whole, controller, seeds),
         undisturbed=ends(quiet, controller, [None]),
-        handed_over=ends(whole, handing_over(controller, vehicle), seeds),
+        handed_over=ends(whole, handing_over(controller, torque), seeds),
     )
 
 

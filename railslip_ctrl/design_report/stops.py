@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError, RailslipError
@@ -17,7 +19,6 @@ from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import (
     TRACKING_TIME,
     full_brake_torque,
-    initial_torque,
     is_published,
     recommended_pi_lead,
 )
@@ -26,7 +27,7 @@ from railslip_ctrl.simulation.scenario import in_reading, named_law
 from railslip_ctrl.units import KMH
 
 from .candidates import DesignNames, design_names, least_ms
-from .held_laws import is_own, own_design_points
+from .held_laws import is_own, own_design_points, torques
 from .loops import COMPARED_LAWS
 from .records import Stop, StopRun
 from .slow_end import HANDED_OVER, handing_over, slow_ends
@@ -42,12 +43,6 @@ CONTROLLERS = {
 SEED = 0
 SPREAD_SEEDS = range(4)
 """Noise seeds of the spread in braking distance; statistics over many are the campaign's."""
-
-DRY_START = 0.25
-"""Initial torque by wheel load times radius where the rail is known to be dry; the curve's peak is 0.3."""
-
-RELAY_SHARE = 1.0 / 3.0
-"""Torque of the relay by wheel load times radius: what the best dry adhesion takes, about."""
 
 HOLDING, RELAY = "holding PI", "relay"
 
@@ -77,11 +72,13 @@ def stops(
     for rail in dict.fromkeys(point.rail for point in points):
         title = f"{rail} rail from the start, inertia scale {vehicle.inertia_scale:g}"
         again = first.adhesion == "bristle" and not is_own(first)
-        found.append(_stop(title, _plain(by_rail[rail]), controllers, compared, dynamic=again))
+        found.append(_stop(title, _plain(by_rail[rail]), controllers, compared, torques(points).sure, dynamic=again))
     if is_published(vehicle):
         title = "the published run as published (inertia scale 3.6): loaded and wet from 25 s on"
         scenario = published_scenario()
         controllers = _published_controllers(scenario.vehicle, column, published_reference(column))
+        # of the same kind, but with the gains of that reading
+        controllers = {f"{name}{as_read(one, first)}": one for name, one in controllers.items()}
         found.append(_stop(title, scenario, controllers, {}))
     return tuple(found)
 
@@ -98,7 +95,7 @@ def _compared(
     for dry rail; and a relay, full torque below the reference slip and none above.
     """
     vehicle = points[0].vehicle
-    load, names = vehicle.wheel_load * vehicle.wheel.radius, design_names(vehicle)
+    start, names = torques(points), design_names(vehicle)
     made: dict[str, Controller | str] = {}
 
     def as_full_range(design: PIController, name: str) -> LinearControl:
@@ -109,7 +106,7 @@ def _compared(
             torque_low=0.0,
             torque_high=full_brake_torque(vehicle),
             tracking_time=TRACKING_TIME,
-            initial_torque=initial_torque(vehicle),
+            initial_torque=start.sure,
         )
 
     if holding is not None:
@@ -121,15 +118,23 @@ def _compared(
         made[names.least_ms] = str(error)
     full_range = controllers[names.full_range]
     if isinstance(full_range, LinearControl):
-        made[names.started_dry] = replace(full_range, initial_torque=DRY_START * load)
+        made[names.started_dry] = replace(full_range, initial_torque=start.dry)
     made[RELAY] = LinearControl(
         PIController(PIGains(kp=_RELAY_GAIN, ki=0.0)),
         reference,
         name="relay",
         torque_low=0.0,
-        torque_high=RELAY_SHARE * load,
+        torque_high=start.relay,
     )
     return made
+
+
+def as_read(controller: Controller | str, point: OperatingPoint) -> str:
+    """The gains of a design of this project's in the published run, whose units make them others; to be appended."""
+    if isinstance(controller, LinearControl) and controller.name == "pi-lead" and point.vehicle.inertia_scale == 1.0:
+        gains = controller.design.gains
+        return f" in that reading (kp {gains.kp:g}, ki {gains.ki:g})"
+    return ""
 
 
 def _plain(point: OperatingPoint) -> Scenario:
@@ -160,7 +165,8 @@ def _controllers(
     made, name = _published_controllers(vehicle, column, reference), design_names(vehicle).full_range
     if is_own(points[0]):
         try:
-            made[name] = recommended_pi_lead(vehicle, reference=reference, plants=own_design_points(points))
+            own = recommended_pi_lead(vehicle, reference=reference, plants=own_design_points(points))
+            made[name] = replace(own, initial_torque=torques(points).sure)
         except RailslipError as error:
             made[name] = str(error)
     return made
@@ -182,6 +188,7 @@ def _stop(
     scenario: Scenario,
     controllers: dict[str, Controller | str],
     compared: dict[str, Controller | str],
+    held: float = 0.0,
     *,
     dynamic: bool = False,
 ) -> Stop:
@@ -192,13 +199,13 @@ def _stop(
     design = (controllers | compared).get(chief) if compared else None
     for name, one in ((chief, design), (names.started_dry, compared.get(names.started_dry))):
         if isinstance(one, LinearControl):
-            compared = compared | {f"{name}{HANDED_OVER}": handing_over(one, scenario.vehicle)}
+            compared = compared | {f"{name}{HANDED_OVER}": handing_over(one, held)}
     runs += [_run(name, scenario, one, spread=spread, drawn=name == chief) for name, one in compared.items()]
     laws, again = [scenario.adhesion], []
     if dynamic:
         laws.append(named_law("bristle", scenario.vehicle, scenario.initial_speed))
         again = list(_dynamic(scenario.with_changes(adhesion=laws[1]), controllers | compared))
-    ends = slow_ends(scenario, chief, design, laws, SPREAD_SEEDS) if isinstance(design, LinearControl) else ()
+    ends = slow_ends(scenario, chief, design, laws, SPREAD_SEEDS, held) if isinstance(design, LinearControl) else ()
     return Stop(title, scenario, SEED, tuple(runs), tuple(again), _bound(scenario), ends)
 
 
@@ -224,10 +231,20 @@ def _run(
         simulator = Simulator(scenario, controller)
         every = max(round(_LOG_PERIOD / simulator.period), 1)  # of the controller's own samples
         run = simulator.run(SEED, record_every=every)
-        found = [simulator.run(seed, record_every=None) for seed in SPREAD_SEEDS if spread and seed != SEED]
-        distances = tuple(one.braking_distance for one in [run, *found] if one.stopped) if spread else ()
-        most_locked = max(one.locked_fraction for one in [run, *found])
-        return StopRun(name, run, "", distances, drawn, most_locked)
+        found = [run]
+        found += [simulator.run(seed, record_every=every) for seed in SPREAD_SEEDS if spread and seed != SEED]
+        worst = max(found, key=lambda one: one.max_slip)
+        assert worst.signals is not None, "the run is recorded"
+        return StopRun(
+            name,
+            run,
+            "",
+            distances=tuple(one.braking_distance for one in found if one.stopped) if spread else (),
+            drawn=drawn,
+            most_locked=max(one.locked_fraction for one in found),
+            highest_slip=worst.max_slip,
+            highest_slip_kmh=float(worst.signals.speed[int(np.argmax(worst.signals.slip))] / KMH),
+        )
     except RailslipError as error:
         return StopRun(name, None, str(error))
 

@@ -26,8 +26,9 @@ class FrequencyCurve:
 
     @property
     def magnitude_db(self) -> NDArray[np.float64]:
-        """20 log10 |L|, dB."""
-        return np.asarray(20 * np.log10(np.abs(self.response)))
+        """20 log10 |L|, dB; -inf where L is 0, as it is everywhere without gain."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(20 * np.log10(np.abs(self.response)))
 
 
 @checked

@@ -238,12 +238,12 @@ class Rational:
         return self.angle(omega), self.angle_slope(omega)
 
     def angle(self, omega: Floats) -> Floats:
-        """The phase alone."""
+        """The phase of `phase` alone, rad, continuous, at `omega`, rad/s, of any shape."""
         turned = np.pi if self.gain < 0 else 0.0
         return np.asarray(angle_sum(self.zeros, omega) - angle_sum(self.poles, omega) + turned)
 
     def angle_slope(self, omega: Floats) -> Floats:
-        """Its derivative alone."""
+        """Its derivative alone, s, at `omega`, rad/s, of any shape."""
         return np.asarray(_angle_slope(self.zeros, omega) - _angle_slope(self.poles, omega))
 
 

@@ -141,9 +141,10 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
 
 def _round_levels(values: Any) -> dict[float, str]:
     """Round values, as many as show where a field rises: between its fifth part and nearly all of it."""
-    if not (np.isfinite(values).any() and np.nanmax(values) > 0):
+    finite = values[np.isfinite(values)]  # gains without a crossover have endless margins
+    if not (finite.size and finite.max() > 0):
         return {}
-    low, high = np.nanquantile(values, _SHARES)
+    low, high = np.quantile(finite, _SHARES)
     decades = np.arange(np.floor(np.log10(max(low, 1e-3 * high))), np.ceil(np.log10(high)) + 1)
     levels = [float(f"{step}e{int(decade)}") for decade in decades for step in _ROUND]
     return {level: f"{level:g}" for level in levels if low <= level <= high}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.effort import Effort
 from railslip_ctrl.design.limits import Limits, StructureLimit
 from railslip_ctrl.design_report import (
@@ -201,15 +202,11 @@ def _line(line: RangeLine) -> dict[str, Any]:
 
 
 def _design(one: LoopDesign) -> dict[str, Any]:
-    controller = one.controller
     return {
         "name": one.name,
         "how": one.how,
         "origin": one.origin.value,
-        "kp_si": controller.gains.kp,
-        "ki_si": controller.gains.ki,
-        "lead_s": controller.lead,
-        "lead_filter_s": controller.lead_filter,
+        **_gains(one.controller),
         "stable": one.stable,
         "worst_ms": number(one.worst_ms),
         "cases": [
@@ -248,8 +245,14 @@ def _shortfall(found: Shortfall | None) -> dict[str, Any] | None:
     }
 
 
+def _gains(controller: PIController) -> dict[str, float]:
+    gains = {"kp_si": controller.gains.kp, "ki_si": controller.gains.ki}
+    return {**gains, "lead_s": controller.lead, "lead_filter_s": controller.lead_filter}
+
+
 def _attempt(one: Attempt) -> dict[str, Any]:
-    return {"name": one.name, **case_json(one.point), **margin_numbers(one.margins), "reason": one.reason}
+    made = {} if one.controller is None else _gains(one.controller)
+    return {"name": one.name, **case_json(one.point), **made, **margin_numbers(one.margins), "reason": one.reason}
 
 
 # --- sliding mode, runs, the paper ----------------------------------------------------------------------------------
@@ -308,7 +311,8 @@ def _stop(stop: Stop) -> dict[str, Any]:
 
 def _run(one: StopRun) -> dict[str, Any]:
     told = None if one.run is None else simulation_json(one.run, None)
-    return {"name": one.name, "reason": one.reason, "run": told, "distances_m": list(one.distances)}
+    worst = {"highest_slip_of_seeds": number(one.highest_slip), "most_locked_fraction_of_seeds": one.most_locked}
+    return {"name": one.name, "reason": one.reason, "run": told, "distances_m": list(one.distances), **worst}
 
 
 def _slow(end: SlowEnd) -> dict[str, Any]:

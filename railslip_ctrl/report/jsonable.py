@@ -14,6 +14,8 @@ from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.parameters import Vehicle
 
+from .laws import law_json, source_at
+
 
 def number(value: float) -> float | None:
     """A finite float, or None."""
@@ -39,6 +41,7 @@ def case_json(point: OperatingPoint) -> dict[str, Any]:
 def _context_json(point: OperatingPoint) -> dict[str, Any]:
     """What else a case depends on, beside the six keys."""
     return {
+        "adhesion_law": law_json(point.law, source_at(point)),
         "initial_speed_kmh": point.initial_speed_kmh,
         "vehicle": point.vehicle.name,
         "wheel_load_n": point.vehicle.wheel_load,

@@ -22,10 +22,12 @@ from railslip_ctrl.simulation import (
 )
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
+from .laws import GIVEN, law_json, law_words, source_of
 from .layout import facts, fixed, heading, render, table
 from .text import controller_text, vehicle_facts
 
@@ -63,8 +65,11 @@ _WORKS = {
 # --- JSON --------------------------------------------------------------------------------------------------
 
 
-def simulation_json(run: Run, gains: str | None) -> dict[str, Any]:
-    """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any."""
+def simulation_json(run: Run, gains: str | None, law_speed: float | None = None) -> dict[str, Any]:
+    """The run's numbers; those that only a stop has are null without one. `gains` names Table 4's column, if any.
+
+    `law_speed` is v0 of the adhesion law, m/s, where that is not the run's initial speed.
+    """
 
     def of_stop(value: float) -> float | None:
         return number(value) if run.stopped else None
@@ -95,6 +100,7 @@ def simulation_json(run: Run, gains: str | None) -> dict[str, Any]:
         "gain_values": gain_values(run.controller),
         "reference_slip": run.controller.reference.model_dump(),
         "adhesion": scenario.adhesion.name,
+        "adhesion_law": law_json(scenario.adhesion, _law_source(scenario, law_speed)),
         "vehicle": scenario.vehicle.name,
         "notes": list(scenario.vehicle.notes),
         "step_s": scenario.step,
@@ -114,6 +120,11 @@ def simulation_json(run: Run, gains: str | None) -> dict[str, Any]:
             "error": number(energies.error),
         },
     }
+
+
+def _law_source(scenario: Scenario, law_speed: float | None) -> str:
+    v0 = scenario.initial_speed if law_speed is None else law_speed
+    return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, v0))
 
 
 def gain_values(controller: Controller) -> dict[str, float | None]:
@@ -143,12 +154,15 @@ def gain_values(controller: Controller) -> dict[str, float | None]:
 # --- text --------------------------------------------------------------------------------------------------
 
 
-def simulation_text(run: Run) -> str:
-    """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance."""
+def simulation_text(run: Run, law_speed: float | None = None) -> str:
+    """What was run, what came of it, and the energy balance; needs `run.signals` where an event is by distance.
+
+    `law_speed` as of `simulation_json`.
+    """
     scenario = run.scenario
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
-        facts([*_scenario_facts(run), *_controller_facts(run)]),
+        facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
         Text(f"\n{_outcome(run)}\n"),
         heading("Numbers", "-"),
         facts(_numbers(run)),
@@ -166,8 +180,9 @@ def _outcome(run: Run) -> str:
     return f"Outcome: NO STOP: {run.outcome.value}, {end}; the numbers below are those up to then"
 
 
-def _scenario_facts(run: Run) -> list[tuple[str, str]]:
+def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
     scenario, noise = run.scenario, run.scenario.disturbances
+    law = law_words(scenario.adhesion, _law_source(scenario, law_speed))
     numbers = {name: value for name, value in scenario.adhesion.model_dump().items() if isinstance(value, float)}
     weaker = "" if scenario.adhesion_factor == 1.0 else f", {scenario.adhesion_factor:g} times the rail's adhesion"
     speeds = f"{scenario.initial_speed / KMH:g} to {scenario.final_speed / KMH:g} km/h"
@@ -177,7 +192,7 @@ def _scenario_facts(run: Run) -> list[tuple[str, str]]:
         ("Brake limits", _limits(scenario)),
         (
             "Adhesion",
-            f"{scenario.adhesion.name} ({scenario.adhesion.title}), {scenario.rail} rail at the start{weaker}",
+            f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}",
         ),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
@@ -241,7 +256,8 @@ def _controller(controller: Controller) -> str:
     if isinstance(controller, SlidingControl):
         gains = controller.gains
         knows = "" if controller.knows_rail else "; its adhesion model stays dry"
-        own = "" if controller.model_law is None else f"; its adhesion model is {controller.model_law.name}"
+        model = controller.model_law
+        own = "" if model is None else f"; its adhesion model is {law_words(model, model.file or GIVEN)}"
         return (
             f"{controller.name}, K {gains.K:g} N·m, D {gains.D:g} N·m/(m/s), rho {gains.rho:g} 1/s, boundary layer "
             f"{gains.layer:g} m/s{_adaptation(gains)}{knows}{own}"

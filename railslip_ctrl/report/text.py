@@ -11,16 +11,18 @@ from rich.padding import Padding
 from rich.text import Text
 
 from railslip_ctrl import __version__
+from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.parameters import Actuator, Vehicle
+from railslip_ctrl.parameters import Actuator, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
-from .layout import counted, facts, fixed, heading, render, roots_text, table
+from .laws import PUBLISHED, law_words, source_at
+from .layout import BOUND_DIGITS, counted, facts, fixed, heading, render, roots_text, rounded_down, rounded_up, table
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -29,7 +31,7 @@ def _matrix(matrix: Iterable[Iterable[float]]) -> str:
 
 def case_title(point: OperatingPoint) -> str:
     """The case in a line."""
-    return f"{point.words}, inertia scale {point.vehicle.inertia_scale:g}" + (
+    return f"{law_words(point.law, source_at(point))}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
         "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     )
 
@@ -79,6 +81,58 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
         ("Inertia scale", f"{vehicle.inertia_scale:g} on M, J and B"),
     ]
     return rows + [("Note", note) for note in vehicle.notes]
+
+
+def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
+    """The law of the points on each rail with its parameters; of the user's own law also how wet ones follow."""
+    found = {(point.rail, point.law.parameters()): point for point in points}
+    dry = next((point.law for point in found.values() if point.rail is Rail.DRY), None)
+    return [
+        (
+            f"Adhesion law, {point.rail} rail",
+            f"{law_words(point.law, source_at(point))}: {_parameters(point.law)}{_wet_rule(point, dry)}",
+        )
+        for point in found.values()
+    ]
+
+
+def _parameters(law: AdhesionLaw) -> str:
+    return ", ".join(f"{name} {_value(value)}{_unit(unit)}" for name, (value, unit) in law.numbers().items())
+
+
+def _value(value: float | tuple[float, ...]) -> str:
+    return f"{value:.6g}" if not isinstance(value, tuple) else f"[{' '.join(f'{x:.6g}' for x in value)}]"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit.replace('*', '·')}"
+
+
+def _wet_rule(point: OperatingPoint, dry: AdhesionLaw | None) -> str:
+    """That wet parameters were derived from dry ones, by which factors; what is known where only wet rail is asked."""
+    if point.rail is not Rail.WET or source_at(point) == PUBLISHED:
+        return ""
+    if dry is not None:
+        derived = dry.wet().parameters() == point.law.parameters()
+        return f"; wet by the rule of the law: {_factors(dry)}" if derived else ""
+    rule = _factors(point.law.model_copy(update={"rail": Rail.DRY}))
+    return f"; given for wet rail, or wet by the rule of the law from dry ones: {rule}" if rule else ""
+
+
+def _factors(dry: AdhesionLaw) -> str:
+    """What the parameters of a dry law are multiplied by on wet rail."""
+    told = []
+    wet = dry.wet().numbers()
+    for name, (value, _) in dry.numbers().items():
+        columns = zip(_column(wet[name][0]), _column(value), strict=True)
+        ratios = [new / old for new, old in columns if old != 0.0]
+        if ratios and ratios[0] != 1.0:
+            told.append(f"{name} × {ratios[0]:g}")
+    return ", ".join(told) or "no parameter changes"
+
+
+def _column(value: float | tuple[float, ...]) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
 
 
 # -- linearize ------------------------------------------------------------------------------------------------
@@ -170,17 +224,23 @@ def _limits(assessment: Assessment) -> str:
     text = (
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
         f"p (dead time + lag) = {limits.actuator_product:.4g} {against}; "
-        f"no controller gets Ms or Mt below {fixed(limits.ms_bound, 4)}"
+        f"no controller gets Ms or Mt below {_least(limits.ms_bound)}"
     )
     for structure in (limits.pi, limits.pi_lead):
         if structure is None:
             continue
         name = "a PI" if structure.structure == "PI" else "a PI with lead on the lag"
         if structure.feasible:
-            text += f"; {name}: phase margin <= {structure.phase_deg:.3g} deg, Ms >= {structure.ms_bound:.3g}"
+            phase = fixed(rounded_up(structure.phase_deg, BOUND_DIGITS), BOUND_DIGITS)
+            text += f"; {name}: phase margin <= {phase} deg, Ms >= {_least(structure.ms_bound)}"
         else:
             text += f"; {name} cannot stabilise it"
     return text
+
+
+def _least(bound: float) -> str:
+    """A lower bound, rounded to the side that claims less."""
+    return fixed(rounded_down(bound, BOUND_DIGITS), BOUND_DIGITS)
 
 
 def _decibel(factor: float) -> str:
@@ -286,7 +346,7 @@ def design_check_text(check: DesignCheck, verdict: Verdict | None = None) -> str
     parts: list[RenderableType] = [
         heading(f"Wheel-slip control: design check (railslip_ctrl {__version__}, {check.date.isoformat()})"),
         *_verdict(verdict),
-        facts(vehicle_facts(check.vehicle)),
+        facts([*vehicle_facts(check.vehicle), *law_facts(_points(check))]),
         Text(f"\nConclusion: {check.conclusion}\n"),
         heading("Summary", "-"),
         _summary_table(check),
@@ -296,6 +356,12 @@ def design_check_text(check: DesignCheck, verdict: Verdict | None = None) -> str
         for assessment, peer in zip(group.assessments, group.python_control, strict=True):
             parts += [*_assessment(assessment), _peer_line(peer), Text("")]
     return render(parts[:-1])
+
+
+def _points(check: DesignCheck) -> list[OperatingPoint]:
+    """The operating points at the inertia scale asked for; a group may show another beside it."""
+    points = [one.point for group in check.groups for one in group.assessments]
+    return [point for point in points if point.vehicle.inertia_scale == check.vehicle.inertia_scale]
 
 
 def _verdict(verdict: Verdict | None) -> list[RenderableType]:

@@ -15,6 +15,7 @@ from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
 
 from .jsonable import case_json, margin_numbers, number
+from .laws import law_json, law_words, source_at
 from .layout import facts, fixed, heading, render, table
 from .text import case_title, controller_text
 
@@ -32,7 +33,7 @@ def tuning_json(tuned: TunedCases) -> dict[str, Any]:
         "ms_max_asked": asked,
         "worst": None if design is None else _worst_json(design.worst, tuned.points),
         "cases": [
-            {**case_json(point), **margin_numbers(margins)}
+            {**case_json(point), "adhesion_law": law_json(point.law, source_at(point)), **margin_numbers(margins)}
             for point, margins in zip(tuned.points, _margins(tuned), strict=True)
         ],
         "feasible": design is not None,
@@ -57,7 +58,7 @@ def tuning_text(tuned: TunedCases) -> str:
     """The design, its worst case, and its margins at every case."""
     parts: list[RenderableType] = [heading(_title(tuned))]
     if tuned.design is None:
-        parts += [facts([("Asked for", tuned.asked), ("Result", f"infeasible: {tuned.reason}")])]
+        parts += [facts([_law_fact(tuned), ("Asked for", tuned.asked), ("Result", f"infeasible: {tuned.reason}")])]
         return render(parts)
     design = tuned.design
     parts.append(facts(_design_facts(tuned, design)))
@@ -74,11 +75,17 @@ def _title(tuned: TunedCases) -> str:
 
 def _design_facts(tuned: TunedCases, design: PIDesign) -> list[tuple[str, str]]:
     return [
+        _law_fact(tuned),
         ("Asked for", tuned.asked),
         ("Controller", controller_text(tuned.controller(design))),
         ("Worst phase margin", f"{fixed(design.worst.phase_deg)} deg"),
         ("Worst delay margin", f"{fixed(design.worst.delay_s)} s"),
     ]
+
+
+def _law_fact(tuned: TunedCases) -> tuple[str, str]:
+    laws = dict.fromkeys(law_words(point.law, source_at(point)) for point in tuned.points)
+    return "Adhesion", ", ".join(laws)
 
 
 def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) -> RenderableType:

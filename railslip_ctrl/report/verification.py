@@ -18,11 +18,12 @@ _LAWS = {
     "layered": "layered law with a lead on the actuator's lag",
 }
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
+_HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"layered": "lag and dead time throughout"}
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
-    """The conditions in order, and whether all hold."""
+    """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None."""
     return {
         "conditions": [
             {
@@ -45,7 +46,7 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
     """
     known = facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
-    rows = [(one.name, "yes" if one.holds else "NO", one.how) for one in verification.conditions]
+    rows = [(one.name, _HOLDS[one.holds][0], one.how or "-") for one in verification.conditions]
     parts.append(table(("Condition", "Holds", "How"), rows, left=3))
     for one in verification.conditions:
         parts += _paragraphs(one)
@@ -74,9 +75,9 @@ def _authority(verification: Verification) -> str:
 
 
 def _paragraphs(one: Condition) -> list[RenderableType]:
-    verdict = "holds" if one.holds else "DOES NOT HOLD"
+    how = f" ({one.how})" if one.how else ""
     return [
-        heading(f"{one.name}: {verdict} ({one.how})", "-"),
+        heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
         indented(one.statement),
         indented(one.evidence),
         Text(""),
@@ -88,7 +89,14 @@ def _verdict(verification: Verification) -> str:
         return f"Verdict: all {len(verification.conditions)} conditions hold."
     claimed = [one.name for one in verification.failing if one.claimed]
     others = [one.name for one in verification.failing if not one.claimed]
-    lines = [f"Verdict: {len(verification.failing)} of {len(verification.conditions)} conditions do not hold."]
-    for title, names in (("Claimed or relied on by [Park2008]:", claimed), ("Others:", others)):
+    undecided = [one.name for one in verification.undecided]
+    total, failing = len(verification.conditions), len(verification.failing)
+    lines = [f"Verdict: {failing} of {total} conditions {'does' if failing == 1 else 'do'} not hold."]
+    if undecided:
+        lines[0] = (
+            f"{lines[0].removesuffix('.')}, {len(undecided)} {'was' if len(undecided) == 1 else 'were'} not decided."
+        )
+    titles = ("Claimed or relied on by [Park2008]:", "Others:", "Not decided:")
+    for title, names in zip(titles, (claimed, others, undecided), strict=True):
         lines += [title, *(f"  - {name}" for name in names)] if names else []
     return "\n".join(lines)

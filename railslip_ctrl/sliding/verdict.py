@@ -19,21 +19,27 @@ class Condition:
         Short, unique in a verification.
     statement : str
         What is asked, in words and letters.
-    holds : bool
-    how : str
-        "symbolic", "sampled" or "simulated".
+    holds : bool or None
+        None where it was not decided, because what it is about does not exist.
+    how : str or None
+        "symbolic", "sampled" or "simulated"; None where it was not decided.
     evidence : str
-        What decided it: the identity, or the numbers and the set they belong to.
+        What decided it: the identity, or the numbers and the set they belong to; or why it was not decided.
     claimed : bool
         Whether [Park2008] claims it or relies on it.
     """
 
     name: str
     statement: str
-    holds: bool
-    how: How
+    holds: bool | None
+    how: How | None
     evidence: str
     claimed: bool = False
+
+    @property
+    def decided(self) -> bool:
+        """Whether it was found to hold or not to."""
+        return self.holds is not None
 
 
 @dataclass(frozen=True)
@@ -54,13 +60,18 @@ class Verification:
 
     @property
     def all_hold(self) -> bool:
-        """True where every condition holds."""
+        """True where every condition holds; one that was not decided is none that holds."""
         return all(one.holds for one in self.conditions)
 
     @property
     def failing(self) -> tuple[Condition, ...]:
-        """The conditions that do not hold."""
-        return tuple(one for one in self.conditions if not one.holds)
+        """The conditions that were found not to hold."""
+        return tuple(one for one in self.conditions if one.holds is False)
+
+    @property
+    def undecided(self) -> tuple[Condition, ...]:
+        """The conditions that were not decided."""
+        return tuple(one for one in self.conditions if not one.decided)
 
     def __getitem__(self, name: str) -> Condition:
         """The condition of a name; KeyError for another."""

@@ -52,6 +52,7 @@ _DISTURBED = (
 _KEPT = "The nonlinear wheel with lag and dead time stays within the bounds under torques of that size."
 _GONE = 0.01  # share of the offset that counts as gone in a bound's reaching time
 _STABLE = "layer stable behind the actuator"
+_BOUND = "bound with the actuator"
 
 
 def verify_layered(
@@ -64,7 +65,8 @@ def verify_layered(
 ) -> tuple[Verification, tuple[ActuatorEffect, ...], str]:
     """The conditions, no analyses of the published law, and the conclusion.
 
-    Where no gains stabilise the rails no condition holds; K is then 0 unless given.
+    Where no gains stabilise the rails the first condition does not hold, and the others, which are about a law that
+    there is none of, are not decided; K is then 0 unless given.
     """
     try:
         design = layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
@@ -94,7 +96,7 @@ def verify_layered(
     if failing:
         asked = least_authority(design, vehicle, adhesion)
         more = failing == [HOLD_NAME] and asked <= design.K
-        return found, (), _refusal(failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
+        return found, (), _refusal(found, failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
     return found, (), _promise(design, bounds, promised) + _unknown_advice(unknown)
 
 
@@ -144,9 +146,12 @@ def _stable_statement(vehicle: Vehicle, adhesion: RailAdhesion) -> str:
 
 
 def _without_design(reason: str, vehicle: Vehicle, adhesion: RailAdhesion) -> list[Condition]:
-    """Every condition where no gains stabilise the rails: none is met without a law."""
+    """Every condition where no gains stabilise the rails: that one fails, and leaves no law to decide the others by."""
     none = f"There is no law to decide it by: see `{_STABLE}`."
-    simulated = (
+    undecided = (
+        (_BOUND, _bound_statement(vehicle)),
+        ("authority", _AUTHORITY),
+        ("bounds kept, simulated", _KEPT),
         ("published disturbances, simulated", _DISTURBED),
         ("speed falling, simulated", FALLING_HELD),
         (HOLD_NAME, HOLD_KNOWN),
@@ -154,31 +159,28 @@ def _without_design(reason: str, vehicle: Vehicle, adhesion: RailAdhesion) -> li
     )
     return [
         Condition(_STABLE, _stable_statement(vehicle, adhesion), False, "sampled", f"No gains do that: {reason}."),
-        _bound_condition(False, none, vehicle),
-        Condition("authority", _AUTHORITY, False, "sampled", none),
-        Condition("bounds kept, simulated", _KEPT, False, "simulated", none),
-        *(Condition(name, statement, False, "simulated", none) for name, statement in simulated),
+        *(Condition(name, statement, None, None, none) for name, statement in undecided),
     ]
 
 
 def _without_bound(reason: str, vehicle: Vehicle) -> list[Condition]:
-    """The bound's conditions where there is none."""
-    none = "There is no bound to decide it by: see `bound with the actuator`."
+    """The bound's conditions where there is none: what is about the bound itself is not decided."""
+    none = f"There is no bound to decide it by: see `{_BOUND}`."
     return [
         _bound_condition(False, reason, vehicle),
-        Condition("authority", _AUTHORITY, False, "sampled", none),
-        Condition("bounds kept, simulated", _KEPT, False, "simulated", none),
+        Condition("authority", _AUTHORITY, None, None, none),
+        Condition("bounds kept, simulated", _KEPT, None, None, none),
     ]
 
 
 def _bound_condition(holds: bool, evidence: str, vehicle: Vehicle) -> Condition:
-    return Condition(
-        "bound with the actuator",
+    return Condition(_BOUND, _bound_statement(vehicle), holds, "sampled", evidence)
+
+
+def _bound_statement(vehicle: Vehicle) -> str:
+    return (
         f"|torque at the wheel| <= {DISTURBANCE * vehicle.inertia_scale:g} N m, from rest, keeps the slip between 0 "
-        "and twice the reference.",
-        holds,
-        "sampled",
-        evidence,
+        "and twice the reference."
     )
 
 
@@ -278,8 +280,10 @@ def held_under_published_disturbances(
     )
 
 
-def _refusal(failing: list[str], remedy: str) -> str:
-    return f"Do not use the layered law like this; not met: {'; '.join(failing)}. Remedy: {remedy}."
+def _refusal(found: Verification, failing: list[str], remedy: str) -> str:
+    open_ = [one.name for one in found.undecided]
+    rest = f"; not decided: {'; '.join(open_)}" if open_ else ""
+    return f"Do not use the layered law like this; not met: {'; '.join(failing)}{rest}. Remedy: {remedy}."
 
 
 def _promise(design: LayeredDesign, bounds: dict[Rail, RailBounds], where: str) -> str:

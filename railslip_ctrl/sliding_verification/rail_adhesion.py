@@ -49,11 +49,9 @@ class RailAdhesion:
             number("slip", self.slip, gt=0, lt=1)
         if isinstance(self.law, str):
             object.__setattr__(self, "law", law_class(self.law).name)
-        elif self.law.rail is Rail.WET and Rail.DRY in self.rails:
-            raise InputError(
-                f"adhesion {self.law.name!r}: its parameters are for wet rail, and dry ones do not follow from them; "
-                "ask for wet rail alone (--rail wet)"
-            )
+        else:
+            for rail in self.rails:
+                self.law.on(rail)  # refuses dry rail for a wet rail's parameters
 
     def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
         """The law on a rail under a vehicle's wheel."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.report.layout import fixed, roots_text
+from railslip_ctrl.report.layout import BOUND_DIGITS, fixed, roots_text, rounded, rounded_down, rounded_up
 
 MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")
 """Columns of `margin_cells`."""
@@ -16,7 +16,6 @@ MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")
 NONE = "–"
 
 _LARGE = 1e6  # numbers below it are written out
-_EXACT = 1e-12  # a number that has the digits already keeps them
 _POWER = re.compile(r"e([+-]?)0*(\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
 
@@ -25,27 +24,19 @@ def short(value: float, digits: int = 4) -> str:
     """A number with so many significant digits and a proper minus sign; powers of ten only where they save zeros."""
     if not math.isfinite(value):
         return "∞" if value > 0 else NONE
-    rounded = _rounded(value, digits, round)
-    text = f"{rounded:.0f}" if 10**digits <= abs(rounded) < _LARGE else fixed(value, digits)
+    nearest = rounded(value, digits)
+    text = f"{nearest:.0f}" if 10**digits <= abs(nearest) < _LARGE else fixed(value, digits)
     return minus(_POWER.sub(lambda found: "·10" + (found[1] + found[2]).translate(_RAISED), text))
 
 
-def above(value: float, digits: int = 3) -> str:
+def above(value: float, digits: int = BOUND_DIGITS) -> str:
     """A number that is not below `value`, for what must not be less."""
-    return short(_rounded(value, digits, lambda scaled: float(math.ceil(scaled - _EXACT * abs(scaled)))), digits)
+    return short(rounded_up(value, digits), digits)
 
 
-def below(value: float, digits: int = 3) -> str:
+def below(value: float, digits: int = BOUND_DIGITS) -> str:
     """A number that is not above `value`, for what must not be more."""
-    return short(_rounded(value, digits, lambda scaled: float(math.floor(scaled + _EXACT * abs(scaled)))), digits)
-
-
-def _rounded(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    """A value to so many significant digits."""
-    if value == 0 or not math.isfinite(value):
-        return value
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    return rounding(value * 10.0**places) / 10.0**places
+    return short(rounded_down(value, digits), digits)
 
 
 def minus(text: str) -> str:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from markupsafe import Markup
 
 from railslip_ctrl.design.limits import Limits, StructureLimit
-from railslip_ctrl.design_report import DesignReport
-from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.design_report import DesignReport, LawCurve
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.notation import NOTATION
-from railslip_ctrl.report.text import vehicle_facts
+from railslip_ctrl.report.laws import law_words, source_at
+from railslip_ctrl.report.text import law_facts, vehicle_facts
 
 from .blocks import Block, Details, Facts, Group, Items, Paragraph, Picture, Section, Table
 from .formulas import formula, matrix, transfer_function
-from .numbers import NONE, listed, roots, short, where
+from .numbers import NONE, above, below, listed, roots, short, where
 from .typography import signs, typeset
 
 
@@ -48,7 +50,7 @@ def adhesion_section(report: DesignReport) -> Section:
     curves = report.curves
     rows = [
         (
-            curve.law,
+            _curve_name(curve),
             str(curve.rail),
             f"{curve.speed_kmh:g}",
             short(curve.peak.coefficient),
@@ -60,7 +62,7 @@ def adhesion_section(report: DesignReport) -> Section:
     ]
     asked = next(curve for curve in curves if curve.asked)
     others = list(dict.fromkeys(curve.law for curve in curves if not curve.asked))
-    told = f"The report is about the law {asked.law} ({asked.title})."
+    told = f"The report is about the law {_curve_name(asked)} ({asked.title})."
     beside = f" Drawn beside it: {listed(others)}." if others else ""
     points = "; ".join(
         f"{where(point)}: slip {point.slip:g}, μ {short(point.adhesion_coefficient)}"
@@ -78,6 +80,7 @@ def adhesion_section(report: DesignReport) -> Section:
                 f"Curves of the adhesion coefficient over slip for {listed(dict.fromkeys(c.law for c in curves))}, one "
                 f"panel a rail. Operating points: {points}.",
             ),
+            Facts(tuple(law_facts(plant.point for plant in report.plants))),
             Table(
                 "Peak of each curve, and the operating points on it.",
                 ("Law", "Rail", "Speed, km/h", "Peak μ, -", "at slip, -", "Operating slip, -", "μ there, -"),
@@ -85,6 +88,12 @@ def adhesion_section(report: DesignReport) -> Section:
             ),
         ),
     )
+
+
+def _curve_name(curve: LawCurve) -> str:
+    """The law's name, which tells the user's own parameters from the published ones."""
+    point = next(iter(curve.points), None)
+    return curve.law if point is None else law_words(point.law, source_at(point))
 
 
 def linear_section(report: DesignReport) -> Section:
@@ -157,7 +166,7 @@ def limits_section(report: DesignReport) -> Section:
                 short(limits.unstable_pole),
                 short(limits.doubling_time, 3),
                 short(limits.actuator_product, 3),
-                short(limits.ms_bound),
+                below(limits.ms_bound),
                 short(limits.bode_integral, 3),
                 *_structure_cells(limits.pi),
                 *_structure_cells(limits.pi_lead),
@@ -169,32 +178,45 @@ def limits_section(report: DesignReport) -> Section:
         "PI: phase ≤, deg", "PI: Ms ≥",
         "PI-lead: phase ≤, deg", "PI-lead: Ms ≥", "Crossover, rad/s",
     )  # fmt: skip
-    worst = max((limits.ms_bound, where(point)) for point, limits in found)
     return Section(
         "limits",
         "Limits: what no controller can beat",
         (
             Paragraph(
-                f"The brake answers after a dead time τ = {actuator.dead_time:g} s and a lag T = {actuator.lag:g} s, "
-                "and "
-                f"meanwhile the wheel runs away. No linear controller gets Ms or Mt below {short(worst[0], 3)} "
-                f"({worst[1]}; interpolation at the unstable pole, [Astrom2021] 14.4, [Sarason1967]); a PI or a PI "
-                "behind a lead gets less far still, as its phase margin is at most the plant's largest phase above "
-                "−180 deg, and Ms ≥ 1/(2 sin(phase margin/2)) at the gain crossover. What S gains at some frequencies "
-                "it loses at others: the integral of ln|S| over the frequency is π times the unstable poles' sum "
-                "(Bode's integral, [Astrom2021] 14.2). These are theorems, not results of tuning; only the crossover "
-                "range is a rule of thumb (gain crossover frequency inequality, [Astrom2021] 14.3). A dash: the "
-                "theorem does not apply."
+                f"The brake answers after a dead time τ = {actuator.dead_time:g} s and a lag T = {actuator.lag:g} s. "
+                f"{_race(found)} What S gains at some frequencies it loses at others: the integral of ln|S| over the "
+                "frequency is π times the sum of the unstable poles, and 0 where there is none (Bode's integral, "
+                "[Astrom2021] 14.2). These are theorems, not results of tuning; only the crossover range is a rule of "
+                "thumb (gain crossover frequency inequality, [Astrom2021] 14.3). Bounds are rounded to the side that "
+                "claims less. A dash: the theorem does not apply."
             ),
             Table("Limits by operating point; a PI needs p (τ + T) < 1.", head, rows, wide=True),
         ),
     )
 
 
+def _race(found: Sequence[tuple[OperatingPoint, Limits]]) -> str:
+    """Where the wheel runs away meanwhile, and what that costs; where it does not, nothing has to be held."""
+    away = [(limits.ms_bound, where(point)) for point, limits in found if limits.unstable_pole > 0]
+    if not away:
+        return (
+            f"At {_points(len(found))} the wheel has no unstable pole: it does not run away meanwhile, and no bound on "
+            "Ms or Mt above 1 follows from the plant."
+        )
+    here = "" if len(away) == len(found) else f" at {len(away)} of the {len(found)} operating points"
+    bound, case = max(away)
+    return (
+        f"Meanwhile the wheel runs away{here}. No linear controller gets Ms or Mt below {below(bound)} ({case}; "
+        "interpolation at the unstable pole, [Astrom2021] 14.4, [Sarason1967]); a PI or a PI behind a lead gets less "
+        "far still, as its phase margin is at most the plant's largest phase above −180 deg, and "
+        "Ms ≥ 1/(2 sin(phase margin/2)) at the gain crossover."
+    )
+
+
 def _structure_cells(limit: StructureLimit | None) -> tuple[str, str]:
     if limit is None:
         return NONE, NONE
-    return (short(limit.phase_deg, 3), short(limit.ms_bound, 3)) if limit.feasible else ("none holds", NONE)
+    return (above(limit.phase_deg), below(limit.ms_bound)) if limit.feasible else ("none holds", NONE)
 
 
 def _crossover(limits: Limits) -> str:

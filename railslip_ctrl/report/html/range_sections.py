@@ -7,10 +7,12 @@ from collections.abc import Sequence
 
 from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SlowRun, SpeedRange
+from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.report.laws import PUBLISHED, law_words, source_at
 from railslip_ctrl.simulation.designed import SPEEDS_KMH
 
 from .blocks import Block, Items, Paragraph, Picture, Section, Table
-from .numbers import NONE, short
+from .numbers import NONE, listed, short
 from .words import load_of, load_words, lost_words, policy_words, slow_words
 
 RANGE = "range"
@@ -23,7 +25,8 @@ def range_section(report: DesignReport) -> Section:
     title = "The recommended design over speed"
     if speeds is None:
         return Section(RANGE, title, (Paragraph("No design is recommended, so that there is none to show."),))
-    blocks: list[Block] = [Paragraph(range_finding(speeds), strong=True), Paragraph(_how(speeds))]
+    points = [plant.point for plant in report.plants]
+    blocks: list[Block] = [Paragraph(range_finding(speeds), strong=True), Paragraph(_how(speeds, points))]
     blocks += [_ms_table(speeds), _picture(speeds), _worst_table(speeds)]
     ends = [end for stop in report.stops for end in stop.slow if end.name == speeds.name]
     if ends:
@@ -49,16 +52,29 @@ def _from(speed: float, speeds: SpeedRange) -> str:
     return f"from {short(max(speed, speeds.least_kmh), 3)} km/h up"
 
 
-def _how(speeds: SpeedRange) -> str:
+def _how(speeds: SpeedRange, points: Sequence[OperatingPoint]) -> str:
     own = list(dict.fromkeys(line.law for line in speeds.lines if not line.tuned))
     told = f" The design was not tuned for the law {own[0]}, which this report is about." if own else ""
+    source = source_at(points[0])
+    if source != PUBLISHED:
+        told += f" {points[0].adhesion} is the law {law_words(points[0].law, source)}, not the published one."
     return (
-        "The loop is linearised at each speed in turn, the speed frozen, at the slip that the controller holds; the "
-        "dead "
-        "time is exact. The speed at which stability ends is found by bisection. A train slows down through these "
-        "speeds, so that a loop that is unstable only below some speed is lost only if it is there for long enough: "
-        f"what a whole stop does is in the runs.{told}"
+        "The loop is linearised at each speed in turn, the speed frozen, at the slip ratio of the table below"
+        f"{_other_slips(speeds, points)}; the dead time is exact. The speed at which stability ends is found by "
+        "bisection. A train slows down through these speeds, so that a loop that is unstable only below some speed is "
+        f"lost only if it is there for long enough: what a whole stop does is in the runs.{told}"
     )
+
+
+def _other_slips(speeds: SpeedRange, points: Sequence[OperatingPoint]) -> str:
+    """Which laws are not at the slips asked for, but at the published reference slips."""
+    asked = {(point.rail, point.slip) for point in points}
+    other = list(dict.fromkeys(line.law for line in speeds.lines if (line.rail, line.slip) not in asked))
+    if not other:
+        return ""
+    slips = list(dict.fromkeys(f"{point.slip:g}" for point in points))
+    laws = f"the law{'s' if len(other) > 1 else ''} {listed(other)} at the published reference slips"
+    return f": {laws}, not at the {listed(slips)} of the operating points asked for"
 
 
 def _ms(value: float) -> str:
@@ -73,6 +89,7 @@ def _ms_table(speeds: SpeedRange) -> Table:
     rows = [
         (
             *_name(line, speeds),
+            f"{line.slip:g}",
             *(_cell(line, speed) for speed in speeds.shown_kmh),
             _end(line.stable_from, line),
             _end(line.robust_from, line),
@@ -83,6 +100,7 @@ def _ms_table(speeds: SpeedRange) -> Table:
         "Law",
         "Rail",
         "Load",
+        "Slip, -",
         *(f"{speed:g}" for speed in speeds.shown_kmh),
         "Stable from",
         f"Ms ≤ {ROBUST_MS:g} from",

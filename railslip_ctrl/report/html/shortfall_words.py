@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from railslip_ctrl.assessment import ROBUST_MS
-from railslip_ctrl.design_report import DesignReport, LoopDesign, Shortfall
+from railslip_ctrl.design_report import Attempt, DesignReport, LoopDesign, Shortfall
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.loop import Margins
 
-from .numbers import above, below, listed, short
+from .numbers import above, below, listed, short, where
 from .words import controller_words
 
 
@@ -23,13 +23,14 @@ def shortfall_numbers(report: DesignReport, found: Shortfall) -> tuple[tuple[str
     """The rows that stand beside the paragraph."""
     limits = found.limits
     return (
+        *((f"{one.name}, for {where(one.point)} alone", _alone_words(one, margins)) for one, margins in _alone(found)),
         ("Least Ms of any linear controller", f"{below(limits.ms_bound)} ({found.point.words})"),
         (
             "Unstable pole p there",
             f"{short(limits.unstable_pole, 3)} 1/s, doubling in {short(limits.doubling_time, 3)} s",
         ),
         ("Brake", f"dead time {limits.dead_time:g} s, lag {limits.lag:g} s"),
-        (f"Dead time for Ms ≤ {ROBUST_MS:g}, any linear controller", f"below {below(found.longest_dead_time)} s"),
+        (f"Dead time for Ms ≤ {ROBUST_MS:g}, any linear controller", f"below {above(found.longest_dead_time)} s"),
         (f"Dead time for Ms ≤ {ROBUST_MS:g}, {design_names(report.check.vehicle).least_ms}", _lead_range(found)),
     )
 
@@ -48,13 +49,13 @@ def _limit(report: DesignReport, found: Shortfall) -> str:
     limits, name, asked = found.limits, report.check.vehicle.name, f"robust design (Ms ≤ {ROBUST_MS:g})"
     theorem = f"no linear controller gets Ms below {below(limits.ms_bound)} ({found.point.words})."
     if limits.ms_bound > ROBUST_MS:
-        lead = f"{name} has no {asked}, and none can exist: {theorem}"
+        lead = f"{name} has no {asked} at {_slips(report)}, and none can exist there: {theorem}"
     else:
         lead = f"No {asked} was found for {name}; {theorem}"
     product = limits.actuator_product
     needs = "and a PI needs less than 1" if product >= 1 else "of the 1 below which a PI can hold it"
     return (
-        f"{lead} The wheel doubles its slip error there in {short(limits.doubling_time, 2)} s by itself (unstable pole "
+        f"{lead} The wheel doubles its slip error there in {short(limits.doubling_time, 3)} s by itself (unstable pole "
         f"p = {short(limits.unstable_pole, 3)} 1/s), while the brake answers after a dead time τ of "
         f"{limits.dead_time:g} s and with a lag T of {limits.lag:g} s: p (τ + T) is {short(product, 3)}, {needs}."
     )
@@ -69,12 +70,31 @@ def _best(report: DesignReport, found: Shortfall, least_fragile: LoopDesign | No
             f"at {_points(report)}, with {margin_words(margins)}, and not to be used without more."
         )
     none = f"None of the designs compared holds {_points(report)}"
-    held = [(one.point, one.margins) for one in found.alone if one.margins is not None]
+    held = _alone(found)
+    name = design_names(report.check.vehicle).least_ms
     if not held:
-        name = design_names(report.check.vehicle).least_ms
         return f"{none}, and no {name} tuned for one of them alone holds that one."
-    told = [f"{point.words}: {margin_words([margins])}" for point, margins in held]
-    return f"{none}. The best there is holds one of them alone: {'; '.join(told)}."
+    told = listed(f"{where(one.point)} (Ms ≤ {above(margins.ms)})" for one, margins in held)
+    return (
+        f"{none}. The best there is, the design “{name}” tuned for one of them alone, holds only that one: {told}; its "
+        "gains stand beside."
+    )
+
+
+def _alone(found: Shortfall) -> list[tuple[Attempt, Margins]]:
+    """The designs for one operating point alone that hold it, with their margins."""
+    return [(one, one.margins) for one in found.alone if one.margins is not None]
+
+
+def _alone_words(one: Attempt, margins: Margins) -> str:
+    gains = "" if one.controller is None else f"{controller_words(one.controller)}: "
+    return f"{gains}{margin_words([margins])}"
+
+
+def _slips(report: DesignReport) -> str:
+    """The reference slips asked for, which what is said of the plant holds at."""
+    slips = list(dict.fromkeys(f"{plant.point.slip:g}" for plant in report.plants))
+    return f"reference slip{'s' if len(slips) > 1 else ''} {listed(slips)}"
 
 
 def _points(report: DesignReport) -> str:
@@ -85,9 +105,9 @@ def _points(report: DesignReport) -> str:
 
 
 def _change(report: DesignReport, found: Shortfall) -> str:
-    """The dead time at which a theorem lets go, and the one at which a design of known structure is robust."""
+    """The dead time at which a theorem lets go, the one at which a design is robust, and what else slows the race."""
     own, name = report.check.vehicle.actuator.dead_time, design_names(report.check.vehicle).least_ms
-    possible = below(found.longest_dead_time, 2)
+    possible = above(found.longest_dead_time)
     if found.longest_dead_time <= 0:
         any_ = f"no dead time is short enough for Ms ≤ {ROBUST_MS:g} with any linear controller"
     elif found.longest_dead_time < own:
@@ -99,7 +119,10 @@ def _change(report: DesignReport, found: Shortfall) -> str:
         if found.lead_dead_time > 0
         else f"the design “{name}” does not without dead time either, so that the lag has to be shorter too"
     )
-    return f"What would have to change is the brake: {any_}; {lead}."
+    return (
+        f"What would have to change: the brake ({any_}; {lead}), or the unstable pole, which a smaller reference slip, "
+        "where adhesion falls less (--slip), and a wheel of more inertia slow."
+    )
 
 
 def _lead_range(found: Shortfall) -> str:

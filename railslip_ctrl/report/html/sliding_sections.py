@@ -7,8 +7,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from railslip_ctrl.design_report import DesignReport
+from railslip_ctrl.report.laws import law_words, source_at
 from railslip_ctrl.sliding.verdict import Condition
-from railslip_ctrl.sliding_verification import FullVerification
+from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, FullVerification
 
 from .blocks import Block, Details, Facts, Items, Paragraph, Section
 from .numbers import listed, short
@@ -24,14 +25,17 @@ _FAILED = {"symbolic": "refuted", "sampled": "failed in samples", "simulated": "
 
 def decided(one: Condition) -> str:
     """A condition's verdict in words that say no more than how it was reached allows."""
+    if one.how is None:
+        return "not decided"
     return (_HELD if one.holds else _FAILED)[one.how]
 
 
 def tally(conditions: Sequence[Condition]) -> str:
-    """How many hold and how many do not, by how that was decided."""
-    held, failed = ([one for one in conditions if one.holds is holds] for holds in (True, False))
+    """How many hold and how many do not, by how that was decided, and how many were not decided."""
+    held, failed, left = ([one for one in conditions if one.holds is holds] for holds in (True, False, None))
     parts = [f"{len(held)} of {len(conditions)} hold{_by_verdict(held)}"]
     parts += [f"{len(failed)} {'does' if len(failed) == 1 else 'do'} not{_by_verdict(failed)}"] if failed else []
+    parts += [f"{len(left)} {'was' if len(left) == 1 else 'were'} not decided"] if left else []
     return "; ".join(parts)
 
 
@@ -51,7 +55,8 @@ _HOW = (
     "Every claim is put as a condition and decided. Words say how: proved or refuted are symbolic, by SymPy or in "
     "closed "
     "form; held in all samples, or in all runs, is evidence over the set that is named under the condition, and no "
-    "proof. All are decided for this vehicle on the published bristle model, whatever adhesion law this report is about"
+    "proof; not decided is what is about a law or a bound that does not exist. The set is this vehicle on the "
+    "published bristle model at its reference slips, whatever adhesion law this report is about"
 )
 
 
@@ -83,6 +88,20 @@ def _standing(report: DesignReport) -> str:
     )
 
 
+def decided_for(report: DesignReport) -> str:
+    """For which adhesion the conditions were decided, where the report is about another; else empty."""
+    points, published = [plant.point for plant in report.plants], PUBLISHED_ADHESION
+    name = law_words(points[0].law, source_at(points[0]))
+    bristle = published.law if isinstance(published.law, str) else published.law.name
+    if name != bristle:
+        asked = f"the law {name}"
+    elif any(point.slip != published.reference(point.rail, point.vehicle) for point in points):
+        asked = f"slip {listed(dict.fromkeys(f'{point.slip:g}' for point in points))}"
+    else:
+        return ""
+    return f"decided for the published {bristle} model at its reference slips, not for {asked} of this report"
+
+
 def _law_blocks(report: DesignReport, name: str) -> list[Block]:
     full: FullVerification | None = getattr(report.sliding, name)
     if full is None:
@@ -104,7 +123,8 @@ def _conditions(full: FullVerification, gains: Sequence[tuple[str, float, str]])
     blocks: list[Block] = [Paragraph(" ".join(told), strong=True)]
     if full.conclusion:
         blocks.append(Items(tuple(typeset(one) for one in _SENTENCE_END.split(full.conclusion))))
-    rows = [("K", f"{short(verification.K)} N·m")]
+    absent = verification.law == "layered" and verification.K == 0.0
+    rows = [("K", "none, as there is no law" if absent else f"{short(verification.K)} N·m")]
     if verification.D is not None:
         rows.append(("D", f"{short(verification.D)} N·m/(m/s)"))
     rows += [(symbol, f"{short(value)} {unit}".removesuffix(" -")) for symbol, value, unit in gains]
@@ -112,6 +132,9 @@ def _conditions(full: FullVerification, gains: Sequence[tuple[str, float, str]])
     failing = [one.name for one in verification.failing]
     if failing:
         rows.append(("Do not hold", typeset(listed(failing))))
+    undecided = [one.name for one in verification.undecided]
+    if undecided:
+        rows.append(("Not decided", typeset(listed(undecided))))
     blocks.append(Facts(tuple(rows)))
     blocks += [
         Details(

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
-from railslip_ctrl.design_report.stops import DRY_START, HOLDING, RELAY, RELAY_SHARE
-from railslip_ctrl.simulation import Run
-from railslip_ctrl.simulation.designed import INITIAL_SHARE, initial_torque
+from railslip_ctrl.design_report.stops import HOLDING, RELAY
+from railslip_ctrl.simulation import LinearControl
 from railslip_ctrl.units import KMH
 
 from .blocks import Block, Group, Items, Paragraph, Picture, Section, Table
 from .numbers import NONE, listed, minus, short
+from .sliding_sections import decided_for
 from .typography import typeset
 from .words import percent_over, reference_of
 
@@ -62,23 +62,37 @@ def _adhesion(report: DesignReport) -> str:
 
 def _compared(report: DesignReport) -> list[Block]:
     """What the controllers are that stand in the tables to compare, and not in the pictures."""
-    vehicle = report.check.vehicle
-    load, names = vehicle.wheel_load * vehicle.wheel.radius, design_names(vehicle)
-    there = {one.name for stop in report.stops for one in stop.runs if one.run is not None}
-    linear = [name for name in (HOLDING, names.least_ms) if name in there]
-    handed = next((name for name in there if name.endswith(HANDED_OVER)), "")
-    told = {
-        (linear or [HOLDING])[0]: f"{listed(linear)}: the {'designs' if len(linear) > 1 else 'design'} of "
-        f"{'those names' if len(linear) > 1 else 'that name'}, with limits, anti-windup and initial torque of "
-        f"{names.full_range}.",
-        names.started_dry: f"{names.started_dry}: begun with {DRY_START:g} of wheel load times radius in place of "
-        f"{INITIAL_SHARE:g}; wet rail does not take it, and slip control has to bring it down.",
-        handed: f"{HANDED_OVER.removeprefix(', ')}: below that speed {short(initial_torque(vehicle))} N·m are "
-        "commanded, and slip is not controlled.",
-        RELAY: f"{RELAY}: {short(RELAY_SHARE * load)} N·m while the slip is below the reference, none above.",
+    names = design_names(report.check.vehicle)
+    there = {
+        one.name: one.run.controller
+        for stop in report.stops
+        for one in stop.runs
+        if one.run is not None and isinstance(one.run.controller, LinearControl)
     }
-    texts = tuple(text for name, text in told.items() if name in there)
-    return [Paragraph("To compare, in the tables only:"), Items(texts)] if texts else []
+    linear = [name for name in (HOLDING, names.least_ms) if name in there]
+    texts = []
+    if linear and names.full_range in there:
+        several = len(linear) > 1
+        texts.append(
+            f"{listed(linear)}: the design{'s of those names' if several else ' of that name'}, with "
+            f"limits, anti-windup and initial torque of {names.full_range}."
+        )
+    if names.started_dry in there:
+        dry, sure = (short(there[name].initial_torque) for name in (names.started_dry, names.full_range))
+        texts.append(
+            f"{names.started_dry}: begun with {dry} N·m in place of {sure} N·m; wet rail does not take it, and slip "
+            "control has to bring it down."
+        )
+    handed = next((one for name, one in there.items() if name.endswith(HANDED_OVER)), None)
+    if handed is not None:
+        texts.append(
+            f"{HANDED_OVER.removeprefix(', ')}: below that speed {short(handed.cut_out_torque)} N·m are commanded, and "
+            "slip is not controlled."
+        )
+    if RELAY in there:
+        full = short(there[RELAY].torque_high)
+        texts.append(f"{RELAY}: {full} N·m while the slip is below the reference, none above.")
+    return [Paragraph("To compare, in the tables only:"), Items(tuple(texts))] if texts else []
 
 
 def _layered(report: DesignReport) -> list[Block]:
@@ -90,13 +104,24 @@ def _layered(report: DesignReport) -> list[Block]:
     text = (
         "The layered law is not in these tables: it acts about the holding torque of a rail that it has to know, and "
         "starts with that torque applied, while these controllers measure only speeds. A common table would compare "
-        f"unlike tasks. Nor do these begin alike: {names.full_range} commands at once what even wet rail surely takes "
-        f"({INITIAL_SHARE:g} of wheel load times radius), while the integral of the published PI begins at nought. "
+        f"unlike tasks.{_begins(report, names.full_range)} "
         "The command railslip simulate prints initial torque, torque limits and anti-windup of each."
     )
     if own is not None:
-        text += f" Its own stops, from 100 to 5 km/h without disturbance: {own.evidence}"
+        other = decided_for(report)
+        text += f" Its own stops, from 100 to 5 km/h without disturbance{f', {other}' if other else ''}: {own.evidence}"
     return [Paragraph(typeset(text))]
+
+
+def _begins(report: DesignReport, name: str) -> str:
+    runs = (one.run for stop in report.stops for one in stop.runs if one.name == name and one.run is not None)
+    controller = next((run.controller for run in runs), None)
+    if not isinstance(controller, LinearControl):
+        return ""
+    return (
+        f" Nor do these begin alike: {name} commands at once what even wet rail takes, "
+        f"{short(controller.initial_torque)} N·m, while the integral of the published PI begins at nought."
+    )
 
 
 def _stop_group(i: int, stop: Stop, refused: Mapping[str, str]) -> Group:
@@ -153,15 +178,16 @@ def _told(what: str, one: StopRun, stop: Stop) -> str:
     run = one.run
     assert run is not None, "only runs are told"
     text = f"{what}: {one.name}, {short(run.braking_distance)} m{percent_over(run, stop.bound)}"
-    return f"{text}{below_reference(one.name, run)}."
+    return f"{text}{below_reference(one)}."
 
 
-def below_reference(name: str, run: Run) -> str:
-    """That a controller's run never came to the slip it was to hold, if so; a clause to append."""
-    slips = run.controller.reference
-    if run.max_slip >= min(slips.dry, slips.wet):
+def below_reference(one: StopRun) -> str:
+    """That a controller's runs never came to the slip it was to hold, if so; a clause to append."""
+    assert one.run is not None, "only runs are told"
+    slips = one.run.controller.reference
+    if one.highest_slip >= min(slips.dry, slips.wet):
         return ""
-    return f"; the slip of {name} stays below its reference throughout (at most {short(run.max_slip, 2)})"
+    return f"; the slip of {one.name} stays below its reference throughout (at most {short(one.highest_slip, 2)})"
 
 
 def _stop_table(stop: Stop) -> Table:
@@ -180,8 +206,8 @@ def _stop_table(stop: Stop) -> Table:
                 *([_spread(one)] if spread else []),
                 short(run.brake_energy / 1e6),
                 short(run.mean_abs_slip_error, 3),
-                short(run.max_slip, 3),
-                f"{100 * run.locked_fraction:.2g}",
+                short(one.highest_slip, 3),
+                f"{100 * one.most_locked:.2g}",
                 short(run.max_torque / 1e3, 3),
             )
         )
@@ -193,7 +219,11 @@ def _stop_table(stop: Stop) -> Table:
         "Mean |slip error|, -", "Highest slip, -", "Locked, %", "Highest torque, kN·m",
     )  # fmt: skip
     count = max(len(one.distances) for one in stop.runs)
-    seeds = f" Spread: the distance over {count} noise seeds." if spread else " One noise seed, without a spread."
+    seeds = (
+        f" Spread: the distance over {count} noise seeds; highest slip and locked: of the worst of them."
+        if spread
+        else " One noise seed, without a spread."
+    )
     return Table(
         f"{_from_to(stop)}, {_law(stop)}.{seeds} Slip error: mean over time against the controller's own reference; "
         "locked: share of the time with rω < 0.02 v.",
@@ -233,8 +263,8 @@ def _dynamic_table(stop: Stop) -> Table:
                 _spread(one),
                 change,
                 short(run.mean_abs_slip_error, 3),
-                short(run.max_slip, 3),
-                short(one.speed_of_highest_slip, 3),
+                short(one.highest_slip, 3),
+                short(one.highest_slip_kmh, 3),
                 f"{100 * run.locked_fraction:.2g}",
             )
         )
@@ -255,7 +285,7 @@ def _dynamic_finding(stop: Stop) -> str:
     """What the dynamic law changes."""
     runs = [one for one in stop.dynamic if one.run is not None]
     locked = [one.name for one in runs if one.run is not None and one.locks]
-    passed = [one.name for one in runs if one.run is not None and one.run.max_slip > 2 * reference_of(one.run)]
+    passed = [one.name for one in runs if one.run is not None and one.highest_slip > 2 * reference_of(one.run)]
     text = "With the dynamic model in place of its curve "
     text += f"the wheel locks with: {', '.join(locked)}." if locked else "no wheel locks."
     return text + (f" Slip over twice the reference: {', '.join(passed)}." if passed else "")

@@ -10,16 +10,15 @@ from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedRange, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
-from railslip_ctrl.design_report.stops import DRY_START
+from railslip_ctrl.report.laws import law_words, source_at
 from railslip_ctrl.report.text import Verdict
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
-from railslip_ctrl.simulation.designed import INITIAL_SHARE
 from railslip_ctrl.sliding_verification import FullVerification
 
-from .numbers import above, listed, short, where
+from .numbers import above, below, listed, short, where
 from .paper_sections import reproduction_finding
 from .shortfall_words import margin_words, no_robust_design, shortfall_numbers, stops_meanwhile, why_none
-from .sliding_sections import claims_and_own
+from .sliding_sections import claims_and_own, decided_for
 from .words import (
     controller_words,
     distance_spread,
@@ -104,7 +103,8 @@ def _over_speed(report: DesignReport) -> str:
     if math.isinf(speeds.robust_from):
         text = f"On some law, rail or load Ms is above {ROBUST_MS:g} up to the highest speed"
     else:
-        text = f"Ms stays at most {ROBUST_MS:g} from {above(speeds.robust_from)} km/h up, on {_conditions(speeds)}"
+        on = _conditions(report, speeds)
+        text = f"Ms stays at most {ROBUST_MS:g} from {above(speeds.robust_from)} km/h up, on {on}"
     if speeds.stable_from > speeds.least_kmh and math.isinf(speeds.robust_from):
         return f"{text}, and {lost_words(speeds)}, where slip control has to be cut out."
     if speeds.stable_from > speeds.least_kmh:
@@ -112,8 +112,10 @@ def _over_speed(report: DesignReport) -> str:
     return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
 
 
-def _conditions(speeds: SpeedRange) -> str:
-    laws = list(dict.fromkeys(line.law for line in speeds.lines))
+def _conditions(report: DesignReport, speeds: SpeedRange) -> str:
+    asked = report.plants[0].point
+    names = {asked.adhesion: law_words(asked.law, source_at(asked))}
+    laws = list(dict.fromkeys(names.get(line.law, line.law) for line in speeds.lines))
     rails = list(dict.fromkeys(str(line.rail) for line in speeds.lines))
     loaded = ", empty and loaded" if len({line.mass for line in speeds.lines}) > 1 else ""
     return f"{listed(rails)} rail{loaded}, with the adhesion {'law' if len(laws) == 1 else 'laws'} {listed(laws)}"
@@ -177,10 +179,10 @@ def _surge(report: DesignReport, taken: LoopDesign) -> str:
     told = []
     for stop in _stops(report):
         one = _of(stop.dynamic, taken.name)
-        if one is not None and one.run is not None and one.run.max_slip > 2 * reference_of(one.run):
+        if one is not None and one.run is not None and one.highest_slip > 2 * reference_of(one.run):
             told.append(
-                f"{short(one.run.max_slip, 2)} on {stop.scenario.rail} rail (reference {reference_of(one.run):g}), at "
-                f"{short(one.speed_of_highest_slip, 2)} km/h"
+                f"{short(one.highest_slip, 2)} on {stop.scenario.rail} rail (reference {reference_of(one.run):g}), at "
+                f"{short(one.highest_slip_kmh, 2)} km/h"
             )
     return f"With the dynamic bristle model its slip overshoots to {listed(told)}." if told else ""
 
@@ -232,8 +234,8 @@ def _stop_words(one: StopRun, bound: ClairvoyantStop | None) -> str:
     if not run.stopped:
         return run.outcome.value
     text = (
-        f"{distance_spread(one)}{percent_over(run, bound)}; slip at most {short(run.max_slip, 2)} (at "
-        f"{short(one.speed_of_highest_slip, 2)} km/h), reference {reference_of(run):g}"
+        f"{distance_spread(one)}{percent_over(run, bound)}; slip at most {short(one.highest_slip, 2)} (at "
+        f"{short(one.highest_slip_kmh, 2)} km/h), reference {reference_of(run):g}"
     )
     return text + (f"; locked {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
 
@@ -243,15 +245,17 @@ def _stop_words(one: StopRun, bound: ClairvoyantStop | None) -> str:
 
 def _limits(report: DesignReport) -> str:
     count = len(report.plants)
+    away = sum(one.unstable_pole > 0 for one in report.limits)
     points = "its operating point" if count == 1 else f"its {count} operating points"
     pairs = zip(report.limits, (plant.point for plant in report.plants), strict=True)
     worst, point = max(pairs, key=lambda pair: pair[0].unstable_pole)
     if worst.unstable_pole == 0:
         return f"The wheel is stable by itself at {points}."
+    at = points if away == count else f"{away} of {points}"
     return (
-        f"At {points} the wheel runs away by itself, doubling its slip error in as little as "
+        f"At {at} the wheel runs away by itself, doubling its slip error in as little as "
         f"{short(worst.doubling_time, 2)} s ({where(point)}), and no linear controller gets Ms below "
-        f"{short(worst.ms_bound, 3)} there."
+        f"{below(worst.ms_bound)} there."
     )
 
 
@@ -339,11 +343,11 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
     texts = []
     for stop in _stops(report):
         one = _of(stop.runs, taken.name)
-        if one is None or one.run is None or one.run.max_slip >= reference_of(one.run) or not taken.over_range:
+        if one is None or one.run is None or one.highest_slip >= reference_of(one.run) or not taken.over_range:
             continue
         rail = stop.scenario.rail
         holding = max(plant.point.brake_torque for plant in report.plants if plant.point.rail is rail)
-        begins = INITIAL_SHARE * stop.scenario.vehicle.wheel_load * stop.scenario.vehicle.wheel.radius
+        begins = getattr(one.run.controller, "initial_torque", 0.0)
         texts.append(
             f"On {rail} rail “{taken.name}” never comes to its reference with the law {stop.scenario.adhesion.name}: "
             f"it begins with {short(begins, 3)} N·m, which even wet rail takes, where {short(holding, 3)} N·m would "
@@ -354,7 +358,9 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
     begun, handed = (_takes(report, name) for name in (started, f"{started}{HANDED_OVER}"))
     if texts and begun:
         over = f"; {HANDED_OVER.removeprefix(', ')} (see Low speed) besides, {handed}" if handed else ""
-        texts.append(f"Begun with {DRY_START:g} of wheel load times radius it would take {begun}{over}.")
+        runs = [one.run for stop in _stops(report) if (one := _of(stop.runs, started)) is not None]
+        torque = max(getattr(run.controller, "initial_torque", 0.0) for run in runs if run is not None)
+        texts.append(f"Begun with {short(torque, 3)} N·m it would take {begun}{over}.")
     return " ".join(texts)
 
 
@@ -392,6 +398,9 @@ def _sliding(report: DesignReport) -> str:
     for name, full in (("published", report.sliding.paper), ("layered", report.sliding.layered)):
         if full is not None:
             texts.append(_law(name, full))
+    which = decided_for(report)
+    if which and texts:
+        texts.append(f"All of them are {which}.")
     return " ".join(["Not recommended.", *texts]) if texts else ""
 
 

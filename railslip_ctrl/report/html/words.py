@@ -147,21 +147,20 @@ def policy_words(ends: Sequence[SlowEnd]) -> str:
 
 
 def _instead(ends: Sequence[SlowEnd]) -> str:
-    """What follows where the torque held locks the wheel too: what lasts longest, and the limit below that."""
+    """What follows where the torque held locks the wheel before the usual end: what keeps it rolling longest."""
     first = ends[0]
-    lost = max((end.lost_at for end in ends if end.lost_at > end.usual_kmh), default=math.nan)
-    if math.isnan(lost):
-        return (
-            "What follows: leave slip control on, as its own runs keep the wheel rolling down to "
-            f"{first.usual_kmh:g} km/h."
-        )
-    locks = max(end.held_locks_at for end in ends if not math.isnan(end.held_locks_at))
-    control, held = f"slip control down to {above(lost, 2)} km/h", f"the torque held down to {above(locks, 2)} km/h"
-    best, other = (control, held) if lost <= locks else (held, control)
+    held = max(end.held_locks_at for end in ends if not math.isnan(end.held_locks_at))
+    alone = max((end.locks_at for end in ends if end.locks_at > end.usual_kmh), default=math.nan)
+    if math.isnan(alone):
+        beyond = max((end.lost_at for end in ends if not math.isnan(end.lost_at)), default=math.nan)
+        slips = "" if math.isnan(beyond) else f", though slip passes twice its reference from {above(beyond, 2)} km/h"
+        return f"What follows: leave slip control on; its own runs lock no wheel above {first.usual_kmh:g} km/h{slips}."
+    control, torque = f"slip control down to {above(alone, 2)} km/h", f"the torque held down to {above(held, 2)} km/h"
+    best, other = (control, torque) if alone <= held else (torque, control)
     return (
-        f"What follows: use {best}, which lasts longest ({other}). Below {above(min(lost, locks), 2)} km/h neither "
-        "keeps the wheel, and slip control by this brake has to hand over to a limit of the brake itself: "
-        f"{_torque_limit(ends)}."
+        f"What follows: use {best}, which keeps the wheel rolling longest ({other}). Below "
+        f"{above(min(alone, held), 2)} km/h neither does, and slip control by this brake has to hand over to a limit "
+        f"of the brake itself: {_torque_limit(ends)}."
     )
 
 

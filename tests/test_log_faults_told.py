@@ -1,0 +1,229 @@
+"""What a log or its options have wrong, told where it is read: in the report, the model's file, or the refusal."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from log_texts import log_text, read, write
+from project import refused
+from rig_logs import rig_rows, write_log
+
+from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.identification import identify as job
+from railslip_ctrl.identification.curves import curve_of
+from railslip_ctrl.identification.identify import Identification, Options, identify_curve
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.models import check_options
+from railslip_ctrl.identification.motion import slip_ramp
+from railslip_ctrl.identification.record import Record
+from railslip_ctrl.identification.timing import Lag, lag_warning
+from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.report.identification import identification_text, model_toml
+from railslip_ctrl.report.identification_json import identification_json
+
+RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_search_for_a_lag():
+    """It takes most of the time, and has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def rows() -> Rows:
+    """Two runs on a rig with the published beam."""
+    return rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0]
+
+
+@pytest.fixture(scope="module")
+def found(rows) -> Identification:
+    return identified(rows)
+
+
+def changed(rows: Rows, **columns: np.ndarray) -> Rows:
+    return Rows(rows.line, {**rows.columns, **columns})
+
+
+def identified(rows: Rows, model: str = "table", **options) -> Identification:
+    options = Options(model=model, **options)
+    return identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
+
+
+# --- the ramp of a test that a gap has parted ----------------------------------------------------------------------
+
+
+def ramps(cut: bool, tests: int = 6) -> Record:
+    """Tests whose slip speeds up as 0.1 t^2, 2 s each, 10 s apart; with a gap of 80 ms in all but the last."""
+    parts = []
+    for k in range(tests):
+        t = 0.01 * np.arange(200)
+        piece = np.where((t > 1.2) & (t < 1.28), -1, (t >= 1.28).astype(int)) if cut and k < tests - 1 else 0 * t
+        kept = piece >= 0
+        parts.append((10.0 * k + t[kept], 0.1 * t[kept] ** 2, 2 * k + piece[kept]))
+    time, slip, run = (np.concatenate(each) for each in zip(*parts, strict=True))
+    speed, even = np.full(len(time), 25.0), np.ones(len(time))
+    return Record(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_the_ramp_is_that_of_the_whole_test(cut):
+    """Slip 0.1 t^2 reaches 0.3 after 1.73 s: by 0.3/1.74 a second on average, to the row."""
+    ramp, spread = slip_ramp(ramps(cut), RADIUS, 0.3, 25.0)
+    assert ramp == pytest.approx(25.0 * 0.1 * 1.74, rel=1e-9)
+    assert spread == pytest.approx(0.0, abs=1e-9)
+
+
+# --- where warnings are --------------------------------------------------------------------------------------------
+
+
+def test_warnings_and_notes_are_in_the_report_the_file_and_json(rows):
+    odd = changed(rows, wheel_speed=1.16 * RADIUS * rows.columns["wheel_angular_speed"])
+    found = identified(changed(odd, wheel_load=np.full(len(rows), 3.2 * LOAD)), initial_speed=60.0)
+    told = (
+        f"wheel load of the log is {3.2 * LOAD:.4g} N on average, that of the vehicle {LOAD:.4g} N",
+        "wheel speed is 1.16 times the angular speed",
+        "--initial-speed is 216 km/h, and the highest train speed of the log 100 km/h",
+    )
+    text, file = " ".join(identification_text(found).split()), model_toml(found)
+    for sentence in told:
+        assert sum(sentence in each for each in found.warnings) == 1
+        assert sentence in text
+        assert any(line.startswith("# Warning: ") and sentence in line for line in file.splitlines())
+        assert any(sentence in each for each in identification_json(found)["log"]["warnings"])
+    assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
+
+
+def test_nothing_is_told_of_a_sound_log(rows):
+    both = changed(rows, wheel_speed=RADIUS * rows.columns["wheel_angular_speed"])
+    found = identified(changed(both, wheel_load=np.full(len(rows), 1.3 * LOAD)), initial_speed=30.0)
+    assert found.warnings == ()
+
+
+def test_a_given_ramp_far_from_the_logs_is_told(found):
+    own = found.setting.slip_acceleration
+    for factor in (0.25, 1.0, 4.0):
+        told = job._against_the_log(found.curve, found.setting, Options(slip_acceleration=factor * own))
+        assert any("--slip-acceleration is" in text for text in told) == (factor != 1.0)
+
+
+def test_criteria_of_too_few_samples_are_told_in_json(found):
+    few = dataclasses.replace(found, scores=(dataclasses.replace(found.chosen, independent=23.0),))
+    told = identification_json(few)["models_note"]
+    assert told.startswith("AIC and BIC are of 23 independent samples, too few")
+    assert told in " ".join(identification_text(few).split())
+    many = dataclasses.replace(found, scores=(dataclasses.replace(found.chosen, independent=1e4),))
+    assert identification_json(many)["models_note"] is None
+
+
+def test_which_rows_of_a_large_log_are_followed_is_told(found):
+    large = dataclasses.replace(found, curve=dataclasses.replace(found.curve, record_stride=4))
+    sentence = "take 20000 rows at most, in whole runs spread evenly over the log, here one run of 4"
+    assert sentence in " ".join(identification_text(large).split())
+    assert sentence in identification_json(large)["log"]["rows_followed_note"]
+    assert identification_json(found)["log"]["rows_followed_note"] is None
+
+
+# --- cells, lines, stamps ------------------------------------------------------------------------------------------
+
+LOADED = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m],wheel load [kN]"
+
+
+@pytest.mark.parametrize("block_bytes", [500, 4 << 20])
+def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes):
+    plain = log_text(1500).splitlines()[1:]
+    path = write(tmp_path, "\n".join([LOADED, *(line + "," for line in plain)]) + "\n")
+    rows, log = read(path, block_bytes=block_bytes)
+    assert len(rows) == 1500
+    assert "wheel_load" not in rows.columns
+    assert log.broken.count == 0
+    assert "column 'wheel load [kN]' is empty in 1000 rows" in log.notes[0]
+    filled = write(tmp_path, "\n".join([LOADED, *(line + (",34" if i > 900 else ",") for i, line in enumerate(plain))]))
+    rows, log = read(filled, block_bytes=block_bytes)
+    assert "wheel_load" in rows.columns
+    assert log.broken.count == 901
+
+
+def test_a_column_that_is_needed_may_not_be_empty(tmp_path):
+    path = write(tmp_path, log_text(30).replace(",1.5", ","))
+    with pytest.raises(InputError, match="line 2: a value is missing"):
+        read(path)
+
+
+def test_a_date_for_a_time_is_told(tmp_path):
+    path = write(tmp_path, log_text(30).replace("\n0.", "\n2026-01-01T00:00:0."))
+    with pytest.raises(InputError, match=r"is a date or a time of day, not a number.*give the time in s"):
+        read(path)
+
+
+@pytest.mark.parametrize(("cut", "kept"), [(1, True), (4, True), (5, False), (9, False)])
+def test_a_last_line_without_its_end_counts_if_it_has_all_cells(tmp_path, cut, kept):
+    text = log_text(30).replace(",1.5\n", ",1.50\n")  # the end, 1.50 and its separator: five characters
+    rows, log = read(write(tmp_path, text[:-cut]))
+    assert len(rows) == 29 + kept
+    assert log.broken.count == (not kept)
+    assert any("ends without a line end: line 31" in note for note in log.notes) == kept
+
+
+# --- units ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e-3, "s")])
+def test_a_wrong_unit_of_time_is_refused_by_its_name(rows, factor, unit):
+    with pytest.raises(InputError, match=rf"the time seems to be in {unit}, .* give --unit time={unit}$"):
+        curve_of(changed(rows, time=factor * rows.columns["time"]), PARK2008, Options())
+
+
+def test_no_delay_is_advised_that_is_refused():
+    assert "--delay" not in (told := lag_warning(Lag(3.2, 0.1), 10.0, "wheel_angular_speed", {}))
+    assert "check the unit of the time" in told
+    assert "--delay wheel_angular_speed=0.02 undoes it" in lag_warning(Lag(0.02, 1e-4), 0.01, "wheel_angular_speed", {})
+
+
+def test_speeds_of_two_units_are_refused_by_their_ratio(rows):
+    with pytest.raises(InputError, match=r"times the train's: .* \(km/h and m/s are 3.6 apart\), .*swapped") as error:
+        curve_of(changed(rows, train_speed=3.6 * rows.columns["train_speed"]), PARK2008, Options())
+    assert "radius may be" not in str(error.value)
+    assert "--bound" not in str(error.value)
+
+
+# --- options -------------------------------------------------------------------------------------------------------
+
+
+def test_a_fixed_value_outside_its_bounds_is_refused():
+    check_options(("beam",), {"mu_max": 0.2}, {"mu_max": (0.1, 0.3)})
+    with pytest.raises(InputError, match=r"--fix mu_max: 0.5 is outside --bound mu_max, 0.1 to 0.3"):
+        check_options(("beam",), {"mu_max": 0.5}, {"mu_max": (0.1, 0.3)})
+
+
+def test_a_value_that_was_fixed_is_named_as_the_cause(railslip, rows, tmp_path):
+    log = write_log(tmp_path / "log.csv", rows)
+    message = refused(railslip("identify", log, "--model", "beam", "--fix", "mu_max=1e9"))
+    assert "--fix mu_max=1e+09 is given" in message
+
+
+# --- one model's domain --------------------------------------------------------------------------------------------
+
+
+def test_a_model_without_a_peak_does_not_end_the_run(rows, found, monkeypatch):
+    table, beam = found, identified(rows, "beam")
+    curve, setting, drift = found.curve, found.setting, job.drift
+
+    def fails(fit, *args, **options):
+        if fit.model.name == "beam":
+            raise DomainError("stay below slip 0")
+        return drift(fit, *args, **options)
+
+    monkeypatch.setattr(job, "drift", fails)
+    scores, chosen, _, without = job._chosen((beam.chosen, table.chosen), curve, setting)
+    assert (chosen, scores) == (table.chosen, (table.chosen,))
+    assert without == ("log: beam: stay below slip 0",)
+    with pytest.raises(InputError, match="stay below slip 0"):
+        job._chosen((beam.chosen,), curve, setting)
+    assert json.dumps(identification_json(table))
