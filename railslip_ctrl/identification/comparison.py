@@ -90,9 +90,14 @@ def _score(fit: Fit, cells: Cells, peak: float, samples: float, independent: flo
     )
 
 
-def few_for(scores: Sequence[Score]) -> bool:
-    """Whether some model has so many parameters that the criteria cannot weigh it: the errors are to be looked at."""
-    return any(score.independent < _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores)
+def too_few(scores: Sequence[Score]) -> str:
+    """A sentence where some model has so many parameters that the criteria cannot weigh it; else empty."""
+    if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
+        return ""
+    return (
+        f"AIC and BIC are of {scores[0].independent:.3g} independent samples, too few for them to weigh these models: "
+        "compare the errors"
+    )
 
 
 def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:

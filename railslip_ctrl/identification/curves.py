@@ -22,12 +22,13 @@ from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
 from .options import Options
 from .outliers import OutlierFilter
 from .plausibility import HIGHEST_MU, mu_warning, unit_hint
-from .record import Record
+from .record import MOST_ROWS, Record
 from .resolution import ColumnStep, column_steps, step_warnings
-from .rolling import Known, Rolling, rolling_warnings
-from .rows import Rows
+from .rolling import Known, Rolling, rolling_fault, rolling_warnings
+from .rows import BothSpeeds, Rows
 from .stamps import StampFilter
-from .survey import Survey, load_warning
+from .survey import Survey, load_warning, vehicle_load_warning, wheel_speeds_warning
+from .timing import time_fault
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +49,8 @@ class Curve:
     bins, cells, stretches : Bins, Cells, Stretches
     record : Record
         Rows for the fits along the motion.
+    record_stride : int
+        Of how many runs one is in the record.
     peak_slip : float
         Where the data's mu is highest: the adhesion regime lies below.
     wheel_column : str
@@ -72,6 +75,7 @@ class Curve:
     cells: Cells
     stretches: Stretches
     record: Record
+    record_stride: int
     peak_slip: float
     wheel_column: str
     adhesion_samples: int
@@ -88,6 +92,16 @@ class Curve:
     def highest_mu(self) -> float:
         """Highest mean of mu in a bin."""
         return float(self.bins.mean.max())
+
+    @property
+    def followed_note(self) -> str:
+        """Which rows the fits along the motion are of, where that is not every row under brake; else empty."""
+        if self.record_stride == 1:
+            return ""
+        return (
+            f"{len(self.record)}: fits along the motion take {MOST_ROWS} rows at most, in whole runs spread evenly "
+            f"over the log, here one run of {self.record_stride}; the observed curve and the fits to it are of all rows"
+        )
 
     @property
     def regimes(self) -> tuple[str, ...]:
@@ -150,10 +164,11 @@ class _Gathered:
         self._name, self._vehicle, self._options = name, vehicle, options
         self._columns = columns
         self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
-        self._outliers = OutlierFilter()
+        self._outliers, self._speeds = OutlierFilter(), BothSpeeds()
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
         sums: Accumulator | None = None
         for rows in Alignment(options.delays, options.zeros, name).rows(_kept(blocks, self._outliers)):
+            self._speeds.add(rows)
             samples = self._stream.add(rows)
             if observed is not None:
                 observed(samples)
@@ -166,6 +181,9 @@ class _Gathered:
 
     def _check(self, sums: Accumulator | None) -> None:
         survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
+        clock = time_fault(self._stream.recorder.record(), self._vehicle, survey.highest_pull)
+        if clock is not None:
+            raise InputError(f"{self._name}: {clock}")
         try:
             self._stream.check(self._name)
             if sums is None or survey.used < _LEAST_SAMPLES:
@@ -174,8 +192,11 @@ class _Gathered:
                     "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
-            told = [str(error), *self._torque_told(), *self._rolling_warnings(math.inf, 0.0)]
+            told = [str(error), *self._torque_told(), *rolling_warnings(self._rolling(), self._known())]
             raise InputError("; ".join(told)) from None
+        wheel = rolling_fault(self._rolling(), self._known())
+        if wheel is not None:
+            raise InputError(f"{self._name}: {wheel}")
 
     def _torque_told(self) -> tuple[str, ...]:
         """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
@@ -193,9 +214,8 @@ class _Gathered:
         omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
         return self._stream.free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
 
-    def _rolling_warnings(self, slope: float, peak: float) -> tuple[str, ...]:
-        known = Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
-        return rolling_warnings(self._rolling(), known)
+    def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
+        return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> Curve:
         """The curve, with what else was met."""
@@ -205,11 +225,13 @@ class _Gathered:
         radius, rolling = self._vehicle.wheel.radius, self._rolling()
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
         strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
+        far = vehicle_load_warning(record, self._vehicle.wheel_load)
+        speeds = wheel_speeds_warning(self._speeds.ratio(self._vehicle.wheel.radius), "wheel speed")
         found = (
             *self._warnings(broken, stamps),
-            *self._rolling_warnings(float(bins.mean[0] / bins.slip[0]), peak),
+            *rolling_warnings(self._rolling(), self._known(float(bins.mean[0] / bins.slip[0]), peak)),
             *step_warnings(steps),
-            *(text for text in (loads, strange) if text is not None),
+            *(text for text in (loads, far, speeds, strange) if text is not None),
         )
         return Curve(
             name=self._name,
@@ -219,6 +241,7 @@ class _Gathered:
             cells=cells,
             stretches=self._sums.stretches(),
             record=record,
+            record_stride=self._stream.recorder.stride,
             peak_slip=peak,
             wheel_column=self._stream.wheel_column,
             adhesion_samples=int(cells.count[below].sum()),

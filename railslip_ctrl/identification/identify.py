@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.parameters import Rail, Vehicle
+from railslip_ctrl.units import KMH
 
 from .alignment import check_corrections
 from .cells import Cells
@@ -37,6 +39,8 @@ Floats = NDArray[np.float64]
 _LINE_POINTS = 200
 _DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the initial speed
 _RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
+_OTHER_SPEED = 1.25  # ratio of a speed that is given to the log's: a log may begin after the brake was applied
+_OTHER_RAMP = 3.0  # ratio of a ramp that is given to the log's: runs of one log differ by less
 _LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
 
 
@@ -165,14 +169,10 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     setting = setting_of(curve, vehicle, options)
     fits, failures, impossible = _fits(names, curve, vehicle, setting)
     if not fits:
-        raise InputError("; ".join([failures[0], *_wheel_told(curve)]))
+        raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
     scores = compare(fits, curve.cells, curve.peak_slip)
-    # the table follows any curve: it shows what a formula leaves, and is taken where it is asked for
-    chosen = next((score for score in scores if score.fit.model.name != "table"), scores[0])
-    try:
-        peaks = _peaks(chosen, setting, curve)
-    except DomainError as error:
-        raise InputError("; ".join([f"{curve.name}: {error}", *_wheel_told(curve)])) from error
+    scores, chosen, peaks, without = _chosen(scores, curve, setting)
+    failures = (*failures, *without)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -184,10 +184,52 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         peaks=peaks,
         reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
-        warnings=(*curve.warnings, *_late(chosen.fit, curve, vehicle, setting, options), *_left_out(impossible, curve)),
+        warnings=(
+            *curve.warnings,
+            *_against_the_log(curve, setting, options),
+            *_late(chosen.fit, curve, vehicle, setting, options),
+            *_left_out(impossible, curve),
+        ),
         doubts=_doubts(chosen, curve, setting),
         train_lag=train_lag(curve.record, vehicle.wheel.radius, curve.peak_slip),
     )
+
+
+def _chosen(
+    scores: tuple[Score, ...], curve: Curve, setting: Setting
+) -> tuple[tuple[Score, ...], Score, tuple[PeakSlip, ...], tuple[str, ...]]:
+    """The scores, the first of them that is not the table, its peaks; and why models before it had none.
+
+    The table follows any curve: it shows what a formula leaves, and is taken where it is asked for. InputError where no
+    model has a peak.
+    """
+    failures: list[str] = []
+    for score in sorted(scores, key=lambda each: each.fit.model.name == "table"):
+        try:
+            peaks = _peaks(score, setting, curve)
+        except DomainError as error:
+            failures.append(f"{curve.name}: {score.fit.model.name}: {error}")
+            scores = tuple(each for each in scores if each is not score)
+        else:
+            return scores, score, peaks, tuple(failures)
+    raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
+
+
+def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[str, ...]:
+    """A sentence for each value that is given and that the log shows to be another."""
+    found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
+    if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
+        found.append(
+            f"--initial-speed is {v0 / KMH:.4g} km/h, and the highest train speed of the log {seen / KMH:.4g} km/h: "
+            "the model is written as one of the speed that is given"
+        )
+    given, ramp = options.slip_acceleration, setting.slip_acceleration
+    if given is not None and ramp is not None and not 1.0 / _OTHER_RAMP < given / ramp < _OTHER_RAMP:
+        found.append(
+            f"--slip-acceleration is {given:.4g} m/s^2, and the slip of the log rises by {ramp:.4g} m/s^2 on its way "
+            "to the peak: the peak of a bristle model is that of the ramp that is given"
+        )
+    return tuple(f"{curve.name}: {text}" for text in found)
 
 
 def _left_out(impossible: Sequence[str], curve: Curve) -> tuple[str, ...]:
@@ -353,8 +395,10 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
             totals[name] = sum(s.bic for s in same)
     if not totals:
         raise InputError("model: no model fits every log; name one with --model")
-    best = min(totals, key=lambda name: totals[name])
-    return [_choosing(each, best) for each in done]
+    for best in sorted(totals, key=lambda name: totals[name]):
+        with suppress(DomainError):  # of a model that has no peak in one of the logs
+            return [_choosing(each, best) for each in done]
+    raise InputError("model: no model has a peak in every log; name one with --model")
 
 
 def _choosing(identification: Identification, name: str) -> Identification:

@@ -1,8 +1,8 @@
 """Reading a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
 Every row keeps the number of its line. A line that is no row (cut, or with something else than numbers) is left out
-and named; a line without a line end at the end of the file is taken to be cut. Empty lines and comments, which begin
-with #, are passed over.
+and named; a line without a line end at the end of the file is taken to be cut, unless it has all its cells. Empty lines
+and comments, which begin with #, are passed over. A column that can be done without and is empty is as if absent.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ LONGEST_LINE = 1 << 20
 _LATEST = 1e11
 
 _MOST_NAMED = 5
+_FIRST_ROWS = 1000  # that tell whether a column is empty; so many, and no more, wait in memory for it
+_EMPTY = ("", "nan")
+_DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
 _PIECE = 1000  # lines that are parsed one by one where one of them is no row
 
 
@@ -100,7 +103,8 @@ class Log:
         except InputError:
             self._file.close()
             raise
-        self.columns = self._header.columns
+        self.columns = dict(self._header.columns)
+        self._notes: list[str] = []
         self._separator = "\t" if self._header.separator == BLANKS else self._header.separator
         self._count = 0  # of a row's cells, known once there are rows
 
@@ -120,13 +124,13 @@ class Log:
             notes.append(
                 f"line {self._returns_line}: its end was translated twice (\\r\\r\\n); such lines are read all the same"
             )
-        return tuple(notes)
+        return (*notes, *self._notes)
 
     def rows(self) -> Iterator[Rows]:
         """The rows, block by block; `broken`, `stamps` and `share` say at any time what was met."""
         any_row = False
         try:
-            for first_line, block in self._blocks():
+            for first_line, block in self._begun(self._blocks()):
                 rows = self.stamps.add(self._parsed(first_line, block))
                 any_row = any_row or bool(len(rows))
                 if len(rows):
@@ -157,8 +161,57 @@ class Log:
             line += block.count(b"\n")
         if self._file.damage:
             self.broken.add(line, f"the gzipped file {self._file.damage}")
+        elif rest.strip() and (ended := self._ended(line, rest)):
+            yield line, ended
         elif rest.strip():
             self.broken.add(line, "the file ends within this line, which is left out")
+
+    def _begun(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+        """The blocks, given out once the first rows have told which columns are empty."""
+        held: list[tuple[int, bytes]] = []
+        ends = size = 0
+        while ends < _FIRST_ROWS and size < BLOCK_BYTES and (more := next(blocks, None)):
+            held.append(more)
+            ends, size = ends + more[1].count(b"\n"), size + len(more[1])
+        if held:
+            self._leave_out_empty(held[0][0], b"".join(block for _, block in held))
+        yield from held
+        yield from blocks
+
+    def _leave_out_empty(self, first_line: int, block: bytes) -> None:
+        """Columns that can be done without and are empty in the first rows are none."""
+        lines = block.split(b"\n", _FIRST_ROWS)[:_FIRST_ROWS]
+        text = self._with_plain_ends(first_line, b"\n".join(lines)).decode("latin-1")
+        rows = [
+            cells
+            for line in text.split("\n")
+            if line.strip()
+            and not line.startswith(COMMENT.decode())
+            and (cells := split_cells(line, self._separator))
+            and len(cells) >= len(self._header.cells)
+        ]
+        for name, instead in _DISPENSABLE.items():
+            column = self.columns.get(name)
+            needed = name != "wheel_load" and len({*_WHEEL} & self.columns.keys()) < len(_WHEEL)
+            if column is None or needed or not rows:
+                continue
+            if all(row[column.index].strip().lower() in _EMPTY for row in rows):
+                del self.columns[name]
+                self._notes.append(
+                    f"column {column.header!r} is empty in {len(rows)} rows, all or the first of the log, "
+                    f"and taken as absent: {instead}"
+                )
+
+    def _ended(self, line: int, rest: bytes) -> bytes:
+        """The last line, which has no end, with one; nothing where it is cut."""
+        whole = self._with_plain_ends(line, rest + b"\n")
+        text, count = whole.decode("latin-1").strip("\n"), self._count or len(self._header.cells)
+        cells = split_cells(text, self._separator) or []
+        decimal = self._decimal(whole)
+        if len(cells) != count or not all(is_number(cells[c.index], decimal) for c in self.columns.values()):
+            return b""
+        self._notes.append(f"the file ends without a line end: line {line} has all its cells, and is read")
+        return rest + b"\n"
 
     def _after_the_line(self) -> bytes:
         """What has been read after the end of the line that is being read; nothing if the file ends in it."""
@@ -305,6 +358,11 @@ class Log:
         for column in self.columns.values():
             cell = cells[column.index].strip()
             if cell and not is_number(cell, decimal):
+                if column.quantity == "time" and _DATE.match(cell):
+                    return (
+                        f"{shown(cell)} is a date or a time of day, not a number, column {column.header!r}; give the "
+                        "time in s, from any beginning, or in another unit that the header names"
+                    )
                 return f"{shown(cell)} is not a number, column {column.header!r}"
             values.append(float(cell.replace(decimal, ".")) if cell else np.nan)
         return values
@@ -318,6 +376,12 @@ def _control_character(line: bytes) -> str:
     return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
 
 
+_WHEEL = ("wheel_angular_speed", "wheel_speed")
+_DISPENSABLE = {
+    "wheel_load": "the vehicle's wheel load is used",
+    "wheel_speed": "the wheel's angular speed is used",
+    "wheel_angular_speed": "the wheel speed is used",
+}
 _MANY_NULLS = 2
 _STRANGE = np.array([code < ord(" ") and chr(code) not in "\t\n" for code in range(256)])
 _LINE_END = re.compile(rb"\r+\n")

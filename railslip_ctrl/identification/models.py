@@ -201,7 +201,7 @@ def check_model(name: str) -> None:
 
 
 def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
-    """InputError where a fixed or bounded parameter belongs to none of the models."""
+    """InputError where a fixed or bounded parameter belongs to none of the models, or is fixed outside its bounds."""
     known = {p for name in names for p in law_class(_LAWS[name]).parameter_names()}
     for option, given in (("--fix", fixed), ("--bound", bounds)):
         for parameter in given:
@@ -209,6 +209,16 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
                 raise InputError(
                     f"{option}: {shown(parameter)} is no parameter here; choose one of {', '.join(sorted(known))}"
                 )
+    _check_fixed(fixed, bounds)
+
+
+def _check_fixed(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
+    for name in fixed.keys() & bounds.keys():
+        low, high = bounds[name]
+        if not low <= fixed[name] <= high:
+            raise InputError(
+                f"--fix {name}: {fixed[name]:g} is outside --bound {name}, {low:g} to {high:g}; give one of the two"
+            )
 
 
 def _restricted(model: FitModel, setting: Setting) -> FitModel:

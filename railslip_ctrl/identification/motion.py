@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 _STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
 _ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
+_FAR_BELOW = 1 / 3  # of the slip that a ramp is looked at up to
 _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
 
 
@@ -76,26 +77,30 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
 
 
 def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
-    """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from run to run.
+    """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from test to test.
 
-    Of the runs that come to it from below, each until it does, by their time; of all, as far as they go, where none
-    does. Nought for an empty record; no deviation where fewer than two runs come there.
+    Of the tests that come to it from below, each until it does, by their time; of all, as far as they go, where none
+    does. Tests that begin far below go before those that are cut off there, as slip rises the faster the nearer the
+    peak. Nought for an empty record; no deviation where fewer than two tests come there.
     """
     slip = 1.0 - radius * record.omega / record.speed
-    cuts = np.flatnonzero(np.diff(record.run)) + 1
+    test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
+    cuts = np.flatnonzero(np.diff(test)) + 1
     ways = []
-    for time, of_run in zip(np.split(record.time, cuts), np.split(slip, cuts), strict=True):
-        if len(time) > 1 and of_run[0] < top:
-            up = of_run >= top
+    for time, of_test in zip(np.split(record.time, cuts), np.split(slip, cuts), strict=True):
+        if len(time) > 1 and of_test[0] < top:
+            up = of_test >= top
             end = int(np.argmax(up)) if up.any() else -1
-            ways.append((time[end] - time[0], initial_speed * (of_run[end] - of_run[0]), float(up.any())))
+            gain = initial_speed * (of_test[end] - of_test[0])
+            ways.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _FAR_BELOW * top)))
     if not ways:
         return 0.0, None
-    duration, gain, arrived = np.array(ways).T
+    duration, gain, arrived, whole = np.array(ways).T
     kept = arrived > 0.0 if arrived.any() else np.ones(len(ways), dtype=bool)
+    kept = kept & (whole > 0.0) if (kept & (whole > 0.0)).any() else kept
     duration, gain = duration[kept], gain[kept]
     mean = float(gain.sum() / duration.sum())
-    if arrived.sum() < 2:
+    if not arrived.any() or len(duration) < 2:
         return mean, None
     scatter = np.sum(duration * (gain / duration - mean) ** 2) / duration.sum() * len(duration) / (len(duration) - 1)
     return mean, float(np.sqrt(scatter))

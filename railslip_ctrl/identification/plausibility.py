@@ -141,6 +141,10 @@ def check_fit(
             f"the log itself shows {seen:.2g}, so that it does not tell this model, or the vehicle is another one; "
             f"check --vehicle and the wheel load, give a log with more slip, or {bound}"
         )
+    given = [name for name in setting.fixed if name in found.model.known]
+    if given:
+        values = ", ".join(f"--fix {name}={setting.fixed[name]:g}" for name in given)
+        cause = f"{values} is given: leave it out, or give another value; else {cause}"
     raise ImpossibleFitError(
         f"fitted to this log its highest adhesion coefficient, the {what}, is {value:.3g}, above {IMPOSSIBLE_MU:g}, "
         f"which no steel on steel in air has; {cause}"

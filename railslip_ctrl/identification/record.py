@@ -62,6 +62,11 @@ class Recorder:
             self._stride *= 2
             self._kept = self._kept[:, self._kept[5] % self._stride == 0]
 
+    @property
+    def stride(self) -> int:
+        """Of how many runs one is kept."""
+        return self._stride
+
     def record(self) -> Record:
         """The rows kept so far."""
         return Record(*self._kept)

@@ -230,6 +230,11 @@ _LEAST_SLIP = 5e-4  # 0.2 mm of a radius; below, a log's speeds have errors of t
 _LEAST_OF_PEAK = 0.003  # of the slip at the peak: what is less shifts a fit by less than its errors
 _LEAST_MU = 0.001  # a torque's zero by wheel load and radius: as the errors of a good fit
 _OTHER_UNIT = 0.15  # slip ratio: no wheel wears so much
+MOST_FREE_SLIP = 0.5
+"""Slip ratio of a wheel without brake beyond which a log is refused: no radius is so wrong."""
+
+_UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
+_ALIKE = 0.05  # relative, of a ratio: more than a radius is wrong by
 _MOST_CREEP = 0.002  # of a wheel without brake, if a wrong wheel has bent the curve that its slope is taken from
 _UNTRUSTED = 0.005  # slip ratio
 _EXPLAINED = 0.25  # of the slip that is left without a zero that was given, below which the zero is the cause
@@ -313,10 +318,26 @@ def _wrong_wheel(rolling: Rolling, known: Known) -> str:
     likely = f"the wheel radius may be {radius / (1.0 - known.excess(rolling)):.4g} m, not {radius:.4g} m"
     if abs(slip) < _OTHER_UNIT:
         return f"{shown}: {likely}"
-    return (
-        f"{shown}, the wheel's speed is {1.0 - slip:.3g} times the train's: check the units of {known.wheel_column} "
-        f"and train_speed; else {likely}"
+    text = (
+        f"{shown}, the wheel's speed is {1.0 - slip:.3g} times the train's: "
+        f"check the units of {known.wheel_column} and train_speed{_apart(1.0 - slip)}, and that no columns are swapped"
     )
+    return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
+
+
+def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
+    """A sentence where a wheel without brake has so much slip that no curve can be had from the log; else None."""
+    if rolling is None or abs(rolling.slip) <= MOST_FREE_SLIP:
+        return None
+    return _wrong_wheel(rolling, known)
+
+
+def _apart(ratio: float) -> str:
+    """The units whose ratio that of wheel and train is; empty for none."""
+    for factor, units in _UNITS_APART:
+        if min(abs(abs(ratio) * factor - 1.0), abs(abs(ratio) / factor - 1.0)) < _ALIKE:
+            return f" ({units} are {factor:.3g} apart)"
+    return ""
 
 
 def _slip_without(rolling: Rolling, known: Known, name: str, given: float) -> float | None:

@@ -43,3 +43,21 @@ class Rows:
             np.concatenate([self.line, more.line]),
             {name: np.concatenate([values, more.columns[name]]) for name, values in self.columns.items()},
         )
+
+
+class BothSpeeds:
+    """The two speeds of a wheel, where a log has both: by a straight line through nought, over all rows."""
+
+    def __init__(self) -> None:
+        self._product = self._square = 0.0
+
+    def add(self, rows: Rows) -> None:
+        """Take rows in."""
+        rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
+        if rim is not None and angular is not None:
+            self._product += float(rim @ angular)
+            self._square += float(angular @ angular)
+
+    def ratio(self, radius: float) -> float:
+        """Of the speed of the rim to the angular one times the radius, m; NaN where the log does not have both."""
+        return self._product / (radius * self._square) if self._square > 0.0 else np.nan

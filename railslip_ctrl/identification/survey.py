@@ -20,6 +20,9 @@ _LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it i
 LOADS_DIFFER = 1.05
 """Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
 
+_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
+_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
+
 _MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v0 stands for several
 
 
@@ -131,6 +134,30 @@ class Survey:
                 "(--initial-speed); a log for each speed shows the change"
             )
         return tuple(found)
+
+
+def vehicle_load_warning(record: Record, of_vehicle: float) -> str | None:
+    """A sentence where the mean wheel load of a record is far from that of the vehicle, N; else None."""
+    if not len(record):
+        return None
+    logged = float(record.load.mean())
+    if of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
+        return None
+    return (
+        f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by the "
+        "log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the vehicle "
+        "(--vehicle, --loaded)"
+    )
+
+
+def wheel_speeds_warning(ratio: float, other: str) -> str | None:
+    """A sentence where a log's two wheel speeds are not one; `ratio` of that not used, `other`, to that used."""
+    if not abs(ratio - 1.0) > _OTHER_SPEED:
+        return None
+    return (
+        f"the log has two wheel speeds, and {other} is {ratio:.3g} times the angular speed by the wheel's radius: the "
+        "angular speed is used; check the units of both and the wheel's radius (--vehicle)"
+    )
 
 
 def load_warning(record: Record) -> str | None:

@@ -142,6 +142,8 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
     if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
         late, cause = interval / 2.0, " half an interval, as a difference of counts is:"
     remedy = f"{cause} --delay {wheel_column}={given + late:.3g} undoes it"
+    if abs(given + late) > LONGEST_DELAY:
+        remedy = " no delay is so long: check the unit of the time, and that the columns are of one recording"
     return (
         f"the wheel's speed seems to be {'late' if late > 0 else 'early'} by {abs(lag.seconds):.3g} s{error} beside "
         f"the other columns{beside}, which falsifies the fits;{remedy}"
@@ -149,6 +151,40 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 
 
 _ALIKE = 2.6  # standard errors
+
+# --- the unit of the time ---------------------------------------------------------------------------------------
+
+_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_SLOWED = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
+_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+
+
+def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | None:
+    """A sentence where the train slows down as if its time had another unit than it is read in; else None.
+
+    The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
+    own. `highest_pull` as of `Survey`.
+    """
+    if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
+        return None
+    inside = np.diff(record.run) == 0
+    lost = -float(np.diff(record.speed)[inside].sum())
+    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
+    asked = float((np.diff(record.time) * record.torque[1:])[inside].sum())
+    asked /= vehicle.wheel.radius * vehicle.effective_mass
+    if not lost > _SLOWED * float(record.speed[begins].sum()) or not asked > 0.0:
+        return None
+    ratio = lost / asked
+    if 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
+        return None
+    slow = ratio < 1.0
+    likely, read = ("ms", "s") if slow else ("s", "ms")
+    shown = 1.0 / ratio if slow else ratio
+    return (
+        f"the train slows down {shown:.2g} times {'less' if slow else 'more'} than the brake torque on it makes it: "
+        f"the time seems to be in {likely}, and is read as {read}; give --unit time={likely}"
+    )
+
 
 # --- the train's speed ---------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.identification.comparison import Score, few_for
+from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
 from railslip_ctrl.identification.identify import Campaign, Curve, Identification
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
@@ -31,7 +31,7 @@ def campaign_text(found: Campaign) -> str:
     """Several logs as a report: each, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
-    parts += [Text(f"Note: {text}") for text in found.warnings]
+    parts += [Text(f"Warning: {text}") for text in found.warnings]
     rows = [
         (p.name, found.logs[0].chosen.fit.model.unit(p.name), *(_pair(c, e) for c, e in zip(*_padded(p), strict=True)))
         for p in found.polynomials
@@ -64,6 +64,8 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     parts: list[RenderableType] = [
         heading(f"Identification: {found.curve.name}"),
         facts(_log_facts(found)),
+        *(Text(f"Warning: {warning}") for warning in found.warnings),
+        *(Text(f"Note: {note}") for note in found.curve.notes),
         Text(),
         heading(f"Model: {fit.law.title} ({fit.model.name})", "-"),
         _parameter_table(fit),
@@ -79,15 +81,23 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     return [*parts, Text(_verdict(found))]
 
 
+def _load_of(found: Identification) -> str:
+    """Whose wheel load it is, where the log has one of its own."""
+    own = found.vehicle.wheel_load
+    same = math.isclose(found.setting.wheel_load, own, rel_tol=1e-6)
+    return "" if same else f" (the log's; the vehicle's is {own:g} N)"
+
+
 def _log_facts(found: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = found.curve, found.curve.survey, found.setting
     regrips = f"; {survey.regripping} more of a wheel that regrips are left out" if survey.regripping else ""
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
-        ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N, {setting.rail} rail"),
+        ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(found)}, {setting.rail} rail"),
         ("Initial speed", f"{setting.initial_speed / KMH:.4g} km/h; slip ramps {ramp}"),
         ("Observer", f"{found.options.observer}, tau {curve.time_constant:.4g} s"),
         ("Rows", f"{survey.rows}, of which {survey.used} under brake in {counted(survey.runs, 'run')}{regrips}"),
+        *((("Rows followed", curve.followed_note),) if curve.followed_note else ()),
         *(("Resolution", str(step)) for step in curve.steps if step.matters),
         (
             "Regimes",
@@ -142,8 +152,7 @@ def _score_table(scores: tuple[Score, ...]) -> RenderableType:
 
 
 def _weight(scores: tuple[Score, ...]) -> str:
-    text = f"AIC and BIC are of {scores[0].independent:.3g} independent samples"
-    return f"{text}, too few for them to weigh these models: compare the errors" if few_for(scores) else text
+    return too_few(scores) or f"AIC and BIC are of {scores[0].independent:.3g} independent samples"
 
 
 def _bin_table(curve: Curve) -> RenderableType:
@@ -211,8 +220,9 @@ def model_toml(found: Identification) -> str:
         f"Initial speed {found.setting.initial_speed / KMH:.4g} km/h, wheel load {found.setting.wheel_load:g} N.",
         f"Mean absolute error of mu {found.chosen.mean_abs_error:.3g}.",
         *(f"{p.name}: standard error {p.stderr:.3g}" for p in fit.parameters if math.isfinite(p.stderr)),
-        *(f"Warning: {doubt}" for doubt in found.doubts),
+        *(f"Warning: {warning}" for warning in (*found.warnings, *found.doubts)),
         *fit.notes,
+        *curve.notes,
         *found.peak_notes,
     ]
     return law_toml(
@@ -233,8 +243,9 @@ def campaign_toml(found: Campaign) -> str | None:
         f"Identified by railslip_ctrl {__version__} from {len(fits)} logs; parameters over the initial speed.",
         "For --adhesion with --initial-speed. The slips to hold are those of the logs, at their speeds.",
         *(text for p in found.polynomials for text in _errors_of(p)),
-        *(f"Warning: {doubt}" for each in found.logs for doubt in each.doubts),
-        *found.warnings,
+        *(f"Warning: {warning}" for each in found.logs for warning in (*each.warnings, *each.doubts)),
+        *(f"Warning: {warning}" for warning in found.warnings),
+        *(f"{each.curve.name}: {note}" for each in found.logs for note in each.curve.notes),
     ]
     coefficients = {p.name: p.coefficients for p in found.polynomials} | of_known(speeds, fits)
     limits = (float(round(min(speeds) / KMH)), float(round(max(speeds) / KMH)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from railslip_ctrl.identification.comparison import Score
+from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Curve, Identification
 from railslip_ctrl.identification.polynomials import ParameterPolynomial
@@ -34,6 +34,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
         "reference_slip_reason": found.no_reference,
         "peaks": [_peak_json(peak) for peak in found.peaks],
         "models": [_score_json(score) for score in found.scores],
+        "models_note": too_few(found.scores) or None,
         "not_fitted": list(found.not_fitted),
         "curve": _bins_json(curve),
         "log": _log_json(found),
@@ -144,6 +145,8 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "tau_s": curve.time_constant,
         "rows": survey.rows,
         "runs": survey.runs,
+        "rows_followed": len(curve.record),
+        "rows_followed_note": curve.followed_note or None,
         "adhesion_regime_points": curve.adhesion_samples,
         "sliding_regime_points": curve.sliding_samples,
         "data_peak_slip": curve.peak_slip,
