@@ -78,7 +78,7 @@ def stops(
         scenario = published_scenario()
         controllers = _published_controllers(scenario.vehicle, column, published_reference(column))
         # of the same kind, but with the gains of that reading
-        controllers = {f"{name}{as_read(one, first)}": one for name, one in controllers.items()}
+        controllers = {f"{name}{_as_read(one, first)}": one for name, one in controllers.items()}
         found.append(_stop(title, scenario, controllers, {}))
     return tuple(found)
 
@@ -129,11 +129,11 @@ def _compared(
     return made
 
 
-def as_read(controller: Controller | str, point: OperatingPoint) -> str:
+def _as_read(controller: Controller | str, point: OperatingPoint) -> str:
     """The gains of a design of this project's in the published run, whose units make them others; to be appended."""
     if isinstance(controller, LinearControl) and controller.name == "pi-lead" and point.vehicle.inertia_scale == 1.0:
         gains = controller.design.gains
-        return f" in that reading (kp {gains.kp:g}, ki {gains.ki:g})"
+        return f", kp {gains.kp:g}, ki {gains.ki:g}"
     return ""
 
 
