@@ -330,7 +330,7 @@ def test_a_ramp_is_the_mean_of_the_ways_up_and_scatters_from_run_to_run():
     slips.append(np.linspace(0.1, 0.0, 20))
     runs.append(np.full(20, 3.0))
     slip, run = np.concatenate(slips), np.concatenate(runs)
-    time, nothing = interval * np.arange(slip.size), np.zeros(slip.size)
+    time, nothing = interval * np.arange(slip.size) + 30.0 * run, np.zeros(slip.size)  # tests are apart in time
     speed = np.full(slip.size, v0)
     record = Record(time, speed, (1.0 - slip) * v0 / radius, nothing, nothing, run)
     mean, spread = slip_ramp(record, radius, 0.2, v0)

@@ -30,6 +30,9 @@ _COMMANDS = {
 }
 
 
+_SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
 class _LazyGroup(click.Group):
     """Lists the commands without importing them; each costs only its own imports."""
 
@@ -40,6 +43,8 @@ class _LazyGroup(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         command: click.Command = import_module(f".{cmd_name}", __name__).command
+        # not left to the parent: click keeps the names of the help of the first context, which may have none
+        command.context_settings = _SETTINGS | command.context_settings
         return command
 
     def resolve_command(
@@ -73,7 +78,7 @@ def _check_repeated(ctx: click.Context, command: click.Command, arguments: Seque
             raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=_LazyGroup, context_settings=_SETTINGS)
 @click.version_option(__version__, prog_name=PROGRAM)
 def railslip() -> None:
     """Wheel-slip control design for trains. Plain numbers are SI unless the option names a unit; a value may carry
