@@ -44,7 +44,7 @@ class _LazyGroup(click.Group):
             return None
         command: click.Command = import_module(f".{cmd_name}", __name__).command
         # not left to the parent: click keeps the names of the help of the first context, which may have none
-        command.context_settings = _SETTINGS | command.context_settings
+        command.context_settings = {**_SETTINGS, **command.context_settings}
         return command
 
     def resolve_command(
