@@ -46,6 +46,14 @@ def railslip(capsys):
     return run
 
 
+@pytest.fixture(scope="module")
+def without_lag_search():
+    """Identification does not look for a column that is late: it takes most of the time, and has tests of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _figures_without_defects(monkeypatch):
     """Every PNG that a test saves, by a script or a command, is looked at as `figure_checks` does."""

@@ -28,12 +28,7 @@ from railslip_ctrl.report.identification_json import identification_json
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _no_search_for_a_lag():
-    """It takes most of the time, and has tests of its own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
-        yield
+pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 
 @pytest.fixture(scope="module")

@@ -36,12 +36,7 @@ BEAM = published_law("beam", Rail.DRY)
 RADIUS = PARK2008.wheel.radius
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _no_search_for_a_lag():
-    """It takes most of the time, and has tests of its own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("railslip_ctrl.identification.identify.lag_of", lambda *_: None)
-        yield
+pytestmark = pytest.mark.usefixtures("without_lag_search")
 
 
 @pytest.fixture(scope="module")
