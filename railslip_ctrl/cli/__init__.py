@@ -14,6 +14,8 @@ from click.shell_completion import CompletionItem
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import InputError, RailslipError
 
+from .settings import HELP
+
 PROGRAM = "railslip"
 
 _COMMANDS = {
@@ -30,9 +32,6 @@ _COMMANDS = {
 }
 
 
-_SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
-
-
 class _LazyGroup(click.Group):
     """Lists the commands without importing them; each costs only its own imports."""
 
@@ -43,8 +42,6 @@ class _LazyGroup(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         command: click.Command = import_module(f".{cmd_name}", __name__).command
-        # not left to the parent: click keeps the names of the help of the first context, which may have none
-        command.context_settings = {**_SETTINGS, **command.context_settings}
         return command
 
     def resolve_command(
@@ -78,7 +75,7 @@ def _check_repeated(ctx: click.Context, command: click.Command, arguments: Seque
             raise InputError(f"{option.opts[0]}: is given {given.count(option)} times; give it once")
 
 
-@click.group(cls=_LazyGroup, context_settings=_SETTINGS)
+@click.group(cls=_LazyGroup, context_settings=HELP)
 @click.version_option(__version__, prog_name=PROGRAM)
 def railslip() -> None:
     """Wheel-slip control design for trains. Plain numbers are SI unless the option names a unit; a value may carry

@@ -18,11 +18,12 @@ from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 
 from .output import print_json, print_text, progress
+from .settings import HELP
 
 _REPORT = ("report.txt", "report.json")
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.argument("campaign_file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
 @click.option(
     "--out",

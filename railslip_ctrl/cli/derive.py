@@ -21,11 +21,12 @@ from railslip_ctrl.sliding.surface import Reference
 
 from .options import Quantity, law_from_file
 from .output import print_text, progress
+from .settings import HELP
 
 _FORMATS = ("text", "markdown", "latex", "c", "python")
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.option(
     "--reference",
     default="proportional",

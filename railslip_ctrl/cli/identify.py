@@ -26,11 +26,12 @@ from railslip_ctrl.units import KMH, shown, to_unit
 
 from .options import Quantity, from_file
 from .output import print_json, print_text, progress
+from .settings import HELP
 
 _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG.csv...")
 @click.option(
     "--model",

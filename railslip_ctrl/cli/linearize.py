@@ -9,9 +9,10 @@ from railslip_ctrl.report import linear_plant_json, linearize_text
 
 from .options import CaseOptions, case_options
 from .output import print_json, print_text
+from .settings import HELP
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @case_options
 @click.option("--speed-state", is_flag=True, help="Keep the train speed as a state instead of freezing it.")
 def command(

@@ -13,9 +13,10 @@ from railslip_ctrl.report import margins_json, margins_text
 
 from .options import CaseOptions, Quantity, case_options, chosen_gains, gain_options
 from .output import print_json, print_text
+from .settings import HELP
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @case_options
 @gain_options
 @click.option(

@@ -26,6 +26,7 @@ from railslip_ctrl.report.provenance import Provenance
 
 from .options import CaseOptions, case_options, chosen_gains, gain_options
 from .output import print_json, print_text, progress
+from .settings import HELP
 
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
@@ -45,7 +46,7 @@ _OF_PAGE = (
 )
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @case_options
 @gain_options
 @click.option(

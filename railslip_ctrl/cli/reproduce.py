@@ -18,11 +18,12 @@ from railslip_ctrl.reproduction.sensitivity import DEFAULT_SEEDS as SENSITIVITY_
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
 from .output import print_json, print_text, progress
+from .settings import HELP
 
 PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.option(
     "--seeds",
     default=str(DEFAULT_SEEDS),

@@ -18,6 +18,7 @@ from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import Quantity, gain_options
 from .output import print_json, print_text, progress
+from .settings import HELP
 from .simulation_options import ControllerOptions, ScenarioOptions, collected
 
 LOG_PERIOD = 0.01
@@ -27,7 +28,7 @@ LARGEST_SEED = 2**63 - 1
 _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png", "simulation.svg")
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @collected
 @gain_options
 @click.option(

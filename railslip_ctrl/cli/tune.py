@@ -12,9 +12,10 @@ from railslip_ctrl.report.tuning import tuning_json, tuning_text
 
 from .options import CaseOptions, Quantity, family_options
 from .output import print_json, print_text
+from .settings import HELP
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @family_options
 @click.option(
     "--structure",

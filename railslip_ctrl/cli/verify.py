@@ -14,12 +14,13 @@ from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, Law, RailAdhe
 
 from .options import CaseOptions, Quantity, is_law_file, stop_options
 from .output import print_json, print_text
+from .settings import HELP
 
 _UNITS = {"--K": " (N*m)", "--D": " (N*m/(m/s))", "--inertia-scale": ""}
 LAWS: tuple[Law, ...] = get_args(Law)
 
 
-@click.command()
+@click.command(context_settings=HELP)
 @click.option(
     "--law",
     default="paper",
