@@ -22,7 +22,7 @@ from railslip_ctrl.adhesion.bristle import published_coefficients
 from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification.cells import Accumulator
-from railslip_ctrl.identification.comparison import compare, peak_slip, too_few
+from railslip_ctrl.identification.comparison import compare, too_few
 from railslip_ctrl.identification.coordinates import FLAT, Coordinates
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
@@ -31,6 +31,7 @@ from railslip_ctrl.identification.observed import AdhesionStream, Observed
 from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.profile import profile_interval
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
+from railslip_ctrl.identification.regimes import Regimes, peak_slip
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.units import KMH
@@ -396,7 +397,7 @@ def test_the_model_that_made_the_data_comes_first(name):
     sums = gathered(noisy_samples(name))
     cells = sums.cells()
     candidates = ("beam", "curve", "burckhardt", "table")
-    scores = compare([fitted(each, sums) for each in candidates], cells, peak_slip(cells))
+    scores = compare([fitted(each, sums) for each in candidates], cells)
     assert scores[0].fit.model.name == name
     assert [s.bic for s in scores] == sorted(s.bic for s in scores)
 
@@ -407,7 +408,7 @@ def test_criteria_never_count_fewer_samples_than_stretches():
     sums = gathered(samples(slip, V100, law_coefficient("curve", slip, V100)))
     found = fitted("beam", sums)
     cells = sums.cells()
-    (score,) = compare([found], cells, peak_slip(cells))
+    (score,) = compare([found], cells)
     noise = found.residual_squares / slip.size
     stretches = found.degrees_of_freedom + 3
     assert slip.size * noise / found.long_run_variance < stretches
@@ -420,15 +421,16 @@ def test_mean_absolute_errors_are_those_of_the_bins():
     observed = noisy_samples("curve")
     sums = gathered(observed)
     found = fitted("beam", sums)
-    (score,) = compare([found], sums.cells(), 0.12)
+    (score,) = compare([found], sums.cells())
     deviation = observed.mu - np.asarray(adhesion_coefficient(found.law, V100, observed.slip, LOAD))
     place = (observed.slip * 50).astype(int)
     errors = np.array([abs(deviation[place == i].mean()) for i in range(place.max() + 1)])
     # a cell across the edge of two bins counts in one: some 4 % of a bin, where the errors differ by up to 0.03
     assert score.mean_abs_error == pytest.approx(errors.mean(), abs=6e-4)
-    assert score.adhesion_error == pytest.approx(errors[:6].mean(), abs=1.2e-3)  # bins with a mean slip below 0.12
-    assert score.sliding_error == pytest.approx(errors[6:].mean(), abs=1.2e-3)
-    assert score.adhesion_error > 1.2 * score.mean_abs_error
+    adhesion, sliding = Regimes(0.12, "given").errors(score)
+    assert adhesion == pytest.approx(errors[:6].mean(), abs=1.2e-3)  # bins with a mean slip below 0.12
+    assert sliding == pytest.approx(errors[6:].mean(), abs=1.2e-3)
+    assert adhesion > 1.2 * score.mean_abs_error
 
 
 # --- peak and reference --------------------------------------------------------------------------------------------

@@ -58,7 +58,7 @@ def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(railslip, l
     assert correlation == pytest.approx(correlation.T)
     for bin_ in found["curve"]:
         assert bin_["min"] <= bin_["mean"] <= bin_["max"]
-        assert bin_["regime"] == ("adhesion" if bin_["slip"] < found["log"]["data_peak_slip"] else "sliding")
+        assert bin_["regime"] == ("adhesion" if bin_["slip"] < found["log"]["sliding_from_slip"] else "sliding")
 
 
 def test_the_best_is_the_model_of_the_rig_and_all_are_compared(railslip, log):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from log_texts import log_text, read, write
 from project import refused
 from rig_logs import rig_rows, write_log
 
-from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.adhesion import load_law, published_law
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import curve_of
@@ -204,6 +205,52 @@ def test_a_value_that_was_fixed_is_named_as_the_cause(railslip, rows, tmp_path):
 
 
 # --- one model's domain --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("signs", [{"train_speed": -1.0}, {"train_speed": -1.0, "wheel_angular_speed": -1.0}])
+def test_a_train_that_runs_backward_is_named(rows, signs):
+    with pytest.raises(InputError, match="train speed is negative in 1800 rows, and positive in 0; reverse its sign"):
+        curve_of(changed(rows, **{n: rows.columns[n] * sign for n, sign in signs.items()}), PARK2008, Options())
+
+
+def test_options_that_leave_no_row_are_named(rows):
+    with pytest.raises(InputError, match=r"the rows are corrected by --delay brake_torque=0.1, --zero train_speed=30"):
+        curve_of(rows, PARK2008, Options(delays={"brake_torque": 0.1}, zeros={"train_speed": 30.0}))
+    with pytest.raises(InputError, match="after the start the observer settles for 250 s; give a smaller --tau"):
+        curve_of(rows, PARK2008, Options(time_constant=50.0))
+
+
+def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
+    lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
+    path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
+    with pytest.raises(InputError, match="say which with --column wheel_angular_speed=HEADER, or by its place: 3 or 4"):
+        read(path)
+    with pytest.raises(InputError, match=r"2 columns are called 'omega'; .*, or by its place: 3 or 4"):
+        read(path, columns={"wheel_angular_speed": "omega"})
+    for place, value in (("3", 20.0), ("4", 21.0)):
+        rows, _ = read(path, columns={"wheel_angular_speed": place})
+        assert set(rows.columns["wheel_angular_speed"]) == {value}
+    with pytest.raises(InputError, match="no column is called '6'"):
+        read(path, columns={"wheel_angular_speed": "6"})
+
+
+def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
+    """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
+    monkeypatch.setattr(job, "CANDIDATES", ("burckhardt", "beam"))
+    monkeypatch.setattr(job, "lag_of", lambda fit, *_: Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
+    (told,) = identified(rows, model="burckhardt").warnings
+    assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told
+    monkeypatch.setattr(job, "lag_of", lambda *_: Lag(-0.08, 0.01))
+    (told,) = identified(rows, model="burckhardt").warnings
+    assert "seems to be early by 0.08 s" in told
+
+
+def test_a_law_of_a_wet_log_has_no_slip_for_dry_rail(rows, tmp_path):
+    found = identified(rows, model="burckhardt", rail=Rail.WET)
+    (tmp_path / "model.toml").write_text(model_toml(found))
+    content = tomllib.loads(model_toml(found))
+    assert content["reference_slip"] == {"wet": found.reference.wet}
+    assert load_law(tmp_path / "model.toml").reference_slip(Rail.WET) == found.reference.wet
 
 
 def test_a_model_without_a_peak_does_not_end_the_run(rows, found, monkeypatch):

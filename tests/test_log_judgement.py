@@ -16,13 +16,15 @@ from railslip_ctrl.adhesion import law_class, load_law, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.identification import plausibility
 from railslip_ctrl.identification.curves import curve_of, read_curve
-from railslip_ctrl.identification.fits import Parameter
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
 from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify_curve
+from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
 from railslip_ctrl.identification.outliers import BESIDE, OutlierFilter
 from railslip_ctrl.identification.plausibility import IMPOSSIBLE_MU, check_fit, fit_doubts, mu_warning, unit_hint
 from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.reference import peak_notes, peak_of_law
+from railslip_ctrl.identification.regimes import Regimes, regimes_of
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.timing import train_lag
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -232,7 +234,7 @@ def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
     found = json.loads(out)
     lines = [line.split(",") for line in file.read_text().splitlines()[1:]]
     slip, regime = np.array([float(line[2]) for line in lines]), np.array([line[6] for line in lines])
-    top = found["log"]["data_peak_slip"]
+    top = found["log"]["sliding_from_slip"]
     assert np.array_equal(regime, np.where(slip < top, "adhesion", "sliding"))
     for each in found["curve"]:  # bins by the same rule
         if each["slip_to"] <= top or each["slip_from"] >= top:
@@ -241,6 +243,39 @@ def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
     # the log's counts are by cells, of which that of the peak may lie on both sides: 1/400 of the slip's root wide
     near = int(np.sum(np.abs(np.sqrt(slip) - math.sqrt(top)) < 1 / 400))
     assert abs(int(np.sum(regime == "adhesion")) - found["log"]["adhesion_regime_points"]) <= near
+
+
+@pytest.mark.parametrize("speed", [30.0, 100.0])
+def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest(speed):
+    """Two tests of a rig: the data's own highest mu may be far off on the beam's flat top, the fit's is not."""
+    law = published_law("beam", Rail.DRY, speed)
+    log = run_tests(RigTest(PARK2008, law, speed * KMH), tests=2, seed=5)
+    found = identified(Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log)))
+    true = peak_of_law(law, speed * KMH, PARK2008.wheel_load).slip
+    assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
+    assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
+    assert found.regimes.boundary != found.curve.peak_slip
+    assert sum(found.regimes.samples(found.curve.cells)) == found.curve.survey.used
+    assert found.train_lag.peak_slip == found.regimes.boundary
+
+
+def test_a_model_of_sliding_alone_begins_where_the_others_peak(rows, monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("lugre", "burckhardt"))
+    best = identified(rows, model="best")
+    assert best.regimes == Regimes(best.own_peak.slip, "the peak of burckhardt")
+    lugre = next(each.fit for each in best.scores if each.fit.model.name == "lugre")
+    cells, setting = best.curve.cells, best.setting
+    model = fit_model("lugre", cells, shape_of(cells, best.curve.peak_slip), setting)
+    again = fit(model, cells, best.curve.stretches, setting, best.regimes.boundary, best.curve.time_constant)
+    assert [p.value for p in lugre.parameters] == [p.value for p in again.parameters]
+
+
+def test_without_a_peak_in_the_log_the_data_part_the_regimes(rows):
+    slip = 1.0 - RADIUS * rows.columns["wheel_angular_speed"] / rows.columns["train_speed"]
+    short = identified(rows.part(0, int(np.argmax(slip > 0.03))), bounds={"mu_max": (0.0, 0.7)})
+    assert short.own_peak.slip > short.curve.cells.slip.max()
+    assert short.regimes == Regimes(short.curve.peak_slip, "the highest mean mu of the log")
+    assert regimes_of(math.nan, "lugre", short.curve.cells, short.regimes) == short.regimes
 
 
 def test_the_help_says_what_the_observer_affects(railslip):

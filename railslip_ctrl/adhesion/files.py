@@ -86,7 +86,10 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
         parameters = parameters | {k: _polynomial(c, v0, path, k) for k, c in polynomials.items()}
     reference = None
     if "reference_slip" in content:
-        slips = _reference(_table(content, "reference_slip", path), path, initial_speed_kmh)
+        slips = _table(content, "reference_slip", path)
+        if condition == Rail.WET and "dry" not in slips:  # such a law is never on dry rail
+            slips = slips | {"dry": slips.get("wet")}
+        slips = _reference(slips, path, initial_speed_kmh)
         reference = validated(ReferenceSlip, slips, f"{file_name(path)}: reference_slip")
     values = {**parameters, "rail": Rail(condition), "reference": reference, "file": file_name(path)}
     return validated(cls, values, f"{file_name(path)}: parameters")

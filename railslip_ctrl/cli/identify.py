@@ -16,7 +16,7 @@ from railslip_ctrl.identification.identify import Campaign, Identification, Opti
 from railslip_ctrl.identification.log_files import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle
+from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle, remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
@@ -73,7 +73,8 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "--column",
     multiple=True,
     metavar="NAME=HEADER",
-    help=f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}; repeatable.  [default: its name]",
+    help=f"Header of the column of a quantity NAME, one of {', '.join(UNITS)}, or its place, the first being 1; "
+    "repeatable.  [default: its name]",
 )
 @click.option(
     "--unit",
@@ -117,7 +118,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="CSV for the observed adhesion torque and coefficient, a line for each row under brake with its regime: "
-    "adhesion below the slip at which the log's mu is highest, sliding from there on.  [default: none]",
+    "adhesion below the slip of the chosen model's peak, sliding from there on.  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -160,7 +161,7 @@ def command(
             else identify_several(logs, chosen, options, progress=advance)
         )
         if sink is not None and isinstance(found, Identification):
-            sink.finish(found.curve.peak_slip)
+            sink.finish(found.regimes)
     _warn(found)
     text = _report(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
@@ -229,7 +230,7 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
 
 def _vehicle(path: Path | None, loaded: bool) -> Vehicle:
     chosen = PARK2008 if path is None else from_file("--vehicle", path, load_vehicle)
-    for note in chosen.notes:
+    for note in remarks(chosen):
         click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
     return chosen.loaded() if loaded else chosen
 

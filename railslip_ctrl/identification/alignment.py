@@ -25,6 +25,13 @@ LONGEST_DELAY = 2.0
 _WHEEL = ("wheel_angular_speed", "wheel_speed")  # the first of them in a log is the one used
 
 
+def corrections_told(delays: Mapping[str, float], zeros: Mapping[str, float]) -> tuple[str, ...]:
+    """The options by which a log is corrected, as they were given, in one sentence if any."""
+    given = [f"--delay {name}={delay:g}" for name, delay in delays.items()]
+    given += [f"--zero {name}={zero:g}" for name, zero in zeros.items()]
+    return (f"the rows are corrected by {', '.join(given)}",) if given else ()
+
+
 def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -> None:
     """InputError unless delays (s) and zeros (SI) are of quantities of a log, and in range."""
     known = tuple(name for name in UNITS if name != "time")

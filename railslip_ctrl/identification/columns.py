@@ -75,6 +75,7 @@ _SPELLINGS = MappingProxyType(
 )
 _HEADER = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))?\s*")
 _SUFFIX = re.compile(r"(?P<name>.+)[_ ](?P<unit>kmh|ms|rads|rpm|knm|nm|kn|s|n)", re.IGNORECASE)
+_PLACE = re.compile(r"[1-9]\d*")
 _SUFFIX_UNITS = MappingProxyType({"ms": "m/s", "s": "s", "n": "N", "rpm": "rpm"})
 
 
@@ -99,7 +100,7 @@ def find_columns(
     header : sequence of str
         The header's cells.
     columns : mapping, optional
-        Header cell by quantity, where the names above do not find it.
+        Header cell by quantity, where the names above do not find it; or its place, the first being 1.
     units : mapping, optional
         Unit by quantity; wins over the header's. Without either a column is SI.
 
@@ -146,11 +147,20 @@ def _bare(unit: str) -> str:
 
 def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
     at = [i for i, cell in enumerate(header) if wanted.strip() in (cell.strip(), _split(cell)[0])]
+    if not at and _PLACE.fullmatch(wanted.strip()) and int(wanted) <= len(header):
+        return int(wanted) - 1
     if len(at) != 1:
         count = f"{len(at)} columns are" if at else "no column is"
         hint = close_match(wanted, header)
-        raise InputError(f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}")
+        raise InputError(
+            f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}{_places(at)}"
+        )
     return at[0]
+
+
+def _places(at: Sequence[int]) -> str:
+    """How columns that may have one name are told apart."""
+    return f", or by its place: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
 
 
 def _recognised(header: Sequence[str], quantity: str) -> int | None:
@@ -162,7 +172,9 @@ def _recognised(header: Sequence[str], quantity: str) -> int | None:
     ]
     if len(at) > 1:
         cells = _cells([header[i] for i in at])
-        raise InputError(f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER")
+        raise InputError(
+            f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER{_places(at)}"
+        )
     return at[0] if at else None
 
 

@@ -14,8 +14,6 @@ from .fits import Fit
 
 Floats = NDArray[np.float64]
 
-_PEAK_WINDOW = 0.15  # half width, relative, of the window in which mu is averaged to find its peak
-_LEAST_SHARE = 0.002  # of all samples that such a window must hold
 _LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and n - p - 1 of them must stay at least
 
 
@@ -26,42 +24,30 @@ class Score:
     Attributes
     ----------
     fit : Fit
-    mean_abs_error : float
-        Mean over the bins of slip of |mean mu - model|, as [Park2008] Table 3.
-    adhesion_error, sliding_error : float
-        The same over the bins below and from the peak on; NaN where there are none.
+    bin_slip, bin_error : arrays, (bins,)
+        Mean slip ratio of each bin of the curve, and |mean mu - model's mean mu| in it.
     aic, bic : float
         Akaike's and Schwarz's criterion, of as many samples as are independent; lower is better.
     independent : float
-        How many that are: by the noise's long-run variance, but no fewer than the stretches that gave it.
+        How many that are: by the noise's long-run variance, but no fewer than the stretches that gave it. The noise is
+        what the best of the models compared leaves, so that criteria are to be compared within one comparison alone.
     """
 
     fit: Fit
-    mean_abs_error: float
-    adhesion_error: float
-    sliding_error: float
+    bin_slip: Floats
+    bin_error: Floats
     aic: float
     bic: float
     independent: float
 
-
-def peak_slip(cells: Cells) -> float:
-    """The slip ratio at which the data's mu, averaged over neighbouring cells, is highest.
-
-    It parts the adhesion regime, where mu rises with slip, from the sliding regime.
-    """
-    order = np.argsort(cells.slip)
-    slip, n, total = cells.slip[order], cells.count[order], (cells.count * cells.mu)[order]
-    counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
-    low = np.searchsorted(slip, slip * (1.0 - _PEAK_WINDOW))
-    high = np.searchsorted(slip, slip * (1.0 + _PEAK_WINDOW), side="right")
-    held = counts[high] - counts[low]
-    mean = np.where(held >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / held, -math.inf)
-    return float(slip[np.argmax(mean)])
+    @property
+    def mean_abs_error(self) -> float:
+        """Mean over the bins of slip of |mean mu - model|, as [Park2008] Table 3."""
+        return float(self.bin_error.mean())
 
 
-def compare(fits: Sequence[Fit], cells: Cells, peak: float) -> tuple[Score, ...]:
-    """Scores of fits to the same cells, the lowest BIC first; `peak` is the slip ratio that parts the regimes."""
+def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
+    """Scores of fits to the same cells, the lowest BIC first."""
     samples = float(cells.count.sum())
     least = min(fits, key=lambda each: each.residual_squares)
     noise = least.residual_squares / samples
@@ -69,21 +55,17 @@ def compare(fits: Sequence[Fit], cells: Cells, peak: float) -> tuple[Score, ...]
     if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
         stretches = least.degrees_of_freedom + len(least.parameters)  # whose sums are taken as independent
         independent = max(samples * noise / least.long_run_variance, float(stretches))
-    scores = [_score(each, cells, peak, samples, independent) for each in fits]
+    scores = [_score(each, cells, samples, independent) for each in fits]
     return tuple(sorted(scores, key=lambda score: score.bic))
 
 
-def _score(fit: Fit, cells: Cells, peak: float, samples: float, independent: float) -> Score:
-    slip, error = _bin_errors(fit, cells)
-    below = slip < peak
+def _score(fit: Fit, cells: Cells, samples: float, independent: float) -> Score:
     parameters = len(fit.parameters) + 1  # and the variance of the noise
     # data without noise leave rounding alone, which is not nought
     deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
     return Score(
         fit,
-        float(error.mean()),
-        float(error[below].mean()) if below.any() else math.nan,
-        float(error[~below].mean()) if (~below).any() else math.nan,
+        *_bin_errors(fit, cells),
         deviance + 2.0 * parameters,
         deviance + math.log(independent) * parameters,
         independent,

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import Vehicle
 
-from .alignment import Alignment
+from .alignment import Alignment, corrections_told
 from .cells import Accumulator, Bins, Cells, Stretches
 from .columns import Column
-from .comparison import peak_slip
 from .logs import Broken, Log
 from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
 from .options import Options
 from .outliers import OutlierFilter
 from .plausibility import HIGHEST_MU, mu_warning, unit_hint
 from .record import MOST_ROWS, Record
+from .regimes import peak_slip
 from .resolution import ColumnStep, column_steps, step_warnings
 from .rolling import Known, Rolling, rolling_fault, rolling_warnings
 from .rows import BothSpeeds, Rows
@@ -52,10 +52,9 @@ class Curve:
     record_stride : int
         Of how many runs one is in the record.
     peak_slip : float
-        Where the data's mu is highest: the adhesion regime lies below.
+        Where the data's own mu is highest, of which noise tells a part on a flat top: searches for a fit start there.
     wheel_column : str
         The quantity that the wheel's speed was read from.
-    adhesion_samples, sliding_samples : int
     rolling : Rolling or None
         What the wheel showed without brake; None where it was never so.
     steps : tuple of ColumnStep
@@ -78,8 +77,6 @@ class Curve:
     record_stride: int
     peak_slip: float
     wheel_column: str
-    adhesion_samples: int
-    sliding_samples: int
     rolling: Rolling | None
     steps: tuple[ColumnStep, ...]
     factors: Mapping[str, float]
@@ -102,16 +99,6 @@ class Curve:
             f"{len(self.record)}: fits along the motion take {MOST_ROWS} rows at most, in whole runs spread evenly "
             f"over the log, here one run of {self.record_stride}; the observed curve and the fits to it are of all rows"
         )
-
-    @property
-    def regimes(self) -> tuple[str, ...]:
-        """The regime of each bin, by its mean slip."""
-        return tuple(regimes(self.bins.slip, self.peak_slip).tolist())
-
-
-def regimes(slip: Floats, peak_slip: float) -> NDArray[np.str_]:
-    """The regime of data by slip ratio: "adhesion" below that at which the data's mu is highest, else "sliding"."""
-    return np.where(slip < peak_slip, "adhesion", "sliding")
 
 
 def read_curve(
@@ -192,7 +179,8 @@ class _Gathered:
                     "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
-            told = [str(error), *self._torque_told(), *rolling_warnings(self._rolling(), self._known())]
+            given = corrections_told(self._options.delays, self._options.zeros)
+            told = [str(error), *given, *self._torque_told(), *rolling_warnings(self._rolling(), self._known())]
             raise InputError("; ".join(told)) from None
         wheel = rolling_fault(self._rolling(), self._known())
         if wheel is not None:
@@ -221,7 +209,6 @@ class _Gathered:
         """The curve, with what else was met."""
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
         peak, record = peak_slip(cells), self._stream.recorder.record()
-        below = cells.slip < peak
         radius, rolling = self._vehicle.wheel.radius, self._rolling()
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
         strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
@@ -244,8 +231,6 @@ class _Gathered:
             record_stride=self._stream.recorder.stride,
             peak_slip=peak,
             wheel_column=self._stream.wheel_column,
-            adhesion_samples=int(cells.count[below].sum()),
-            sliding_samples=int(cells.count[~below].sum()),
             rolling=rolling,
             steps=steps,
             factors=self._factors,

@@ -17,7 +17,7 @@ from .coordinates import Coordinates
 from .estimates import CONFIDENCE as CONFIDENCE
 from .estimates import NORMAL_QUANTILE as NORMAL_QUANTILE
 from .estimates import Estimate, estimate, slopes_of
-from .models import FitModel, Setting
+from .models import SLIDING_ALONE, FitModel, Setting
 
 Floats = NDArray[np.float64]
 
@@ -116,22 +116,23 @@ def fit(
     cells: Cells,
     stretches: Stretches,
     setting: Setting,
-    peak_slip: float,
+    sliding_from: float,
     tau: float,
     *,
     profiles: bool = True,
 ) -> Fit:
     """Fit a model to the cells: the sum over all samples of (mu - model)^2 is made least, within the bounds.
 
-    `peak_slip` parts the regimes, for models of sliding alone; `tau` is the observer's time constant, s. Without
-    `profiles` every interval is the symmetric one, which will do where the motion is followed afterwards.
+    `sliding_from` is the slip ratio where sliding begins, for the models of it alone; `tau` is the observer's time
+    constant, s. Without `profiles` every interval is the symmetric one, which will do where the motion is followed
+    afterwards.
 
     Raises
     ------
     InputError
         Fewer cells than parameters.
     """
-    used = cells.slip >= peak_slip if model.sliding_only else np.ones(len(cells.slip), dtype=bool)
+    used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
         raise InputError(
             f"model: {used.sum()} distinct slips are too few for the {len(model.names)} parameters of {model.name!r}; "

@@ -23,13 +23,14 @@ from .curves import Curve as Curve
 from .curves import curve_of as curve_of
 from .curves import read_curve as read_curve
 from .fits import Fit, fit
-from .models import CANDIDATES, Setting, check_model, check_options, fit_model, shape_of
+from .models import CANDIDATES, SLIDING_ALONE, Setting, check_model, check_options, fit_model, shape_of
 from .motion import along_the_motion, is_followed, slip_ramp
 from .observed import Observed
 from .options import Options as Options
 from .plausibility import ImpossibleFitError, check_fit, fit_doubts
 from .polynomials import ParameterPolynomial, over_initial_speed
-from .reference import PeakSlip, drift, peak_notes
+from .reference import PeakSlip, drift, peak_notes, peak_of_law
+from .regimes import Regimes, regimes_of, regimes_of_data
 from .rolling import is_wrong_wheel
 from .survey import LOADS_DIFFER
 from .timing import TrainLag, lag_of, lag_warning, train_lag
@@ -41,6 +42,7 @@ _DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the initial speed
 _RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
 _OTHER_SPEED = 1.25  # ratio of a speed that is given to the log's: a log may begin after the brake was applied
 _OTHER_RAMP = 3.0  # ratio of a ramp that is given to the log's: runs of one log differ by less
+_NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
 _LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
 
 
@@ -71,6 +73,8 @@ class Identification:
         Models left out of the comparison, and why.
     peaks : tuple of PeakSlip
         Over speed, on the log's rail and on wet rail.
+    regimes : Regimes
+        Parted at the chosen model's peak, where the log goes past it.
     reference : ReferenceSlip or None
         Slips to hold at the initial speed; None without a peak.
     lines : tuple of ModelLine
@@ -91,6 +95,7 @@ class Identification:
     chosen: Score
     not_fitted: tuple[str, ...]
     peaks: tuple[PeakSlip, ...]
+    regimes: Regimes
     reference: ReferenceSlip | None
     lines: tuple[ModelLine, ...]
     warnings: tuple[str, ...]
@@ -105,7 +110,7 @@ class Identification:
     @property
     def own_peak(self) -> PeakSlip:
         """At the initial speed, on the log's own rail."""
-        return [each for each in self.peaks if each.rail is self.setting.rail][-1]
+        return _own_peak(self.peaks, self.setting)
 
     @property
     def no_reference(self) -> str | None:
@@ -170,9 +175,9 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     fits, failures, impossible = _fits(names, curve, vehicle, setting)
     if not fits:
         raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
-    scores = compare(fits, curve.cells, curve.peak_slip)
-    scores, chosen, peaks, without = _chosen(scores, curve, setting)
-    failures = (*failures, *without)
+    scores, chosen, peaks, without = _chosen(compare(fits, curve.cells), curve, setting)
+    others = _regimes_of_fits(fits, curve, setting)  # for a model of sliding alone, which was fitted beyond theirs
+    regimes = regimes_of(_own_peak(peaks, setting).slip, chosen.fit.model.name, curve.cells, others)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -180,8 +185,9 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         setting=setting,
         scores=scores,
         chosen=chosen,
-        not_fitted=failures,
+        not_fitted=(*failures, *without),
         peaks=peaks,
+        regimes=regimes,
         reference=_reference(peaks, setting.rail),
         lines=tuple(_line(score.fit, curve.cells, setting) for score in scores),
         warnings=(
@@ -191,7 +197,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
             *_left_out(impossible, curve),
         ),
         doubts=_doubts(chosen, curve, setting),
-        train_lag=train_lag(curve.record, vehicle.wheel.radius, curve.peak_slip),
+        train_lag=train_lag(curve.record, vehicle.wheel.radius, regimes.boundary),
     )
 
 
@@ -262,7 +268,21 @@ def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting, options: O
     lag = lag_of(fit, curve.record, vehicle, setting.wheel_load)
     if lag is None:
         return ()
+    better = _better_followed(fit, curve, vehicle, setting) if options.model != "best" else fit
+    if better is not fit and lag_of(better, curve.record, vehicle, setting.wheel_load) is None:
+        return (
+            f"{curve.name}: {fit.model.name} follows the wheel's motion best with its speed shifted by "
+            f"{lag.seconds:.3g} s, which {better.model.name}, a better fit, does not: the law is not that of the log, "
+            "and no column is late",
+        )
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
+
+
+def _better_followed(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting) -> Fit:
+    """The best of the models that can be followed along the motion, where it is better than the one asked for."""
+    names = [name for name in CANDIDATES if name not in _NO_PEAK]
+    others, _, _ = _fits(names, curve, vehicle, replace(setting, fixed={}, bounds={}))
+    return compare([fit, *others], curve.cells)[0].fit
 
 
 def _wheel_told(curve: Curve) -> tuple[str, ...]:
@@ -309,12 +329,14 @@ def _fits(
 ) -> tuple[list[Fit], tuple[str, ...], tuple[str, ...]]:
     """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
     shape = shape_of(curve.cells, curve.peak_slip)
-    fits, failures, impossible = [], [], []
-    for name in names:
+    fits: list[Fit] = []
+    failures, impossible = [], []
+    for name in sorted(names, key=SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
+        sliding_from = _regimes_of_fits(fits, curve, setting).boundary if name in SLIDING_ALONE else 0.0
         try:
             model = fit_model(name, curve.cells, shape, setting)
             profiles = not is_followed(model, curve.record)
-            known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
+            known = (curve.cells, curve.stretches, setting, sliding_from, curve.time_constant)
             first = fit(model, *known, profiles=profiles)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
                 found = along_the_motion(first, curve.record, vehicle, curve.cells, setting)
@@ -324,6 +346,23 @@ def _fits(
             failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
             impossible += [name] if isinstance(error, ImpossibleFitError) else []
     return fits, tuple(failures), tuple(impossible)
+
+
+def _regimes_of_fits(fits: Sequence[Fit], curve: Curve, setting: Setting) -> Regimes:
+    """Parted at the peak of the best of those that follow the whole curve by a formula; without one, by the data."""
+    whole, own = [each for each in fits if each.model.name not in _NO_PEAK], regimes_of_data(curve.cells)
+    if not whole:
+        return own
+    best = compare(whole, curve.cells)[0].fit
+    law = best.model.make_force_law(best.values, setting.rail)
+    with suppress(DomainError):
+        found = peak_of_law(law, setting.initial_speed, setting.wheel_load)
+        return regimes_of(found.slip, best.model.name, curve.cells, own)
+    return own
+
+
+def _own_peak(peaks: Sequence[PeakSlip], setting: Setting) -> PeakSlip:
+    return [each for each in peaks if each.rail is setting.rail][-1]
 
 
 def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
@@ -409,6 +448,7 @@ def _choosing(identification: Identification, name: str) -> Identification:
         identification,
         chosen=chosen,
         peaks=peaks,
+        regimes=regimes_of(_own_peak(peaks, setting).slip, name, curve.cells, identification.regimes),
         reference=_reference(peaks, setting.rail),
         doubts=_doubts(chosen, curve, setting),
     )

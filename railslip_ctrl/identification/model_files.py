@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.parameters import Rail
 
 
 def law_toml(
@@ -30,8 +31,13 @@ def law_toml(
         unit = f"{extra['unit']}, " if isinstance(extra, dict) and extra.get("unit", "1") != "1" else ""
         lines.append(f"{name} = {_number(getattr(law, name))}  # {unit}{info.description}")
     if reference is not None:
-        lines += ["", "[reference_slip]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
+        lines += ["", "[reference_slip]", *(f"{name} = {getattr(reference, name)!r}" for name in _held_on(law))]
     return "\n".join(lines) + "\n"
+
+
+def _held_on(law: AdhesionLaw) -> tuple[str, ...]:
+    """The rails for which a law's file has a slip to hold: what was found on wet rail says nothing of dry."""
+    return tuple(ReferenceSlip.model_fields) if law.rail is Rail.DRY else (Rail.WET.value,)
 
 
 def _head(law: AdhesionLaw, wheel_load: float, speeds_kmh: tuple[float, float] | None) -> list[str]:
@@ -66,7 +72,7 @@ def polynomials_toml(
             "[reference_slip]  # at these initial speeds, straight between",
             f"initial_speed = {_number(speeds)}",
         ]
-        for name in ReferenceSlip.model_fields:
+        for name in _held_on(law):
             lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
     return "\n".join(lines) + "\n"
 

@@ -101,8 +101,6 @@ class FitModel:
     lower, upper : array, (names,)
     known : mapping
         The other parameters of either law.
-    sliding_only : bool
-        Whether data before the peak are left out.
     notes : tuple of str
     """
 
@@ -114,7 +112,6 @@ class FitModel:
     lower: Floats
     upper: Floats
     known: Mapping[str, float | tuple[float, ...]]
-    sliding_only: bool = False
     notes: tuple[str, ...] = ()
 
     def coefficient(self, values: Floats, slip: Floats, speed: Floats, wheel_load: float | Floats) -> Floats:
@@ -324,7 +321,7 @@ def _stiffness(setting: Setting) -> float:
 
 def _at_rest(model: FitModel, name: str, kept: str) -> FitModel:
     note = f"{kept}: not identifiable, as a steady state does not show it; kept at a given value (--fix changes it)"
-    return replace(model, name=name, sliding_only=True, notes=("fitted to the sliding regime", note))
+    return replace(model, name=name, notes=("fitted to the sliding regime", note))
 
 
 def _bristle_rest(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
@@ -389,6 +386,9 @@ _MODELS: Mapping[str, Callable[[Cells, Shape, Setting], FitModel]] = MappingProx
     }
 )
 _LAWS = MappingProxyType({name: "bristle" if name == "bristle_rest" else name for name in _MODELS})
+
+SLIDING_ALONE = ("lugre", "bristle_rest")
+"""Those that are fitted to the sliding regime alone, data before the peak left out."""
 
 MODELS = tuple(_MODELS)
 """Names of the models that can be fitted."""

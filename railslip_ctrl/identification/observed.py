@@ -194,16 +194,22 @@ class AdhesionStream:
         if survey.implausible > _TOLERATED_SHARE * (survey.rows + survey.implausible):
             more = f" ({survey.implausible} such rows)" if survey.implausible > 1 else ""
             raise InputError(f"{name}: {survey.first_implausible}{more}; check columns and units")
+        if survey.forward < _TOLERATED_SHARE * survey.backward:
+            raise InputError(
+                f"{name}: train speed is negative in {survey.backward} rows, and positive in {survey.forward}; reverse "
+                "its sign, and that of the wheel's speed if need be: the direction of travel is positive"
+            )
         if survey.used < _TOLERATED_SHARE * survey.reversed:
             raise InputError(
                 f"{name}: brake torque is negative in {survey.reversed} rows with slip, and positive in {survey.used}; "
                 "reverse its sign: torque that brakes is positive"
             )
         if survey.used < _TOLERATED_SHARE * survey.lost:
+            gaps = f" and each of {survey.gap_count} gaps" if survey.gap_count else ""
+            remedy = "a log with fewer gaps" if survey.gap_count else "a smaller --tau, or a longer log"
             raise InputError(
-                f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start "
-                f"and each of {survey.gap_count} gaps the observer settles for {_SETTLING * self.time_constant:.4g} s; "
-                "give a log with fewer gaps"
+                f"{name}: {survey.used} of {survey.used + survey.lost} rows under brake can be used: after the start"
+                f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"
             )
 
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
@@ -216,6 +222,8 @@ class AdhesionStream:
         self.free.add(np.stack([rows.columns["time"], v, omega, torque, load]))
         wheel, pressed = radius * omega, load > 0.0
         pull = np.abs(torque[pressed]) / (radius * load[pressed])
+        self.survey.backward += int((v < -LOWEST_SPEED).sum())
+        self.survey.forward += int((v > LOWEST_SPEED).sum())
         self.survey.highest_pull = max(self.survey.highest_pull, float(pull.max(initial=0.0)))
         # a wheel let go overshoots, as its contact is a spring
         least = np.where(self._braked(torque, load), _LEAST_SLIP, _LEAST_FREE_SLIP)

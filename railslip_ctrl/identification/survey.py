@@ -46,8 +46,10 @@ class Survey:
         Rows under brake that are not used, as they lie within the settling time after a gap or the log's start.
     reversed : int
         Rows with slip in range and a torque as far below 0 as braking is above.
+    backward, forward : int
+        Rows with a train speed below 0, and above, of more than `rolling.LOWEST_SPEED`.
     first_implausible : str
-        The first of them.
+        The first of those that are impossible.
     initial_speed : float
         Highest train speed, m/s, filtered.
     interval : float
@@ -72,6 +74,8 @@ class Survey:
     longest_bridged: float = 0.0
     lost: int = 0
     reversed: int = 0
+    backward: int = 0
+    forward: int = 0
     first_implausible: str = ""
     initial_speed: float = 0.0
     interval: float = math.nan

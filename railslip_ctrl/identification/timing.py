@@ -212,7 +212,6 @@ class TrainLag:
     slip_shift : float
         By how much the slip ratio at the peak would be too large.
     peak_slip : float
-        Of the data.
     deceleration, speed : float
         Of the train about the peak, m/s^2 and m/s.
     """
@@ -232,7 +231,7 @@ class TrainLag:
 
 
 def train_lag(record: Record, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
-    """The shift of the slip at the data's peak by a lag in s, from deceleration and speed on the runs' way up there.
+    """The shift of the slip at the peak by a lag in s, from deceleration and speed on the runs' way up there.
 
     `radius` of the wheel in m. None where no run has rows enough about the peak, or the train does not slow down there.
     """

@@ -55,11 +55,11 @@ def _adhesion(ax: Any, found: Identification, columns: int) -> None:
         taken = ", chosen" if line.name == chosen else ""
         label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
         ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
-    ax.axvline(found.curve.peak_slip, color="0.7", linewidth=0.8)
+    ax.axvline(found.regimes.boundary, color="0.7", linewidth=0.8)
     ax.set_xlim(left=0.0)
-    late = found.curve.peak_slip > 0.7 * ax.get_xlim()[1]
+    late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
     where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
-    ax.text(found.curve.peak_slip, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
+    ax.text(found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
     ax.set_title(
         f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT
     )
@@ -102,7 +102,11 @@ def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
     )
     speed = speed / KMH
     _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", style)
-    slip.plot(speed, reference, "s", color=style["color"], markersize=5, fillstyle="none", label=f"reference, {where}")
+    size = (
+        9.0 if peaks[0].by_rule else 5.0
+    )  # a law's rule may leave the slip as it is: each mark is seen about the other
+    mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": style["color"]}
+    slip.plot(speed, reference, label=f"reference, {where}", **mark)
     _peaks(height, (speed, mu, mu_errors), peaks, where, style)
 
 

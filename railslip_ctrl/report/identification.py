@@ -11,7 +11,7 @@ from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
-from railslip_ctrl.identification.identify import Campaign, Curve, Identification
+from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
 from railslip_ctrl.identification.reference import LARGEST_LOSS, PeakSlip
@@ -72,10 +72,10 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     ]
     parts += [Text(f"Warning: {doubt}") for doubt in found.doubts]
     parts += [Text(f"Note: {note}") for note in fit.notes]
-    parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found.scores)]
+    parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
     parts.append(Text(f"{_weight(found.scores)}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
-    parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found.curve)]
+    parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks)]
     parts += [Text(f"Note: {note}") for note in found.peak_notes]
     return [*parts, Text(_verdict(found))]
@@ -91,6 +91,7 @@ def _load_of(found: Identification) -> str:
 def _log_facts(found: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = found.curve, found.curve.survey, found.setting
     regrips = f"; {survey.regripping} more of a wheel that regrips are left out" if survey.regripping else ""
+    adhesion, sliding = found.regimes.samples(curve.cells)
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
         ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(found)}, {setting.rail} rail"),
@@ -101,8 +102,8 @@ def _log_facts(found: Identification) -> list[tuple[str, str]]:
         *(("Resolution", str(step)) for step in curve.steps if step.matters),
         (
             "Regimes",
-            f"adhesion {curve.adhesion_samples}, sliding {curve.sliding_samples}; "
-            f"the data's peak is at slip {curve.peak_slip:.4g}",
+            f"{adhesion} rows in adhesion, {sliding} in sliding, from slip {found.regimes.boundary:.4g} on, which is "
+            f"{found.regimes.source}",
         ),
         *(() if found.train_lag is None else (("Train speed", str(found.train_lag)),)),
     ]
@@ -137,16 +138,16 @@ def _correlation(fit: Fit) -> RenderableType:
     return Text(f"Correlation: {'; '.join(pairs)}\n" if pairs else "")
 
 
-def _score_table(scores: tuple[Score, ...]) -> RenderableType:
+def _score_table(found: Identification) -> RenderableType:
     rows = [
         (
             score.fit.model.name,
             str(len(score.fit.parameters)),
-            *(fixed(x, 3) for x in (score.mean_abs_error, score.adhesion_error, score.sliding_error)),
+            *(fixed(x, 3) for x in (score.mean_abs_error, *found.regimes.errors(score))),
             f"{score.aic:.1f}",
             f"{score.bic:.1f}",
         )
-        for score in scores
+        for score in found.scores
     ]
     return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
 
@@ -155,12 +156,12 @@ def _weight(scores: tuple[Score, ...]) -> str:
     return too_few(scores) or f"AIC and BIC are of {scores[0].independent:.3g} independent samples"
 
 
-def _bin_table(curve: Curve) -> RenderableType:
-    b, regimes = curve.bins, curve.regimes
+def _bin_table(found: Identification) -> RenderableType:
+    b, regimes = found.curve.bins, found.regimes.of(found.curve.bins.slip)
     rows = [
         (
             f"{b.low[i]:.2f} to {b.high[i]:.2f}",
-            regimes[i],
+            str(regimes[i]),
             str(b.count[i]),
             *(f"{x[i]:.4f}" for x in (b.most, b.mean, b.least, b.deviation)),
         )

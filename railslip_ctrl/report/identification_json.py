@@ -6,9 +6,10 @@ from typing import Any
 
 from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import Fit, Parameter
-from railslip_ctrl.identification.identify import Campaign, Curve, Identification
+from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.polynomials import ParameterPolynomial
 from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.identification.regimes import Regimes
 from railslip_ctrl.identification.resolution import ColumnStep
 from railslip_ctrl.identification.rolling import Rolling
 from railslip_ctrl.identification.timing import TrainLag
@@ -20,23 +21,24 @@ from .jsonable import number
 def identification_json(found: Identification) -> dict[str, Any]:
     """One log: the model chosen first, then the comparison, the curve, the peaks and the log."""
     fit, curve = found.chosen.fit, found.curve
+    adhesion, sliding = found.regimes.errors(found.chosen)
     return {
         "model": fit.model.name,
         "parameters": {p.name: _parameter_json(p, fit) for p in fit.parameters},
         "mean_abs_error": number(found.chosen.mean_abs_error),
         "points": curve.survey.used,
-        "mean_abs_error_adhesion": number(found.chosen.adhesion_error),
-        "mean_abs_error_sliding": number(found.chosen.sliding_error),
+        "mean_abs_error_adhesion": number(adhesion),
+        "mean_abs_error_sliding": number(sliding),
         "known": {name: _plain(value) for name, value in fit.model.known.items()},
         "correlation": [[number(x) for x in row] for row in fit.correlation],
         "notes": [*fit.notes, *curve.notes, *found.peak_notes],
         "reference_slip": None if found.reference is None else found.reference.model_dump(),
         "reference_slip_reason": found.no_reference,
         "peaks": [_peak_json(peak) for peak in found.peaks],
-        "models": [_score_json(score) for score in found.scores],
+        "models": [_score_json(score, found.regimes) for score in found.scores],
         "models_note": too_few(found.scores) or None,
         "not_fitted": list(found.not_fitted),
-        "curve": _bins_json(curve),
+        "curve": _bins_json(found),
         "log": _log_json(found),
     }
 
@@ -100,13 +102,14 @@ def _peak_json(peak: PeakSlip) -> dict[str, Any]:
     }
 
 
-def _score_json(score: Score) -> dict[str, Any]:
+def _score_json(score: Score, regimes: Regimes) -> dict[str, Any]:
+    adhesion, sliding = regimes.errors(score)
     return {
         "model": score.fit.model.name,
         "parameters": {p.name: p.value for p in score.fit.parameters},
         "mean_abs_error": number(score.mean_abs_error),
-        "mean_abs_error_adhesion": number(score.adhesion_error),
-        "mean_abs_error_sliding": number(score.sliding_error),
+        "mean_abs_error_adhesion": number(adhesion),
+        "mean_abs_error_sliding": number(sliding),
         "aic": number(score.aic),
         "bic": number(score.bic),
         "independent_samples": number(score.independent),
@@ -114,8 +117,8 @@ def _score_json(score: Score) -> dict[str, Any]:
     }
 
 
-def _bins_json(curve: Curve) -> list[dict[str, Any]]:
-    b, regimes = curve.bins, curve.regimes
+def _bins_json(found: Identification) -> list[dict[str, Any]]:
+    b, regimes = found.curve.bins, found.regimes.of(found.curve.bins.slip)
     return [
         {
             "slip_from": float(b.low[i]),
@@ -126,7 +129,7 @@ def _bins_json(curve: Curve) -> list[dict[str, Any]]:
             "mean": float(b.mean[i]),
             "min": float(b.least[i]),
             "standard_deviation": float(b.deviation[i]),
-            "regime": regimes[i],
+            "regime": str(regimes[i]),
         }
         for i in range(len(b.slip))
     ]
@@ -134,6 +137,7 @@ def _bins_json(curve: Curve) -> list[dict[str, Any]]:
 
 def _log_json(found: Identification) -> dict[str, Any]:
     curve, survey = found.curve, found.curve.survey
+    adhesion, sliding = found.regimes.samples(curve.cells)
     return {
         "file": curve.name,
         "vehicle": found.vehicle.name,
@@ -147,8 +151,10 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "runs": survey.runs,
         "rows_followed": len(curve.record),
         "rows_followed_note": curve.followed_note or None,
-        "adhesion_regime_points": curve.adhesion_samples,
-        "sliding_regime_points": curve.sliding_samples,
+        "adhesion_regime_points": adhesion,
+        "sliding_regime_points": sliding,
+        "sliding_from_slip": found.regimes.boundary,
+        "sliding_from": found.regimes.source,
         "data_peak_slip": curve.peak_slip,
         "regripping_rows": survey.regripping,
         "free_rolling": _rolling_json(curve.rolling),

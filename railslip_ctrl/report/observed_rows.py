@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.identification.curves import regimes
 from railslip_ctrl.identification.observed import Observed
+from railslip_ctrl.identification.regimes import Regimes
 from railslip_ctrl.units import KMH
 
 COLUMNS = ("time [s]", "train speed [km/h]", "slip [1]", "wheel load [N]", "adhesion torque [N*m]", "mu [1]", "regime")
@@ -24,7 +24,7 @@ _BLOCK = 1 << 16  # rows in memory at a time
 
 
 class ObservedRows:
-    """Rows that wait in a scratch file, as bytes, until the slip is known that parts the regimes.
+    """Rows that wait in a scratch file, as bytes, until the regimes are known.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ class ObservedRows:
         with self._rows.open("ab") as file:
             np.column_stack(columns).tofile(file)
 
-    def finish(self, peak_slip: float) -> None:
-        """Write the file, given the slip ratio at which the data's mu is highest."""
+    def finish(self, regimes: Regimes) -> None:
+        """Write the file."""
         import pandas as pd
 
         with self._rows.open("rb") as rows, self._whole.open("w", encoding="utf-8") as file:
             file.write(",".join(COLUMNS) + "\n")
             while len(block := np.fromfile(rows, count=_BLOCK * _NUMBERS).reshape(-1, _NUMBERS)):
-                table = pd.DataFrame(block).assign(regime=regimes(block[:, _SLIP], peak_slip))
+                table = pd.DataFrame(block).assign(regime=regimes.of(block[:, _SLIP]))
                 table.to_csv(file, float_format="%.10g", header=False, index=False)
         os.replace(self._whole, self._path)
 
