@@ -189,14 +189,16 @@ def commands_text() -> str:
     import click
 
     from railslip_ctrl.cli import railslip
+    from railslip_ctrl.cli.settings import HELP
 
+    shown = HELP | {"max_content_width": 100, "terminal_width": 100}
     parts = []
-    group = click.Context(railslip, info_name="railslip", max_content_width=100, terminal_width=100)
+    group = click.Context(railslip, info_name="railslip", **shown)
     parts += ["```text", railslip.get_help(group), "```", ""]
     for name in railslip.list_commands(group):
         command = railslip.get_command(group, name)
         assert command is not None, "a listed command exists"
-        context = click.Context(command, info_name=name, parent=group, max_content_width=100, terminal_width=100)
+        context = click.Context(command, info_name=name, parent=group, **shown)
         parts += [f"## railslip {name}", "", "```text", command.get_help(context), "```", ""]
     return "\n".join(parts)
 

@@ -21,12 +21,13 @@ from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.cli import _COMMANDS, main, railslip
 from railslip_ctrl.cli.options import Quantity
+from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
-CONTEXT = click.Context(railslip)
+CONTEXT = click.Context(railslip, **HELP)
 COMMANDS = {name: railslip.get_command(CONTEXT, name) for name in _COMMANDS}
 OPTIONS = [
     pytest.param(option, id=f"{name} {option.opts[0]}")
