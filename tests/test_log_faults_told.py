@@ -236,7 +236,7 @@ def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
 
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
-    monkeypatch.setattr(job, "CANDIDATES", ("burckhardt", "beam"))
+    monkeypatch.setattr("railslip_ctrl.identification.candidates.CANDIDATES", ("burckhardt", "beam"))
     monkeypatch.setattr(job, "lag_of", lambda fit, *_: Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
     (told,) = identified(rows, model="burckhardt").warnings
     assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told
@@ -255,7 +255,7 @@ def test_a_law_of_a_wet_log_has_no_slip_for_dry_rail(rows, tmp_path):
 
 def test_a_model_without_a_peak_does_not_end_the_run(rows, found, monkeypatch):
     table, beam = found, identified(rows, "beam")
-    curve, setting, drift = found.curve, found.setting, job.drift
+    candidates, drift = job.Candidates(found.curve, PARK2008, found.setting), job.drift
 
     def fails(fit, *args, **options):
         if fit.model.name == "beam":
@@ -263,9 +263,9 @@ def test_a_model_without_a_peak_does_not_end_the_run(rows, found, monkeypatch):
         return drift(fit, *args, **options)
 
     monkeypatch.setattr(job, "drift", fails)
-    scores, chosen, _, without = job._chosen((beam.chosen, table.chosen), curve, setting)
+    scores, chosen, _, without = job._chosen((beam.chosen, table.chosen), candidates)
     assert (chosen, scores) == (table.chosen, (table.chosen,))
     assert without == ("log: beam: stay below slip 0",)
     with pytest.raises(InputError, match="stay below slip 0"):
-        job._chosen((beam.chosen,), curve, setting)
+        job._chosen((beam.chosen,), candidates)
     assert json.dumps(identification_json(table))

@@ -14,6 +14,7 @@ from scipy import stats
 
 from railslip_ctrl.adhesion import law_class, load_law, published_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification import plausibility
 from railslip_ctrl.identification.curves import curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
@@ -426,3 +427,23 @@ def test_errors_that_are_not_known_are_said_to_be(campaign):
     unknown = dataclasses.replace(campaign.polynomials[0], covariance=np.full((3, 3), np.nan))
     text = campaign_toml(dataclasses.replace(campaign, polynomials=(unknown, *campaign.polynomials[1:])))
     assert "# mu_max: standard errors not known, as not every log gave one" in text
+
+
+# --- intervals -----------------------------------------------------------------------------------------------------
+
+
+def test_the_chosen_model_has_the_intervals_that_it_has_alone(rows, monkeypatch):
+    """Those of the others are not worked out; their values are the same."""
+    monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
+    both = identified(rows, model="best")
+    alone = {name: identified(rows, model=name) for name in ("burckhardt", "beam")}
+    chosen = both.chosen.fit.model.name
+    assert both.chosen.fit.parameters == alone[chosen].chosen.fit.parameters
+    assert [each.fit.with_profiles for each in both.scores] == [each is both.chosen for each in both.scores]
+    for each in both.scores:
+        assert each.fit.values.tolist() == alone[each.fit.model.name].chosen.fit.values.tolist()
+    other = next(name for name in alone if name != chosen)
+    taken = job._choosing(both, other)
+    assert taken.chosen.fit.parameters == alone[other].chosen.fit.parameters
+    assert taken.regimes == alone[other].regimes
+    assert sum(each is taken.chosen for each in taken.scores) == 1

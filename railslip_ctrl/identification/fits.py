@@ -82,6 +82,8 @@ class Fit:
         Slip ratio and mu as a dynamic model had them along the log's motion; None for a model that is a curve.
     known_stderrs : mapping
         Standard deviations of parameters of the curve that are known from elsewhere, by name.
+    with_profiles : bool
+        Whether intervals were taken from the profile of the likelihood where the symmetric ones do not hold.
     """
 
     model: FitModel
@@ -97,6 +99,7 @@ class Fit:
     notes: tuple[str, ...]
     followed: Floats | None = None
     known_stderrs: Mapping[str, float] = field(default_factory=dict)
+    with_profiles: bool = True
 
     @property
     def values(self) -> Floats:

@@ -17,20 +17,21 @@ from railslip_ctrl.parameters import Rail, Vehicle
 from railslip_ctrl.units import KMH
 
 from .alignment import check_corrections
+from .candidates import DRIFT_SPEEDS, Candidates, speeds_looked_at
 from .cells import Cells
 from .comparison import Score, compare
 from .curves import Curve as Curve
 from .curves import curve_of as curve_of
 from .curves import read_curve as read_curve
-from .fits import Fit, fit
-from .models import CANDIDATES, SLIDING_ALONE, Setting, check_model, check_options, fit_model, shape_of
-from .motion import along_the_motion, is_followed, slip_ramp
+from .fits import Fit
+from .models import CANDIDATES, Setting, check_model, check_options
+from .motion import slip_ramp
 from .observed import Observed
 from .options import Options as Options
-from .plausibility import ImpossibleFitError, check_fit, fit_doubts
+from .plausibility import fit_doubts
 from .polynomials import ParameterPolynomial, over_initial_speed
-from .reference import PeakSlip, drift, peak_notes, peak_of_law
-from .regimes import Regimes, regimes_of, regimes_of_data
+from .reference import PeakSlip, drift, peak_notes
+from .regimes import Regimes, regimes_of
 from .rolling import is_wrong_wheel
 from .survey import LOADS_DIFFER
 from .timing import TrainLag, lag_of, lag_warning, train_lag
@@ -38,11 +39,9 @@ from .timing import TrainLag, lag_of, lag_warning, train_lag
 Floats = NDArray[np.float64]
 
 _LINE_POINTS = 200
-_DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the initial speed
 _RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
 _OTHER_SPEED = 1.25  # ratio of a speed that is given to the log's: a log may begin after the brake was applied
 _OTHER_RAMP = 3.0  # ratio of a ramp that is given to the log's: runs of one log differ by less
-_NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
 _LEAST_RAMP = 0.05  # m/s^2: slower than this, slip is held, not ramped
 
 
@@ -172,12 +171,12 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
     """Identify from an adhesion curve that is read already. InputError as `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
-    fits, failures, impossible = _fits(names, curve, vehicle, setting)
-    if not fits:
-        raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
-    scores, chosen, peaks, without = _chosen(compare(fits, curve.cells), curve, setting)
-    others = _regimes_of_fits(fits, curve, setting)  # for a model of sliding alone, which was fitted beyond theirs
-    regimes = regimes_of(_own_peak(peaks, setting).slip, chosen.fit.model.name, curve.cells, others)
+    candidates = Candidates(curve, vehicle, setting)
+    found = candidates.fitted(names)
+    if not found.fits:
+        raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
+    scores, chosen, peaks, without = _chosen(compare(found.fits, curve.cells), candidates)
+    regimes = regimes_of(_own_peak(peaks, setting).slip, chosen.fit.model.name, curve.cells, candidates.regimes)
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -185,7 +184,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         setting=setting,
         scores=scores,
         chosen=chosen,
-        not_fitted=(*failures, *without),
+        not_fitted=(*found.failures, *without),
         peaks=peaks,
         regimes=regimes,
         reference=_reference(peaks, setting.rail),
@@ -193,8 +192,8 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         warnings=(
             *curve.warnings,
             *_against_the_log(curve, setting, options),
-            *_late(chosen.fit, curve, vehicle, setting, options),
-            *_left_out(impossible, curve),
+            *_late(chosen.fit, candidates, options),
+            *_left_out(found.impossible, curve),
         ),
         doubts=_doubts(chosen, curve, setting),
         train_lag=train_lag(curve.record, vehicle.wheel.radius, regimes.boundary),
@@ -202,7 +201,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
 
 
 def _chosen(
-    scores: tuple[Score, ...], curve: Curve, setting: Setting
+    scores: tuple[Score, ...], candidates: Candidates
 ) -> tuple[tuple[Score, ...], Score, tuple[PeakSlip, ...], tuple[str, ...]]:
     """The scores, the first of them that is not the table, its peaks; and why models before it had none.
 
@@ -210,14 +209,17 @@ def _chosen(
     model has a peak.
     """
     failures: list[str] = []
+    curve, setting = candidates.curve, candidates.setting
     for score in sorted(scores, key=lambda each: each.fit.model.name == "table"):
+        with_intervals = replace(score, fit=candidates.with_intervals(score.fit))
         try:
-            peaks = _peaks(score, setting, curve)
+            peaks = _peaks(with_intervals, setting, curve)
         except DomainError as error:
             failures.append(f"{curve.name}: {score.fit.model.name}: {error}")
             scores = tuple(each for each in scores if each is not score)
         else:
-            return scores, score, peaks, tuple(failures)
+            scores = tuple(with_intervals if each is score else each for each in scores)
+            return scores, with_intervals, peaks, tuple(failures)
     raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
 
 
@@ -249,40 +251,29 @@ def _left_out(impossible: Sequence[str], curve: Curve) -> tuple[str, ...]:
 
 
 def _doubts(score: Score, curve: Curve, setting: Setting) -> tuple[str, ...]:
-    found = fit_doubts(score.fit, setting, _ends(setting), curve.highest_mu, curve.factors)
+    found = fit_doubts(score.fit, setting, speeds_looked_at(setting), curve.highest_mu, curve.factors)
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
-def _ends(setting: Setting) -> tuple[float, float]:
-    """The lowest and the highest speed at which a fit is looked at, m/s."""
-    return _DRIFT_SPEEDS[0] * setting.initial_speed, _DRIFT_SPEEDS[-1] * setting.initial_speed
-
-
-def _late(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting, options: Options) -> tuple[str, ...]:
+def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]:
     """A sentence where the motion shows that the columns are out of step; not where something else is amiss first.
 
     One v0 that stands for several, and a wheel of quite another radius, are no motion that can be followed.
     """
+    curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling):
         return ()
-    lag = lag_of(fit, curve.record, vehicle, setting.wheel_load)
+    lag = lag_of(fit, curve.record, candidates.vehicle, load)
     if lag is None:
         return ()
-    better = _better_followed(fit, curve, vehicle, setting) if options.model != "best" else fit
-    if better is not fit and lag_of(better, curve.record, vehicle, setting.wheel_load) is None:
+    better = candidates.better_followed(fit) if options.model != "best" else fit
+    if better is not fit and lag_of(better, curve.record, candidates.vehicle, load) is None:
         return (
             f"{curve.name}: {fit.model.name} follows the wheel's motion best with its speed shifted by "
             f"{lag.seconds:.3g} s, which {better.model.name}, a better fit, does not: the law is not that of the log, "
             "and no column is late",
         )
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
-
-
-def _better_followed(fit: Fit, curve: Curve, vehicle: Vehicle, setting: Setting) -> Fit:
-    """The best of the models that can be followed along the motion, where it is better than the one asked for."""
-    names = [name for name in CANDIDATES if name not in _NO_PEAK]
-    others, _, _ = _fits(names, curve, vehicle, replace(setting, fixed={}, bounds={}))
-    return compare([fit, *others], curve.cells)[0].fit
 
 
 def _wheel_told(curve: Curve) -> tuple[str, ...]:
@@ -292,7 +283,7 @@ def _wheel_told(curve: Curve) -> tuple[str, ...]:
 
 def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:
     """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
-    speeds = [share * setting.initial_speed for share in _DRIFT_SPEEDS]
+    speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
     peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
     seen = float(curve.cells.slip.max())
     return tuple(peak.without_reference() if peak.slip > seen else peak for peak in peaks)
@@ -322,43 +313,6 @@ def setting_of(curve: Curve, vehicle: Vehicle, options: Options) -> Setting:
         bounds=options.bounds,
         acceleration_spread=spread if ramped else None,
     )
-
-
-def _fits(
-    names: Sequence[str], curve: Curve, vehicle: Vehicle, setting: Setting
-) -> tuple[list[Fit], tuple[str, ...], tuple[str, ...]]:
-    """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
-    shape = shape_of(curve.cells, curve.peak_slip)
-    fits: list[Fit] = []
-    failures, impossible = [], []
-    for name in sorted(names, key=SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
-        sliding_from = _regimes_of_fits(fits, curve, setting).boundary if name in SLIDING_ALONE else 0.0
-        try:
-            model = fit_model(name, curve.cells, shape, setting)
-            profiles = not is_followed(model, curve.record)
-            known = (curve.cells, curve.stretches, setting, sliding_from, curve.time_constant)
-            first = fit(model, *known, profiles=profiles)
-            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
-                found = along_the_motion(first, curve.record, vehicle, curve.cells, setting)
-                check_fit(found, setting, _ends(setting), curve.highest_mu, curve.factors)
-                fits.append(found)
-        except InputError as error:
-            failures.append(f"{curve.name}: {name}: {error}" if len(names) > 1 else f"{curve.name}: {error}")
-            impossible += [name] if isinstance(error, ImpossibleFitError) else []
-    return fits, tuple(failures), tuple(impossible)
-
-
-def _regimes_of_fits(fits: Sequence[Fit], curve: Curve, setting: Setting) -> Regimes:
-    """Parted at the peak of the best of those that follow the whole curve by a formula; without one, by the data."""
-    whole, own = [each for each in fits if each.model.name not in _NO_PEAK], regimes_of_data(curve.cells)
-    if not whole:
-        return own
-    best = compare(whole, curve.cells)[0].fit
-    law = best.model.make_force_law(best.values, setting.rail)
-    with suppress(DomainError):
-        found = peak_of_law(law, setting.initial_speed, setting.wheel_load)
-        return regimes_of(found.slip, best.model.name, curve.cells, own)
-    return own
 
 
 def _own_peak(peaks: Sequence[PeakSlip], setting: Setting) -> PeakSlip:
@@ -441,11 +395,16 @@ def _with_one_model(done: Sequence[Identification]) -> list[Identification]:
 
 
 def _choosing(identification: Identification, name: str) -> Identification:
-    chosen = next(s for s in identification.scores if s.fit.model.name == name)
+    if identification.chosen.fit.model.name == name:
+        return identification
     curve, setting = identification.curve, identification.setting
+    candidates = Candidates(curve, identification.vehicle, setting, identification.regimes)
+    score = next(s for s in identification.scores if s.fit.model.name == name)
+    chosen = replace(score, fit=candidates.with_intervals(score.fit))
     peaks = _peaks(chosen, setting, curve)
     return replace(
         identification,
+        scores=tuple(chosen if each is score else each for each in identification.scores),
         chosen=chosen,
         peaks=peaks,
         regimes=regimes_of(_own_peak(peaks, setting).slip, name, curve.cells, identification.regimes),

@@ -31,13 +31,14 @@ def law_toml(
         unit = f"{extra['unit']}, " if isinstance(extra, dict) and extra.get("unit", "1") != "1" else ""
         lines.append(f"{name} = {_number(getattr(law, name))}  # {unit}{info.description}")
     if reference is not None:
-        lines += ["", "[reference_slip]", *(f"{name} = {getattr(reference, name)!r}" for name in _held_on(law))]
+        lines += ["", "[reference_slip]", *(f"{name} = {getattr(reference, name)!r}" for name in _held_on(law, (reference,)))]
     return "\n".join(lines) + "\n"
 
 
-def _held_on(law: AdhesionLaw) -> tuple[str, ...]:
-    """The rails for which a law's file has a slip to hold: what was found on wet rail says nothing of dry."""
-    return tuple(ReferenceSlip.model_fields) if law.rail is Rail.DRY else (Rail.WET.value,)
+def _held_on(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str, ...]:
+    """The rails for which a law's file has a slip to hold: what was found on wet rail alone says nothing of dry."""
+    wet_alone = law.rail is Rail.WET and all(each.dry == each.wet for each in references)
+    return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
 
 def _head(law: AdhesionLaw, wheel_load: float, speeds_kmh: tuple[float, float] | None) -> list[str]:
@@ -72,7 +73,7 @@ def polynomials_toml(
             "[reference_slip]  # at these initial speeds, straight between",
             f"initial_speed = {_number(speeds)}",
         ]
-        for name in _held_on(law):
+        for name in _held_on(law, references.values()):
             lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
     return "\n".join(lines) + "\n"
 

@@ -33,15 +33,17 @@ def is_followed(model: FitModel, record: Record) -> bool:
     return model.name in (*STATIC, *DYNAMIC) and enough(record)
 
 
-def along_the_motion(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
+def along_the_motion(
+    found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
+) -> Fit:
     """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no.
 
-    InputError for a log whose wheel the model cannot follow.
+    `profiles` as of `fits.fit`. InputError for a log whose wheel the model cannot follow.
     """
     if not is_followed(found.model, record):
         return found
     try:
-        return _along(found, record, vehicle, cells, setting)
+        return _along(found, record, vehicle, cells, setting, profiles)
     except RailslipError:
         raise
     except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
@@ -50,7 +52,7 @@ def along_the_motion(found: Fit, record: Record, vehicle: Vehicle, cells: Cells,
         ) from error
 
 
-def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting) -> Fit:
+def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
     model = found.model
     problem = Along(model, record, vehicle, setting.wheel_load)
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
@@ -59,7 +61,8 @@ def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: 
     slopes = slopes_of(problem, x)
     variance, freedom = _inflation(problem.intervals, errors, len(x))
     i, shifts = problem.intervals, problem.discretisation(x, slopes)
-    known = estimate(problem, x, slopes, variance, freedom, tests=whole_tests(i.time, i.step, i.run), shifts=shifts)
+    tests = whole_tests(i.time, i.step, i.run)
+    known = estimate(problem, x, slopes, variance, freedom, tests=tests, shifts=shifts, profiles=profiles)
     if model.name in STATIC:
         return refitted(found, model, known, cells, setting)
     model, spread = _with_ramp(model, known.values, setting)
