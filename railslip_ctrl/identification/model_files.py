@@ -31,7 +31,8 @@ def law_toml(
         unit = f"{extra['unit']}, " if isinstance(extra, dict) and extra.get("unit", "1") != "1" else ""
         lines.append(f"{name} = {_number(getattr(law, name))}  # {unit}{info.description}")
     if reference is not None:
-        lines += ["", "[reference_slip]", *(f"{name} = {getattr(reference, name)!r}" for name in _held_on(law, (reference,)))]
+        held = (f"{name} = {getattr(reference, name)!r}" for name in _held_on(law, (reference,)))
+        lines += ["", "[reference_slip]", *held]
     return "\n".join(lines) + "\n"
 
 

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 
 _MOST_ROWS = 2000  # of whole runs from the record's beginning: ten rig tests tell a tenth of an interval
 _LEAST_GAIN = 40.0  # of the deviance; a model that is not the rig's own gains up to 26 by a shift there is no cause for
+_HOPELESS = 0.5  # of this gain, below which that of a parabola through three lags is not searched further
 _RESOLVED = 0.03  # of the log's interval, to which a lag is looked for: a fifth or less of its error
 _MOST_LAGS = 10  # of the search between two ends, as each is a fit
 _BETWEEN = 0.1  # of the interval: standard error that what happens between rows adds, as seen on the virtual rig
@@ -96,7 +97,9 @@ def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | Non
             return None
         low, high = -half, half
     else:
-        low, high = _beyond(deviance, ahead)
+        low, between, high = _beyond(deviance, ahead)
+        if now - _lowest_of_parabola(deviance, low, between, high) <= _HOPELESS * _LEAST_GAIN:
+            return None
     options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
     found = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
     if now - found.fun <= _LEAST_GAIN:
@@ -106,13 +109,19 @@ def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | Non
     return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
 
 
-def _beyond(deviance: Callable[[float], float], lag: float) -> tuple[float, float]:
-    """The ends, in order, between which the deviance is least beyond a lag that is better than none."""
+def _beyond(deviance: Callable[[float], float], lag: float) -> tuple[float, float, float]:
+    """The ends, in order, between which the deviance is least beyond a lag that is better than none; a lag between."""
     before = 0.0
     while abs(lag) < LONGEST_DELAY and deviance(2.0 * lag) < deviance(lag):
         before, lag = lag, 2.0 * lag
     low, high = sorted((before, 2.0 * lag))
-    return low, high
+    return low, lag, high
+
+
+def _lowest_of_parabola(deviance: Callable[[float], float], *lags: float) -> float:
+    """Of the parabola through three lags, of which that in the middle is the likeliest; -inf where it has no lowest."""
+    square, slope, constant = np.polynomial.polynomial.polyfit(lags, [deviance(lag) for lag in lags], 2)[::-1]
+    return float(constant - slope**2 / (4.0 * square)) if square > 0.0 else -math.inf
 
 
 def _whole_runs(record: Record) -> int:
