@@ -236,7 +236,7 @@ def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
 
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
-    monkeypatch.setattr("railslip_ctrl.identification.candidates.CANDIDATES", ("burckhardt", "beam"))
+    monkeypatch.setattr("railslip_ctrl.identification.candidates.OF_EACH_KIND", ("burckhardt", "beam"))
     monkeypatch.setattr(job, "lag_of", lambda fit, *_: Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
     (told,) = identified(rows, model="burckhardt").warnings
     assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told

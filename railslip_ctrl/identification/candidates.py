@@ -14,7 +14,7 @@ from railslip_ctrl.parameters import Vehicle
 from .comparison import compare
 from .curves import Curve
 from .fits import Fit, fit
-from .models import CANDIDATES, SLIDING_ALONE, Setting, fit_model, shape_of
+from .models import SLIDING_ALONE, Setting, fit_model, shape_of
 from .motion import along_the_motion, is_followed
 from .plausibility import ImpossibleFitError, check_fit
 from .reference import peak_of_law
@@ -22,6 +22,9 @@ from .regimes import Regimes, regimes_of, regimes_of_data
 
 DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Speeds at which a fit is looked at, of the initial speed."""
+
+OF_EACH_KIND = ("bristle", "beam", "burckhardt")
+"""Models that are followed along the motion: one that builds up, one with a kink, a smooth one."""
 
 _NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
 
@@ -77,9 +80,9 @@ class Candidates:
         return found if found.with_profiles else self._fit(found.model.name, profiles=True)
 
     def better_followed(self, found: Fit) -> Fit:
-        """The best of the models that can be followed along the motion, where it is better than one of the user's."""
+        """The best of some models that can be followed along the motion, where it is better than one of the user's."""
         free = Candidates(self.curve, self.vehicle, replace(self.setting, fixed={}, bounds={}))
-        others = free.fitted([name for name in CANDIDATES if name not in _NO_PEAK]).fits
+        others = free.fitted([name for name in OF_EACH_KIND if name != found.model.name]).fits
         return compare([found, *others], self.curve.cells)[0].fit
 
     def _fit(self, name: str, *, profiles: bool) -> Fit:
