@@ -44,8 +44,8 @@ class Page(HTMLParser):
 
     @property
     def text(self) -> str:
-        """All text but that of style and script."""
-        return "".join(self.pieces)
+        """All text but that of style and script, its no-break spaces as others."""
+        return "".join(self.pieces).replace("\N{NO-BREAK SPACE}", " ")
 
     def rows(self, section: str) -> list[list[str]]:
         """Cells of the table rows in a section, by its id."""

@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -27,13 +28,16 @@ from project import ROOT
 
 import railslip_ctrl
 from railslip_ctrl import plant
-from railslip_ctrl.adhesion import beam, law_names
+from railslip_ctrl.adhesion import beam, law_names, published_law
 from railslip_ctrl.adhesion.beam import integrated_force
 from railslip_ctrl.cli import _COMMANDS
+from railslip_ctrl.identification.cells import BINS
+from railslip_ctrl.identification.record import MOST_ROWS
 from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.parameters import PARK2008, PIGains, load_vehicle
+from railslip_ctrl.report.layout import WIDTH
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.designed import recommended_pi_lead
+from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead
 from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive
@@ -71,6 +75,7 @@ def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
     """Files are written and commands called in the page's order; then its Python has to give what it shows."""
     monkeypatch.chdir(pages.prepare(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
+    printed = []
     for block in pages.blocks(TEXTS[page]):
         if block.name:
             Path(block.name).write_text(block.text, encoding="utf-8")
@@ -88,9 +93,51 @@ def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
                 status, out, err = railslip(*words)
                 assert status in (0, 1), err
                 assert out
+                printed.append(out)
     for picture in re.findall(r"^:pictures: (.*)$", TEXTS[page], flags=re.M):
         assert all(Path(name).is_file() for name in picture.split())
     assert doctest.testfile(str(page), module_relative=False).failed == 0
+    if page == TUTORIAL:
+        assert_gains_of_the_tutorial_are_those_found("".join(printed))
+
+
+TUTORIAL = DOCS / "tutorial.md"
+
+
+def assert_gains_of_the_tutorial_are_those_found(printed: str) -> None:
+    """The first pair that the page types is the tuned one in round numbers; no larger round ki than the second's holds.
+
+    In the page's folder, with what its commands have printed.
+    """
+    (typed,) = re.findall(r"for kp, ki in \(\((\d+), (\d+)\), \((\d+), (\d+)\)\):", TEXTS[TUTORIAL])
+    first, second = [int(one) for one in typed[:2]], [int(one) for one in typed[2:]]
+    (tuned,) = re.findall(r"Controller +PI-lead: kp ([\d.]+) N·m/\(m/s\), ki ([\d.]+) N·m/m", printed)
+    assert first == [round(float(one), -1) for one in tuned]
+    car, typed_controller = load_vehicle("railcar.toml"), load_controller("gains.toml")
+    design = typed_controller.design
+    assert [design.gains.kp, design.gains.ki] == second
+    assert (design.lead, design.lead_filter) == (car.actuator.lag, pytest.approx(car.actuator.lag / 10, rel=1e-12))
+    assert typed_controller.reference == published_law("bristle", "dry").reference
+
+    def worst_ms(kp: float, ki: float) -> float:
+        gains = replace(design, gains=PIGains(kp=kp, ki=ki))
+        return float(np.max(margins_over_points(replace(typed_controller, design=gains), car).ms))
+
+    # 10 N*m/m more, at whatever kp: of those tried the middle ones have less Ms than the ends, so that none is left out
+    more = [worst_ms(kp, second[1] + 10) for kp in range(second[0] - 50, second[0] + 51, 20)]
+    assert worst_ms(*second) <= 2.0 < min(more) < min(more[0], more[-1])
+    (friction,) = {float(one) for one in re.findall(r"(0\.\d+) \* \w+\.wheel_load", TEXTS[TUTORIAL])}
+    assert f"adhesion coefficient of {friction:g}" in TEXTS[TUTORIAL]
+    # given in kN*m with one decimal
+    assert typed_controller.initial_torque == pytest.approx(friction * car.wheel_load * car.wheel.radius, abs=50.0)
+
+
+def test_sizes_that_pages_name_are_those_of_the_package():
+    log, readme = TEXTS[DOCS / "howto" / "log.md"], (ROOT / "README.md").read_text("utf-8")
+    assert f"at most {MOST_ROWS // 1000} {MOST_ROWS % 1000:03} rows" in log
+    assert f"bins of {1 / BINS:g} up to slip 1" in log
+    assert f"always {WIDTH} wide" in " ".join(readme.split())
+    assert f"narrower than {WIDTH} columns" in " ".join(readme.split())
 
 
 def test_pages_need_no_copy_of_the_repository(tmp_path):

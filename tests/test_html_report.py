@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import pytest
 from html_page import LARGEST_BYTES, Page
+from markupsafe import Markup
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.assessment import ROBUST_MS, assess, limits_of
@@ -29,7 +30,7 @@ from railslip_ctrl.report.html.formulas import transfer_function
 from railslip_ctrl.report.html.numbers import listed, short
 from railslip_ctrl.report.html.page import css_string
 from railslip_ctrl.report.html.sliding_sections import decided
-from railslip_ctrl.report.html.typography import typeset
+from railslip_ctrl.report.html.typography import typeset, with_units
 from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.provenance import Provenance
 from railslip_ctrl.sliding.verdict import Condition
@@ -296,6 +297,17 @@ def test_another_vehicle_has_its_notes_and_not_the_paper_s_numbers(record, names
     assert not any(row[0] == "ASMC beam" for row in page.rows("reproduction"))
 
 
+def test_a_doubtful_number_of_the_vehicle_stands_in_its_section(record, names):
+    vehicle = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"dead_time": 150.0})})
+    told = {}
+    for one in (vehicle, PARK2008):
+        page = Page.parsed(rendered(replace(record, check=replace(record.check, vehicle=one)), names))
+        told[one.actuator.dead_time] = page.text
+    assert "dead_time = 150 s is taken as given, but is outside the usual 0 to 2 s" in told[150.0]
+    assert "To be checked" in told[150.0]
+    assert "To be checked" not in told[0.15]
+
+
 def test_what_could_not_be_had_says_why(record, names):
     region = replace(record.region, grid=None, strips=(), kp_range=None, reason="no kp stabilises")
     loops = replace(record.loops, refused={"holding PI": "none holds both"})
@@ -491,6 +503,16 @@ def test_css_string_can_be_read_back_and_ends_no_style():
 )
 def test_terminal_text_is_set_as_print(text, printed):
     assert str(typeset(text)) == printed
+
+
+@pytest.mark.parametrize("make", [str, Markup])
+def test_a_number_and_its_unit_stay_on_one_line(make):
+    text = make("from 20 km/h, 5 % of 0.8 1/s, 4 stops, 2 N·m, 3 sections of 7 <b>")
+    kept = with_units(text)
+    assert type(kept) is make
+    assert kept.replace(" ", "_").replace("\N{NO-BREAK SPACE}", " ") == (
+        "from_20 km/h,_5 %_of_0.8 1/s,_4_stops,_2 N·m,_3_sections_of_7_<b>"
+    )
 
 
 def test_transfer_function_is_typeset():

@@ -28,6 +28,9 @@ from railslip_ctrl.report.text import design_check_text, margins_text
 
 pytestmark = pytest.mark.xdist_group("html report")  # its fixture `record`
 
+LONGEST = 150
+"""Words of the paragraph: what is read before a reader decides to read on."""
+
 SLOW = PARK2008.model_copy(
     update={
         "name": "Slow brake",
@@ -97,13 +100,13 @@ def test_verdict_without_a_robust_design_leads_with_the_limit_and_says_what_woul
     assert "no linear controller gets Ms below 2." in f"{first}. "
     for words in (
         "bristle, dry rail, 100 km/h, slip 0.132, M 3517 kg",
-        "dead time τ of 0.7 s and with a lag T of 2 s",
+        "dead time τ = 0.7 s, lag T = 2 s",
         f"p = {found.limits.unstable_pole:.3g} 1/s",
         "a PI needs less than 1",
-        "What would have to change: the brake (any linear controller needs",
+        "Ms ≤ 2 takes a shorter dead time (any linear controller: below",
     ):
         assert words in paragraph
-    assert len(paragraph.split()) < 185
+    assert len(paragraph.split()) <= LONGEST
     everything = " ".join([paragraph, *(f"{a} {b}" for a, b in told.numbers), *(f"{a} {b}" for a, b in told.points)])
     assert "--kp" not in everything  # gains are given; and an option is no design
     assert "plant 1" not in everything
@@ -128,18 +131,54 @@ def test_a_fragile_design_is_told_with_its_margins_and_the_same_limit(record):
     check, loops = linear(vehicle, plants)
     assert loops.recommended.worst_ms > ROBUST_MS
     assert loops.shortfall.alone == ()
-    paragraph = verdict(report_of(record, vehicle, plants, check, loops)).paragraph
+    told = verdict(report_of(record, vehicle, plants, check, loops))
+    paragraph = told.paragraph
     assert paragraph.startswith(
         "No robust design (Ms ≤ 2) was found for Slow brake; no linear controller gets Ms below"
     )
-    assert f"The least fragile design is “{loops.recommended.name}”" in paragraph
+    assert f"The least fragile design, “{loops.recommended.name}”" in paragraph
+    longest = loops.shortfall.longest_dead_time
+    assert longest > vehicle.actuator.dead_time  # so that the dead time alone excludes nothing
+    assert f"a higher order (not excluded up to {above(longest)} s), or a" in paragraph
     assert "not to be used without more" in paragraph
+    assert len(paragraph.split()) <= LONGEST
+    worst = loops.recommended.assessments[0].margins  # at the one operating point; what the paragraph leaves out
+    assert (
+        f"gain {above(worst.gain_decrease)} to {below(worst.gain_increase)}"
+        in dict(told.numbers)["Margins at the operating points"]
+    )
+
+
+def test_a_fragile_design_has_its_stops_under_the_points(record):
+    """The paragraph is the limit's and what would change it; nothing that a robust design's says is lost."""
+    vehicle = PARK2008.model_copy(update={"name": "Slow brake", "actuator": Actuator(dead_time=0.3, lag=1.2)})
+    plants = plants_of(vehicle)[:1]
+    check, loops = linear(vehicle, plants)
+    stops = tuple(
+        replace(stop, runs=tuple(replace(one, name=loops.recommended.name) for one in stop.runs[:1]))
+        for stop in record.stops
+        if not stop.scenario.events
+    )
+    fragile = replace(report_of(record, vehicle, plants, check, loops), stops=stops)
+    fragile = replace(fragile, loops=replace(fragile.loops, speeds=record.loops.speeds))
+    told = verdict(fragile)
+    points = dict(told.points)
+    assert len(told.paragraph.split()) <= LONGEST
+    for stop in stops:
+        text = f"On {stop.scenario.rail} rail it stops in {stop.runs[0].run.braking_distance:.3g} m"
+        assert text in points["Braking runs"]
+        assert text not in told.paragraph
+    assert points["Low speed"].startswith("Ms stays at most 2 from ")
+    assert "see Low speed" not in points["Low speed"]
+    assert len(told.points) <= 6
+    # where the loop is lost is too much to be left to a point alone
+    assert f", but is unstable below {above(record.loops.speeds.stable_from)} km/h" in told.paragraph
 
 
 def test_remedies_are_all_named_and_the_claim_is_for_the_slips_asked(slow):
     text = verdict(slow).paragraph
     assert "no robust design (Ms ≤ 2) at reference slips 0.132 and 0.092, and none can exist there" in text
-    assert "a smaller reference slip, where adhesion falls less (--slip), and a wheel of more inertia slow" in text
+    assert "or a smaller p (smaller reference slip, --slip; more wheel inertia)." in text
     pole = slow.limits[0].unstable_pole
     heavier = SLOW.model_copy(update={"wheel": SLOW.wheel.model_copy(update={"inertia": 2 * SLOW.wheel.inertia})})
     for changed in (plants_of(SLOW, slip=0.11), plants_of(heavier)):  # they do what is said of them
@@ -156,7 +195,7 @@ def test_what_holds_one_point_alone_is_told_with_its_gains(slow):
         assert row.startswith(f"kp {gains.kp:.4g} N·m/(m/s), ki {gains.ki:.4g} N·m/m, behind the lead")
         assert f"Ms ≤ {above(one.margins.ms)}, phase ≥ {below(one.margins.phase_deg)} deg" in row
         assert f"{where(one.point)} (Ms ≤ {above(one.margins.ms)})" in told.paragraph
-    assert f"the design “{held[0].name}” tuned for one of them alone" in told.paragraph
+    assert f"the best, “{held[0].name}” tuned for one of them alone" in told.paragraph
 
 
 def test_a_bound_is_rounded_to_the_safe_side_and_the_same_everywhere(slow):
@@ -167,7 +206,7 @@ def test_a_bound_is_rounded_to_the_safe_side_and_the_same_everywhere(slow):
     assert longest <= float(most) < longest + 0.001
     paragraph, numbers = verdict(slow).paragraph, dict(verdict(slow).numbers)
     assert f"Ms below {least} (" in paragraph
-    assert f"needs a dead time below {most} s" in paragraph
+    assert f"dead time (any linear controller: below {most} s;" in paragraph
     assert numbers["Least Ms of any linear controller"].startswith(f"{least} ")
     assert numbers["Dead time for Ms ≤ 2, any linear controller"] == f"below {most} s"
     limits = limits_section(slow)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -15,8 +17,9 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import GRAVITY, PARK2008, TABLE4_PI, Vehicle, load_vehicle
+from railslip_ctrl.parameters import GRAVITY, PARK2008, TABLE4_PI, Vehicle, doubts, load_vehicle, remarks
 from railslip_ctrl.parameters.files import VehicleKeys
+from railslip_ctrl.parameters.plausibility import USUAL_RANGES
 from railslip_ctrl.parameters.railtoolkit import read_rolling_stock
 from railslip_ctrl.parameters.validation import LARGEST_FILE, one_line, read_toml
 
@@ -147,6 +150,112 @@ def test_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     path.write_bytes(b"\xef\xbb\xbfmass = 4000\r\n[wheel]\r\nradius = 0.5\r\n")
     assert load_vehicle(path).wheel.radius == 0.5
+
+
+# --- allowed, and yet far from what vehicles have -----------------------------------------------------------
+
+PLAUSIBLE = """
+mass = 4000
+mass_loaded = 6000
+wheel_load = 39000
+wheel_load_loaded = 58000
+[wheel]
+radius = 0.43
+inertia = 60
+viscous_friction = 0.25
+[resistance]
+quadratic = 0.6
+[actuator]
+dead_time = 0.15
+lag = 0.6
+"""
+
+# what stands in place of a line above, and what is said of it: the value, the range, the remedy
+IMPLAUSIBLE = {
+    "mass = 4": ("mass = 4 kg", "1000 to 45000 kg", 'if 4 t is meant, give "4 t"'),
+    "mass = 60": ("mass = 60 kg", "1000 to 45000 kg", "divide the mass of a whole vehicle by the number of its axles"),
+    "mass_loaded = 88000": ("mass_loaded = 88000 kg", "1000 to 45000 kg", "by the number of its axles"),
+    # half and three halves of the weight, 39.2 and 58.8 kN
+    "wheel_load = 39.2": ("wheel_load = 39.2 N", "19600 to 58800 N", 'if 39.2 kN is meant, give "39.2 kN"'),
+    "wheel_load_loaded = 5900": ("wheel_load_loaded = 5900 N", "29400 to 88300 N", "check the number and its unit"),
+    "radius = 4": ("radius = 4 m", "0.15 to 0.75 m", "check the number and its unit"),
+    "radius = 430": ("radius = 430 m", "0.15 to 0.75 m", 'if 430 mm is meant, give "430 mm"'),
+    "radius = 43": ("radius = 43 m", "0.15 to 0.75 m", 'if 43 cm is meant, give "43 cm"'),
+    # M r^2 = 739.6 kg m^2
+    "inertia = 1e4": ("inertia = 10000 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
+    "inertia = 0.6": ("inertia = 0.6 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
+    # 0.01 times 39 kN times r^2/v = 2.60
+    "viscous_friction = 250": ("viscous_friction = 250 N*m*s", "0 to 2.6 N*m*s", "check the number and its unit"),
+    # 60 v^2 at 100 km/h
+    "quadratic = 60": ("resistance = 46296.3 N at 100 km/h", "0 to 1950 N at 100 km/h", "check the number"),
+    "dead_time = 150": ("dead_time = 150 s", "0 to 2 s", 'if 150 ms is meant, give "150 ms"'),
+    "lag = 600": ("lag = 600 s", "0 to 10 s", 'if 600 ms is meant, give "600 ms"'),
+}
+
+
+def _with(line: str) -> str:
+    """The plausible file with a line of the same key in place of its own."""
+    key = line.split(" = ")[0]
+    return re.sub(rf"^{key} = .*$", line, PLAUSIBLE, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("line", IMPLAUSIBLE)
+def test_an_implausible_number_is_taken_and_told_with_range_and_remedy(tmp_path: Path, line: str) -> None:
+    vehicle = load_vehicle(_toml(tmp_path, _with(line)))
+    (told,) = doubts(vehicle)  # one number, one sentence, though others are computed from it
+    value, usual, remedy = IMPLAUSIBLE[line]
+    assert told.startswith(f"{value} is taken as given, but is outside the usual {usual} (")
+    assert remedy in told.partition("); ")[2]
+    assert remarks(vehicle) == (*vehicle.notes, told)
+
+
+def test_every_usual_range_has_a_case_outside_it() -> None:
+    assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == {one.key for one in USUAL_RANGES}
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [("dead_time = 2", 0), ("dead_time = 2.001", 1), ("mass_loaded = 45000", 0), ("mass_loaded = 45001", 1)],
+)  # fmt: skip
+def test_ends_of_a_range_are_usual(tmp_path: Path, line: str, told: int) -> None:
+    text = _with(line).replace("wheel_load_loaded = 58000\n", "")  # the weight of the loaded mass, then
+    assert len(doubts(load_vehicle(_toml(tmp_path, text)))) == told
+
+
+@pytest.mark.parametrize("path", [EXAMPLE, DESIRO, FACS, TRAXX], ids=lambda path: path.stem)
+def test_of_real_vehicles_nothing_is_doubted(path: Path) -> None:
+    for vehicle in (load_vehicle(path), load_vehicle(path).loaded()):
+        assert doubts(vehicle) == ()
+
+
+def test_of_the_published_vehicle_nothing_is_doubted_in_either_reading_of_its_units(tmp_path: Path) -> None:
+    for vehicle in (PARK2008, PARK2008.loaded(), PARK2008.model_copy(update={"inertia_scale": 3.6})):
+        assert doubts(vehicle) == ()
+    assert doubts(load_vehicle(_toml(tmp_path, PLAUSIBLE))) == ()
+
+
+LINEARIZE, SIMULATE = ("linearize", "--rail", "dry"), ("simulate", "--controller", "slide-protection")
+
+
+@pytest.mark.parametrize(
+    ("words", "line", "doubted"),
+    [
+        (LINEARIZE, "dead_time = 150", "dead_time = 150 s"),
+        ((*LINEARIZE, "--dead-time", "2.5"), "lag = 0.6", "dead_time = 2.5 s"),
+        ((*LINEARIZE, "--dead-time", "0.2"), "dead_time = 150", ""),
+        (SIMULATE, "mass_loaded = 88000", "mass_loaded = 88000 kg"),
+        ((*SIMULATE, "--dead-time", "2.5"), "lag = 0.6", "dead_time = 2.5 s"),
+    ],
+)
+def test_commands_tell_it_of_the_vehicle_in_use(
+    tmp_path: Path, railslip: Any, words: tuple[str, ...], line: str, doubted: str
+) -> None:
+    path = _toml(tmp_path, _with(line))
+    status, out, err = railslip(*words, "--vehicle", path, "--json")
+    assert status == 0
+    assert err.count("is taken as given, but is outside the usual") == bool(doubted)
+    assert f"railslip: note: vehicle: {doubted}" in err or not doubted
+    assert (f'"{doubted} is taken as given' in out) == bool(doubted)
 
 
 # --- railtoolkit -------------------------------------------------------------------------------------------

@@ -6,6 +6,8 @@ look itself is worth.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib.colors
 import numpy as np
 import pytest
@@ -125,6 +127,15 @@ def test_figures_say_whose_they_are(groups):
         title = draw(groups).get_suptitle()
         for text in ("Park et al. 2008", "bristle", "slip dry 0.132, wet 0.092", "railslip_ctrl"):
             assert text in title
+
+
+def test_figures_tell_a_law_of_the_user_s_own_by_its_file():
+    published = plant_at("beam", PARK2008, Rail.DRY, 100.0).point
+    own = replace(published, law=published.law.model_copy(update={"file": "leaves.toml"}))
+    for point, told in ((own, "adhesion beam as given (leaves.toml), "), (published, "adhesion beam, ")):
+        groups = design_check(PARK2008, [point]).groups
+        for draw in (bode_figure, nyquist_figure, nichols_figure):
+            assert told in " ".join(draw(groups).get_suptitle().split())
 
 
 def test_lines_differ_in_dash_and_in_grey():

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from figure_checks import defects
 from html_page import Page
 from test_html_report import SOURCE, rendered
 from test_no_robust_design import SLOW, plants_of
@@ -18,6 +19,8 @@ from railslip_ctrl.design_report import assemble
 from railslip_ctrl.design_report.loops import law_curves
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.plots.design_report import run_drawings
+from railslip_ctrl.plots.style import PAGE_HEIGHT
 from railslip_ctrl.report.design_report_json import design_report_json
 from railslip_ctrl.report.html.closing_sections import unchecked
 from railslip_ctrl.report.html.numbers import above, below
@@ -65,6 +68,21 @@ def test_what_was_run_of_the_hand_over_is_said_where_there_is_one(record):
     assert f"at {end.from_kmh:g} km/h and to {end.torque:.4g} N·m" in text
     without = replace(record, stops=tuple(replace(stop, slow=()) for stop in record.stops))
     assert not any("Handing over" in one for one in unchecked(without))
+
+
+def test_picture_of_a_stop_fills_the_page_and_names_the_file_of_its_law(record):
+    """Legends once made its panels narrow; their letters are as large as they print."""
+    stop = record.stops[0]
+    law = stop.scenario.adhesion.model_copy(update={"file": "leaves.toml"})
+    own = replace(stop, scenario=stop.scenario.with_changes(adhesion=law))
+    figure = run_drawings(replace(record, stops=(own,)))["stop-1"]()
+    figure.canvas.draw()
+    assert f"adhesion law {law.name} as given (leaves.toml)" in " ".join(figure.get_suptitle().split())
+    row = figure.axes[:3]
+    # numbers and labels between and beside three panels take a fifth of the width
+    assert sum(ax.get_position().width for ax in row) > 0.77
+    assert figure.get_figheight() <= PAGE_HEIGHT
+    assert defects(figure) == []
 
 
 def test_margins_over_speed_are_spoken_of_where_there_are_any(record):

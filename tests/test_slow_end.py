@@ -11,11 +11,12 @@ from railslip_ctrl.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.adhesion.beam import Beam
 from railslip_ctrl.assessment import is_robust
 from railslip_ctrl.design_report.candidates import design_names, full_range
-from railslip_ctrl.design_report.held_laws import held_laws, is_own
+from railslip_ctrl.design_report.held_laws import held_laws
 from railslip_ctrl.design_report.slow_end import slow_ends
 from railslip_ctrl.design_report.speed_range import speed_range
 from railslip_ctrl.design_report.stops import stops
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.law_sources import is_own
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PARK2008, Rail

@@ -14,6 +14,7 @@ from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.campaign.specification import Campaign
 from railslip_ctrl.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 
@@ -70,6 +71,9 @@ def command(
     """
     check_directory(out, _REPORT)
     campaign = load_campaign(campaign_file)
+    vehicle = campaign.scenario.vehicle
+    for note in remarks(vehicle):
+        progress(f"note: {vehicle.name}: {note}")
     if number is not None:
         _replay(campaign, number, out, as_json=as_json)
         return

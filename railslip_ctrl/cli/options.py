@@ -26,7 +26,7 @@ from railslip_ctrl.adhesion import (
 )
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle, remarks
 from railslip_ctrl.units import KMH, to_unit
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -90,8 +90,6 @@ class CaseOptions:
     def chosen_vehicle(self) -> Vehicle:
         """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
         chosen = PARK2008 if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
-        for note in chosen.notes:
-            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
         if self.loaded:
             chosen = chosen.loaded()
         update: dict[str, object] = {}
@@ -100,7 +98,10 @@ class CaseOptions:
         actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
         if actuator:
             update["actuator"] = chosen.actuator.model_copy(update=actuator)
-        return _with_mass(chosen.model_copy(update=update), self.masses[0] if self.masses else None)
+        chosen = _with_mass(chosen.model_copy(update=update), self.masses[0] if self.masses else None)
+        for note in remarks(chosen):
+            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+        return chosen
 
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""

@@ -13,7 +13,7 @@ import click
 
 from railslip_ctrl.adhesion import ReferenceSlip, law_names
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.parameters import Rail, Vehicle
+from railslip_ctrl.parameters import Rail, Vehicle, remarks
 from railslip_ctrl.parameters.validation import close_match
 from railslip_ctrl.simulation import Scenario
 from railslip_ctrl.simulation.catalogue import NAMES, controller_named, default_column, reference_of
@@ -55,7 +55,7 @@ class ScenarioOptions:
 
         scenario = _naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._vehicle(scenario.vehicle)
-        for note in vehicle.notes:
+        for note in remarks(vehicle):
             progress(f"note: {vehicle.name}: {note}")
         self._check(scenario)
         changes: dict[str, Any] = {"initial_speed": scenario.initial_speed if self.speed is None else self.speed * KMH}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from railslip_ctrl.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.law_sources import is_own
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.numeric import peak
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.parameters import Rail, Vehicle
 from railslip_ctrl.simulation.designed import INITIAL_SHARE, SPEEDS_KMH
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
@@ -72,16 +72,6 @@ def held_laws(points: Sequence[OperatingPoint]) -> tuple[HeldLaw, ...]:
         for rail in rails
     ]
     return tuple(tuned if first.adhesion in TUNED_LAWS else tuned + asked)
-
-
-def is_own(point: OperatingPoint) -> bool:
-    """Whether the law of a point is the user's own: not a published set at the point's v0 and wheel load."""
-    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
-    try:
-        published = published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load)
-    except RailslipError:
-        return True
-    return type(published) is not type(point.law) or published.parameters() != point.law.parameters()
 
 
 def torques(points: Sequence[OperatingPoint]) -> Torques:

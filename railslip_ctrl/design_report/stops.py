@@ -10,6 +10,7 @@ import numpy as np
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.errors import InputError, RailslipError
+from railslip_ctrl.law_sources import is_own
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, Scenario, Simulator, published_scenario
@@ -27,7 +28,7 @@ from railslip_ctrl.simulation.scenario import in_reading, named_law
 from railslip_ctrl.units import KMH
 
 from .candidates import DesignNames, design_names, least_ms
-from .held_laws import is_own, own_design_points, torques
+from .held_laws import own_design_points, torques
 from .loops import COMPARED_LAWS
 from .records import Stop, StopRun
 from .slow_end import HANDED_OVER, handing_over, slow_ends

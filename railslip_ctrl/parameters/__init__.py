@@ -1,6 +1,7 @@
 """Frozen parameter records, published sets, and files."""
 
 from .files import load_vehicle
+from .plausibility import doubts, remarks
 from .published import (
     AS_PUBLISHED_INERTIA_SCALE,
     INITIAL_SPEED_KMH,
@@ -27,6 +28,8 @@ __all__ = [
     "Resistance",
     "Vehicle",
     "Wheel",
+    "doubts",
     "load_vehicle",
+    "remarks",
     "table4_gains",
 ]

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.design_report import LawCurve, LinearPart, RunPart, SpeedRange, Stop
+from railslip_ctrl.law_sources import PUBLISHED, law_words, words_at
 from railslip_ctrl.reproduction import QUANTITIES, Table5
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.units import KMH
@@ -21,6 +22,7 @@ from .loops import bode_figure, nichols_figure, nyquist_figure, one_group_figure
 from .style import (
     PAGE_HEIGHT,
     TEXT,
+    folded,
     legend_below,
     legend_of_figure,
     line_style,
@@ -36,7 +38,7 @@ _QUANTITIES = dict(
 )
 # open, around the triangle of a peak at the same place, and above the lines of other laws
 _POINT = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
-_ROW = 1.25  # inches, of a controller in the picture of a stop
+_ROW = 1.17  # inches, of a controller in the picture of a stop
 _MS_TOP = 5.0  # an Ms beyond it is as good as unstable; the axis ends there
 _ENOUGH_TORQUE = 1.3  # of the highest acting torque; a command far above it is cut off in the picture
 
@@ -102,7 +104,7 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
         for i, curve in enumerate(one for one in curves if one.rail is rail):
             style = line_style(i) | {"linewidth": 1.8 if curve.asked else 1.0}
             at = f", {curve.speed_kmh:g} km/h" if len(speeds) > 1 else ""
-            ax.plot(curve.slip, curve.coefficient, label=f"{curve.law}{at}", **style)
+            ax.plot(curve.slip, curve.coefficient, label=f"{_law_name(curve)}{at}", **style)
             ax.plot(
                 curve.peak.slip, curve.peak.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False
             )
@@ -115,6 +117,10 @@ def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
         legend_below(ax, 0.15, columns=2)
     axes[0].set_ylabel("adhesion coefficient μ (-)")
     return figure
+
+
+def _law_name(curve: LawCurve) -> str:
+    return words_at(curve.points[0]) if curve.points else curve.law
 
 
 def _range(speeds: SpeedRange) -> Figure:
@@ -150,22 +156,30 @@ def _ran(stop: Stop) -> dict[str, Run]:
 
 def _stop(stop: Stop) -> Figure:
     runs = _ran(stop)
-    height = min(1.0 + _ROW * len(runs), PAGE_HEIGHT)
-    figure = new_figure(height, f"{stop.title}; adhesion law {stop.scenario.adhesion.name}; seed {stop.seed}")
+    height = min(0.9 + _ROW * len(runs), PAGE_HEIGHT)
+    law = stop.scenario.adhesion
+    words = law_words(law, law.file or PUBLISHED)
+    figure = new_figure(height, f"{stop.title}; adhesion law {words}; seed {stop.seed}")
     axes = panels(figure, len(runs), len(_COLUMNS), sharex=True, sharey="col")
     for row, (name, run) in zip(axes, runs.items(), strict=True):
         _speed(row[0], run)
         _slip(row[1], run)
         _torque(row[2], run)
-        row[0].set_ylabel(name.replace(", ", ",\n"), fontsize=TEXT)
+        row[0].set_ylabel(_row_label(name), fontsize=TEXT)
     for ax, label in zip(axes[0], _COLUMNS, strict=True):
         ax.set_title(label, fontsize=TEXT)
     for ax in axes[-1]:
         ax.set_xlabel("time (s)")
-        legend_below(ax, 0.45, columns=2)
+        legend_below(ax, 0.4)  # one above the other: side by side they are wider than the panel, and make it narrow
     highest = max(run.max_torque for run in runs.values())
     axes[0][2].set_ylim(0.0, _ENOUGH_TORQUE * highest / 1000)
     return figure
+
+
+def _row_label(name: str) -> str:
+    """A controller's name in lines as long as its row is high, broken at commas where that will do."""
+    kept_together = ", ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in name.split(", "))
+    return folded(kept_together, _ROW - 0.1)
 
 
 def _signals(run: Run) -> Any:

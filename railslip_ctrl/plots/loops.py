@@ -11,6 +11,7 @@ from matplotlib.ticker import MultipleLocator
 from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment
 from railslip_ctrl.design_check import ControllerGroup
+from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve
 
@@ -37,7 +38,7 @@ def _title(groups: tuple[ControllerGroup, ...]) -> str:
     masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     return (
-        f"{point.vehicle.name}: adhesion {point.adhesion}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
+        f"{point.vehicle.name}: adhesion {words_at(point)}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
         f"(railslip_ctrl {__version__})"
     )
 

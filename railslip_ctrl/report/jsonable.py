@@ -10,11 +10,12 @@ from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.law_sources import source_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.parameters import Vehicle, remarks
 
-from .laws import law_json, source_at
+from .laws import law_json
 
 
 def number(value: float) -> float | None:
@@ -45,7 +46,7 @@ def _context_json(point: OperatingPoint) -> dict[str, Any]:
         "initial_speed_kmh": point.initial_speed_kmh,
         "vehicle": point.vehicle.name,
         "wheel_load_n": point.vehicle.wheel_load,
-        "notes": list(point.vehicle.notes),
+        "notes": list(remarks(point.vehicle)),
     }
 
 

@@ -1,24 +1,10 @@
-"""Which adhesion law numbers belong to: its name, where its parameters are from, and the parameters."""
+"""An adhesion law in JSON: its name, where its parameters are from, and the parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from railslip_ctrl.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.errors import RailslipError
-from railslip_ctrl.linearization import OperatingPoint
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH
-
-PUBLISHED, GIVEN = "published", "given"
-"""Sources of a law that is from no file."""
-
-
-def law_words(law: AdhesionLaw, source: str) -> str:
-    """The law in words: its name if published, else "beam as given (model.toml)"."""
-    if source == PUBLISHED:
-        return law.name
-    return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
+from railslip_ctrl.adhesion import AdhesionLaw
 
 
 def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
@@ -32,20 +18,3 @@ def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
             for name, (value, unit) in law.numbers().items()
         },
     }
-
-
-def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
-    """The file that a law is from; else whether its numbers are those of what `published` makes."""
-    if law.file is not None:
-        return law.file
-    try:
-        source = published()
-    except RailslipError:
-        return GIVEN
-    return PUBLISHED if type(source) is type(law) and source.parameters() == law.parameters() else GIVEN
-
-
-def source_at(point: OperatingPoint) -> str:
-    """`source_of` a point's law, published for its rail, v0 and wheel load."""
-    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
-    return source_of(point.law, lambda: published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load))

@@ -10,7 +10,8 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.law_sources import GIVEN, law_words, source_of
+from railslip_ctrl.parameters import Rail, remarks
 from railslip_ctrl.simulation import (
     LinearControl,
     Run,
@@ -27,7 +28,7 @@ from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH
 
 from .jsonable import number
-from .laws import GIVEN, law_json, law_words, source_of
+from .laws import law_json
 from .layout import facts, fixed, heading, render, table
 from .text import controller_text, vehicle_facts
 
@@ -102,7 +103,7 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
         "adhesion": scenario.adhesion.name,
         "adhesion_law": law_json(scenario.adhesion, _law_source(scenario, law_speed)),
         "vehicle": scenario.vehicle.name,
-        "notes": list(scenario.vehicle.notes),
+        "notes": list(remarks(scenario.vehicle)),
         "step_s": scenario.step,
         "period_s": _period(run),
         "limits": scenario.limits.model_dump(),

@@ -16,12 +16,12 @@ from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
+from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.parameters import Actuator, Rail, Vehicle
+from railslip_ctrl.parameters import Actuator, Rail, Vehicle, remarks
 from railslip_ctrl.units import KMH
 
-from .laws import PUBLISHED, law_words, source_at
 from .layout import BOUND_DIGITS, counted, facts, fixed, heading, render, roots_text, rounded_down, rounded_up, table
 
 
@@ -31,7 +31,7 @@ def _matrix(matrix: Iterable[Iterable[float]]) -> str:
 
 def case_title(point: OperatingPoint) -> str:
     """The case in a line."""
-    return f"{law_words(point.law, source_at(point))}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
+    return f"{words_at(point)}, {point.place}, inertia scale {point.vehicle.inertia_scale:g}" + (
         "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
     )
 
@@ -80,7 +80,7 @@ def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
         ("Brake actuator", _actuator(vehicle.actuator)),
         ("Inertia scale", f"{vehicle.inertia_scale:g} on M, J and B"),
     ]
-    return rows + [("Note", note) for note in vehicle.notes]
+    return rows + [("Note", note) for note in remarks(vehicle)]
 
 
 def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
@@ -90,7 +90,7 @@ def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
     return [
         (
             f"Adhesion law, {point.rail} rail",
-            f"{law_words(point.law, source_at(point))}: {_parameters(point.law)}{_wet_rule(point, dry)}",
+            f"{words_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}",
         )
         for point in found.values()
     ]

@@ -11,11 +11,12 @@ from rich.text import Text
 from railslip_ctrl.design.families import Worst
 from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.design.tuning_cases import TunedCases
+from railslip_ctrl.law_sources import source_at, words_at
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
 
 from .jsonable import case_json, margin_numbers, number
-from .laws import law_json, law_words, source_at
+from .laws import law_json
 from .layout import facts, fixed, heading, render, table
 from .text import case_title, controller_text
 
@@ -84,7 +85,7 @@ def _design_facts(tuned: TunedCases, design: PIDesign) -> list[tuple[str, str]]:
 
 
 def _law_fact(tuned: TunedCases) -> tuple[str, str]:
-    laws = dict.fromkeys(law_words(point.law, source_at(point)) for point in tuned.points)
+    laws = dict.fromkeys(words_at(point) for point in tuned.points)
     return "Adhesion", ", ".join(laws)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from railslip_ctrl.assessment import ROBUST_MS, Assessment
+from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.design_report import DesignReport, LoopDesign, LoopDesigns
 from railslip_ctrl.report.text import controller_text
@@ -231,12 +232,11 @@ def _gain_table(loops: LoopDesigns) -> Table:
     rows = []
     for one in loops.designs:
         kp, ki = one.controller.gains.kp, one.controller.gains.ki
-        lead = f"({one.controller.lead:g} s + 1)/({one.controller.lead_filter:g} s + 1)"
         rows.append(
             (
                 one.name,
                 one.how,
-                lead if one.controller.lead > 0 else NONE,
+                _lead(one.controller) if one.controller.lead > 0 else NONE,
                 short(kp),
                 short(ki),
                 short(kp * KMH),
@@ -245,6 +245,12 @@ def _gain_table(loops: LoopDesigns) -> Table:
         )
     head = ("Design", "How", "Lead", "kp, N·m/(m/s)", "ki, N·m/m", "kp, N·m/(km/h)", "ki, N·m/(km/h)/s")
     return Table("The designs: where they come from and their gains.", head, rows, wide=True)
+
+
+def _lead(controller: PIController) -> str:
+    """The lead as a fraction that no narrow column breaks."""
+    text = f"({controller.lead:g} s + 1)/\N{WORD JOINER}({controller.lead_filter:g} s + 1)"
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _design_table(loops: LoopDesigns) -> Table:

@@ -21,6 +21,7 @@ from .plant_sections import adhesion_section, limits_section, linear_section, re
 from .range_sections import range_section
 from .sliding_sections import paper_law_section, sliding_section
 from .stop_sections import stops_section
+from .typography import with_units
 from .verdict import gains_not_computed, verdict
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
@@ -69,6 +70,7 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
         lstrip_blocks=True,
     )
     environment.filters["css_string"] = css_string
+    environment.filters["with_units"] = with_units
     used = [picture for section in sections for picture in section.pictures()]
     data = {picture.name: _data(pictures[picture.name]) for picture in used}
     vehicle = report.check.vehicle

@@ -9,9 +9,10 @@ from markupsafe import Markup
 
 from railslip_ctrl.design.limits import Limits, StructureLimit
 from railslip_ctrl.design_report import DesignReport, LawCurve
+from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.notation import NOTATION
-from railslip_ctrl.report.laws import law_words, source_at
+from railslip_ctrl.parameters import doubts
 from railslip_ctrl.report.text import law_facts, vehicle_facts
 
 from .blocks import Block, Details, Facts, Group, Items, Paragraph, Picture, Section, Table
@@ -29,6 +30,8 @@ def vehicle_section(report: DesignReport) -> Section:
         blocks += [Paragraph("Assumed, because the vehicle's file does not say it:"), Items(tuple(vehicle.notes))]
     else:
         blocks.append(Paragraph("Nothing was assumed: every parameter above was given."))
+    if doubtful := doubts(vehicle):
+        blocks += [Paragraph("To be checked, as all of this report rests on it:", strong=True), Items(doubtful)]
     blocks.append(
         Paragraph(
             typeset(
@@ -80,12 +83,12 @@ def adhesion_section(report: DesignReport) -> Section:
                 f"Curves of the adhesion coefficient over slip for {listed(dict.fromkeys(c.law for c in curves))}, one "
                 f"panel a rail. Operating points: {points}.",
             ),
-            Facts(tuple(law_facts(plant.point for plant in report.plants))),
             Table(
                 "Peak of each curve, and the operating points on it.",
                 ("Law", "Rail", "Speed, km/h", "Peak μ, -", "at slip, -", "Operating slip, -", "μ there, -"),
                 rows,
             ),
+            Facts(tuple(law_facts(plant.point for plant in report.plants))),
         ),
     )
 
@@ -93,7 +96,7 @@ def adhesion_section(report: DesignReport) -> Section:
 def _curve_name(curve: LawCurve) -> str:
     """The law's name, which tells the user's own parameters from the published ones."""
     point = next(iter(curve.points), None)
-    return curve.law if point is None else law_words(point.law, source_at(point))
+    return curve.law if point is None else words_at(point)
 
 
 def linear_section(report: DesignReport) -> Section:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SlowRun, SpeedRange
+from railslip_ctrl.law_sources import PUBLISHED, law_words, source_at
 from railslip_ctrl.linearization import OperatingPoint
-from railslip_ctrl.report.laws import PUBLISHED, law_words, source_at
 from railslip_ctrl.simulation.designed import SPEEDS_KMH
 
 from .blocks import Block, Items, Paragraph, Picture, Section, Table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from railslip_ctrl.assessment import ROBUST_MS
@@ -53,32 +54,41 @@ def _limit(report: DesignReport, found: Shortfall) -> str:
     else:
         lead = f"No {asked} was found for {name}; {theorem}"
     product = limits.actuator_product
-    needs = "and a PI needs less than 1" if product >= 1 else "of the 1 below which a PI can hold it"
+    needs = "a PI needs less than 1" if product >= 1 else "below 1, as a PI needs"
     return (
-        f"{lead} The wheel doubles its slip error there in {short(limits.doubling_time, 3)} s by itself (unstable pole "
-        f"p = {short(limits.unstable_pole, 3)} 1/s), while the brake answers after a dead time τ of "
-        f"{limits.dead_time:g} s and with a lag T of {limits.lag:g} s: p (τ + T) is {short(product, 3)}, {needs}."
+        f"{lead} There the slip error doubles in {short(limits.doubling_time, 3)} s (unstable pole p = "
+        f"{short(limits.unstable_pole, 3)} 1/s); the brake has dead time τ = {limits.dead_time:g} s, lag T = "
+        f"{limits.lag:g} s: p (τ + T) is {short(product, 3)}, {needs}."
     )
 
 
 def _best(report: DesignReport, found: Shortfall, least_fragile: LoopDesign | None) -> str:
-    """The least fragile design, or what is left where none holds all operating points."""
+    """The least fragile design, or what is left where none holds all operating points; its rows have the rest."""
     if least_fragile is not None:
+        gains = least_fragile.controller.gains
         margins = [one.margins for one in least_fragile.assessments if one.margins is not None]
         return (
-            f"The least fragile design is “{least_fragile.name}”, {controller_words(least_fragile.controller)}: stable "
-            f"at {_points(report)}, with {margin_words(margins)}, and not to be used without more."
+            f"The least fragile design, “{least_fragile.name}”, kp {short(gains.kp)} N·m/(m/s), ki "
+            f"{short(gains.ki)} N·m/m, holds {_points(report)} with Ms ≤ {above(max(m.ms for m in margins))}, phase ≥ "
+            f"{below(min(m.phase_deg for m in margins))} deg{_lost(report)}; not to be used without more."
         )
-    none = f"None of the designs compared holds {_points(report)}"
+    none = f"No design compared holds {_points(report)}"
     held = _alone(found)
     name = design_names(report.check.vehicle).least_ms
     if not held:
-        return f"{none}, and no {name} tuned for one of them alone holds that one."
+        return f"{none}, and no “{name}” tuned for one of them alone holds that one."
     told = listed(f"{where(one.point)} (Ms ≤ {above(margins.ms)})" for one, margins in held)
-    return (
-        f"{none}. The best there is, the design “{name}” tuned for one of them alone, holds only that one: {told}; its "
-        "gains stand beside."
-    )
+    return f"{none}; the best, “{name}” tuned for one of them alone, holds only that: {told}."
+
+
+def _lost(report: DesignReport) -> str:
+    """That the loop is unstable at some of the speeds, loads and rails looked at, if so; a clause to append."""
+    speeds = report.loops.speeds
+    if speeds is None or speeds.stable_from <= speeds.least_kmh:
+        return ""
+    if math.isinf(speeds.stable_from):
+        return ", but is unstable at some load or rail"
+    return f", but is unstable below {above(speeds.stable_from)} km/h"
 
 
 def _alone(found: Shortfall) -> list[tuple[Attempt, Margins]]:
@@ -107,22 +117,18 @@ def _points(report: DesignReport) -> str:
 def _change(report: DesignReport, found: Shortfall) -> str:
     """The dead time at which a theorem lets go, the one at which a design is robust, and what else slows the race."""
     own, name = report.check.vehicle.actuator.dead_time, design_names(report.check.vehicle).least_ms
-    possible = above(found.longest_dead_time)
+    slower = "a smaller p (smaller reference slip, --slip; more wheel inertia)"
     if found.longest_dead_time <= 0:
-        any_ = f"no dead time is short enough for Ms ≤ {ROBUST_MS:g} with any linear controller"
-    elif found.longest_dead_time < own:
-        any_ = f"any linear controller needs a dead time below {possible} s for Ms ≤ {ROBUST_MS:g}"
-    else:
-        any_ = f"a linear controller of higher order may reach Ms ≤ {ROBUST_MS:g} up to a dead time of {possible} s"
+        return f"No dead time is short enough: Ms ≤ {ROBUST_MS:g} takes {slower}."
+    possible = above(found.longest_dead_time)
+    of_any = f"any linear controller: below {possible} s; " if found.longest_dead_time < own else ""
+    higher = "" if of_any else f"a higher order (not excluded up to {possible} s), "
     lead = (
-        f"the design “{name}” does up to {below(found.lead_dead_time, 2)} s, at the same lag"
+        f"“{name}”: up to {below(found.lead_dead_time, 2)} s at this lag"
         if found.lead_dead_time > 0
-        else f"the design “{name}” does not without dead time either, so that the lag has to be shorter too"
+        else f"“{name}”: none, unless the lag is shorter too"
     )
-    return (
-        f"What would have to change: the brake ({any_}; {lead}), or the unstable pole, which a smaller reference slip, "
-        "where adhesion falls less (--slip), and a wheel of more inertia slow."
-    )
+    return f"Ms ≤ {ROBUST_MS:g} takes a shorter dead time ({of_any}{lead}), {higher}or {slower}."
 
 
 def _lead_range(found: Shortfall) -> str:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from railslip_ctrl.design_report import DesignReport
-from railslip_ctrl.report.laws import law_words, source_at
+from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.sliding.verdict import Condition
 from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, FullVerification
 
@@ -91,7 +91,7 @@ def _standing(report: DesignReport) -> str:
 def decided_for(report: DesignReport) -> str:
     """For which adhesion the conditions were decided, where the report is about another; else empty."""
     points, published = [plant.point for plant in report.plants], PUBLISHED_ADHESION
-    name = law_words(points[0].law, source_at(points[0]))
+    name = words_at(points[0])
     bristle = published.law if isinstance(published.law, str) else published.law.name
     if name != bristle:
         asked = f"the law {name}"

@@ -8,6 +8,7 @@ from railslip_ctrl.design_report import DesignReport, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
 from railslip_ctrl.design_report.stops import HOLDING, RELAY
+from railslip_ctrl.law_sources import PUBLISHED, law_words
 from railslip_ctrl.simulation import LinearControl
 from railslip_ctrl.units import KMH
 
@@ -153,7 +154,7 @@ def _stop_group(i: int, stop: Stop, refused: Mapping[str, str]) -> Group:
 
 def _law(stop: Stop) -> str:
     law = stop.scenario.adhesion
-    return f"{'dynamic' if law.has_state else 'static'} adhesion law {law.name}"
+    return f"{'dynamic' if law.has_state else 'static'} adhesion law {law_words(law, law.file or PUBLISHED)}"
 
 
 def _words(one: StopRun) -> str:
@@ -171,13 +172,13 @@ def _stop_finding(stop: Stop) -> str:
     text = _told("Shortest", shortest, stop)
     if unlocked is not shortest and unlocked is not None:
         text += f" {_told('Shortest without a locked wheel', unlocked, stop)}"
-    return f"{text} The wheel locks with: {', '.join(locked)}." if locked else f"{text} No wheel locks."
+    return f"{text} The wheel locks with: {'; '.join(locked)}." if locked else f"{text} No wheel locks."
 
 
 def _told(what: str, one: StopRun, stop: Stop) -> str:
     run = one.run
     assert run is not None, "only runs are told"
-    text = f"{what}: {one.name}, {short(run.braking_distance)} m{percent_over(run, stop.bound)}"
+    text = f"{what}: “{one.name}”, {short(run.braking_distance)} m{percent_over(run, stop.bound)}"
     return f"{text}{below_reference(one)}."
 
 
@@ -187,7 +188,7 @@ def below_reference(one: StopRun) -> str:
     slips = one.run.controller.reference
     if one.highest_slip >= min(slips.dry, slips.wet):
         return ""
-    return f"; the slip of {one.name} stays below its reference throughout (at most {short(one.highest_slip, 2)})"
+    return f"; the slip of “{one.name}” stays below its reference throughout (at most {short(one.highest_slip, 2)})"
 
 
 def _stop_table(stop: Stop) -> Table:
@@ -287,5 +288,5 @@ def _dynamic_finding(stop: Stop) -> str:
     locked = [one.name for one in runs if one.run is not None and one.locks]
     passed = [one.name for one in runs if one.run is not None and one.highest_slip > 2 * reference_of(one.run)]
     text = "With the dynamic model in place of its curve "
-    text += f"the wheel locks with: {', '.join(locked)}." if locked else "no wheel locks."
-    return text + (f" Slip over twice the reference: {', '.join(passed)}." if passed else "")
+    text += f"the wheel locks with: {'; '.join(locked)}." if locked else "no wheel locks."
+    return text + (f" Slip over twice the reference: {'; '.join(passed)}." if passed else "")

@@ -72,6 +72,8 @@ _RULES: tuple[_Rule, ...] = (
 _CODE = re.compile(r"`([^`]+)`")
 _INDEX = re.compile(r"(?<!\w)([A-Za-zα-ωΑ-Ω][\u0302\u0303]?)_([A-Za-zα-ωΑ-Ω]{1,6}|\d)(?![A-Za-z\d])")
 
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:deg|kg|km|kN|MJ|N|m|s|1/s|rad)\b|%)")
+
 
 def typeset(text: str) -> Markup:
     """The text as HTML: what stood between backticks as code, everything else with the signs of print."""
@@ -90,3 +92,9 @@ def signs(text: str) -> str:
     for pattern, replacement in _RULES:
         text = pattern.sub(replacement, text)
     return text
+
+
+def with_units(text: str) -> str:
+    """The text, or HTML, with no line end between a number and its unit."""
+    found = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+    return Markup(found) if isinstance(text, Markup) else found

@@ -10,7 +10,7 @@ from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedRange, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
-from railslip_ctrl.report.laws import law_words, source_at
+from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.report.text import Verdict
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.sliding_verification import FullVerification
@@ -37,10 +37,14 @@ def verdict(report: DesignReport) -> Verdict:
     taken = report.loops.recommended
     if taken is None:
         return _none(report)
+    fragile = report.loops.shortfall is not None  # what limits it then fills the paragraph, and its stops are points
     points = (
         ("Why this one", _reasons(report, taken)),
-        ("Low speed", _low_speed(report, taken)),
-        ("Dry against wet", _dry_against_wet(report, taken)),
+        ("Low speed", _joined(_over_speed(report) if fragile else "", _low_speed(report, taken))),
+        (
+            "Braking runs" if fragile else "Dry against wet",
+            _joined(*(_told_stops(report, taken) if fragile else ()), _dry_against_wet(report, taken)),
+        ),
         ("Not covered", _not_covered(report, taken)),
         ("Sliding mode", _sliding(report)),
         ("The paper", _paper(report)),
@@ -71,14 +75,19 @@ def _none(report: DesignReport) -> Verdict:
 
 
 def _paragraph(report: DesignReport, taken: LoopDesign) -> str:
+    if report.loops.shortfall is not None:
+        return no_robust_design(report, report.loops.shortfall, taken)
+    return _joined(_recommended(report, taken), _over_speed(report), *_told_stops(report, taken))
+
+
+def _told_stops(report: DesignReport, taken: LoopDesign) -> tuple[str, ...]:
+    """The stops of the recommended design, what is shorter, and where it overshoots."""
     stops = _stops(report)
-    found = (
-        _recommended(report, taken),
-        _over_speed(report),
-        *(_stop(stop, taken, stops) for stop in stops),
-        _shortest(stops, taken),
-    )
-    return " ".join(text for text in (*found, _surge(report, taken)) if text)
+    return (*(_stop(stop, taken, stops) for stop in stops), _shortest(stops, taken), _surge(report, taken))
+
+
+def _joined(*texts: str) -> str:
+    return " ".join(text for text in texts if text)
 
 
 def _recommended(report: DesignReport, taken: LoopDesign) -> str:
@@ -86,8 +95,6 @@ def _recommended(report: DesignReport, taken: LoopDesign) -> str:
     points = "the operating point" if count == 1 else f"the {count} operating points"
     name, gains = report.check.vehicle.name, controller_words(taken.controller)
     worst = f"(worst Ms {short(taken.worst_ms, 3)})"
-    if report.loops.shortfall is not None:
-        return no_robust_design(report, report.loops.shortfall, taken)
     if not taken.robust:
         return (
             f"No robust design was found for {name}. The least fragile is “{taken.name}”, {gains}: stable at {points} "
@@ -100,21 +107,25 @@ def _over_speed(report: DesignReport) -> str:
     speeds = report.loops.speeds
     if speeds is None:
         return ""
+    text = _robust_speeds(report, speeds)
+    if speeds.stable_from <= speeds.least_kmh:
+        return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
+    if report.loops.shortfall is not None:
+        return f"{text}."  # it stands under Low speed, which goes on with where stability ends
     if math.isinf(speeds.robust_from):
-        text = f"On some law, rail or load Ms is above {ROBUST_MS:g} up to the highest speed"
-    else:
-        on = _conditions(report, speeds)
-        text = f"Ms stays at most {ROBUST_MS:g} from {above(speeds.robust_from)} km/h up, on {on}"
-    if speeds.stable_from > speeds.least_kmh and math.isinf(speeds.robust_from):
         return f"{text}, and {lost_words(speeds)}, where slip control has to be cut out."
-    if speeds.stable_from > speeds.least_kmh:
-        return f"{text}. Not for lower speeds (see Low speed): {lost_words(speeds)}."
-    return f"{text}; every loop is stable down to {speeds.least_kmh:g} km/h."
+    return f"{text}. Not for lower speeds (see Low speed): {lost_words(speeds)}."
+
+
+def _robust_speeds(report: DesignReport, speeds: SpeedRange) -> str:
+    if math.isinf(speeds.robust_from):
+        return f"On some law, rail or load Ms is above {ROBUST_MS:g} up to the highest speed"
+    return f"Ms stays at most {ROBUST_MS:g} from {above(speeds.robust_from)} km/h up, on {_conditions(report, speeds)}"
 
 
 def _conditions(report: DesignReport, speeds: SpeedRange) -> str:
     asked = report.plants[0].point
-    names = {asked.adhesion: law_words(asked.law, source_at(asked))}
+    names = {asked.adhesion: words_at(asked)}
     laws = list(dict.fromkeys(names.get(line.law, line.law) for line in speeds.lines))
     rails = list(dict.fromkeys(str(line.rail) for line in speeds.lines))
     loaded = ", empty and loaded" if len({line.mass for line in speeds.lines}) > 1 else ""
