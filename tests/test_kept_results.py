@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 
-from railslip_ctrl.design_report import kept as module
-from railslip_ctrl.design_report.kept import kept
+from railslip_ctrl import kept as module
+from railslip_ctrl.kept import kept
 from railslip_ctrl.kernels.compilation import CACHE_VARIABLE
 
 
@@ -52,7 +54,7 @@ def test_other_source_is_another_result(computed, monkeypatch, tmp_path):
     package = tmp_path / "package"
     package.mkdir()
     (package / "__init__.py").write_text("")
-    monkeypatch.setattr(module.railslip_ctrl, "__file__", str(package / "__init__.py"))
+    monkeypatch.setattr(module, "_PACKAGE", package)
     for text, count in (("x = 1\n", 1), ("x = 1\n", 1), ("x = 2\n", 2)):
         (package / "module.py").write_text(text)
         module._of_code.cache_clear()
@@ -68,3 +70,15 @@ def test_a_folder_that_is_shut_costs_nothing_but_time(computed, monkeypatch, tmp
     assert kept("name", compute)[2] == 1
     assert kept("name", compute)[2] == 2
     assert len(times) == 2
+
+
+def test_the_folder_keeps_what_was_asked_for_last(computed, monkeypatch):
+    compute, times, folder = computed
+    monkeypatch.setattr(module, "_MOST", 3)
+    for i, name in enumerate("abcd"):
+        kept(name, compute)
+        for path in folder.glob(f"{name}-*"):
+            os.utime(path, (i, i))
+        module.found("a")  # which makes it the latest
+    assert {path.name[0] for path in folder.iterdir()} == {"a", "c", "d"}
+    assert len(times) == 4

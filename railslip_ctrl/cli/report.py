@@ -68,8 +68,9 @@ _OF_PAGE = (
 @click.option(
     "--fresh",
     is_flag=True,
-    help="Decide the conditions of the sliding-mode laws, and compute the paper's numbers and errata, again; what an "
-    "earlier report of this version found (of the conditions, for the same vehicle) is taken otherwise.",
+    help="Decide the conditions of the sliding-mode laws, compute the paper's numbers and errata, and draw the "
+    "pictures, again; what an earlier report of this version found of the same vehicle, or drew of the same numbers, "
+    "is taken otherwise.",
 )
 @click.pass_context
 def command(
@@ -161,12 +162,14 @@ def _with_page(
     from railslip_ctrl.plots.design_report import linear_drawings, run_drawings
     from railslip_ctrl.plots.side_by_side import drawing_room
 
-    with drawing_room(helped=cores() > 1) as room:
+    with drawing_room(helped=cores() > 1, fresh=fresh) as room:
 
         def draw(part: LinearPart | RunPart) -> list[Callable[[], None]]:
             drawings = linear_drawings(part) if isinstance(part, LinearPart) else run_drawings(part)
-            told(f"pictures: {', '.join(drawings)}")
-            return room.take(drawings)
+            left = room.take(drawings)
+            again = [name for name in drawings if name in room.from_cache]
+            told(f"pictures: {', '.join(drawings)}" + (f" (from the cache: {len(again)})" if again else ""))
+            return left
 
         report = design_report(check, points, given=gains, fresh=fresh, progress=told, meanwhile=draw)
         pictures = room.files()

@@ -14,6 +14,8 @@ from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.kept import found as look_up
+from railslip_ctrl.kept import kept
 from railslip_ctrl.kernels import compilation
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.machine import cores
@@ -25,8 +27,6 @@ from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding_verification import FullVerification, Law, verify_with_actuator
 
-from .kept import found as look_up
-from .kept import kept
 from .loops import gain_region, law_curves, loop_designs, recommended_group
 from .records import DesignReport, LinearPart, LoopDesigns, RunPart, SlidingVerdict
 from .stops import stops

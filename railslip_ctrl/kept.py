@@ -13,15 +13,20 @@ import pickle
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-import railslip_ctrl
 from railslip_ctrl.kernels.compilation import cache_folder
 
 T = TypeVar("T")
+
+_PACKAGE = Path(__file__).parent
+
+_MOST = 600
+"""Results at most in the folder, some 100 MB: of those beyond, the ones that were longest not asked for go."""
 
 _COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")
 
@@ -49,8 +54,13 @@ def kept(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = 
 
 def found(name: str, given: str = "") -> Any:
     """What `kept` keeps under a name for what is given; None if nothing is."""
-    content = _content(_path(name, given))
-    return None if content is None else pickle.loads(content)
+    path = _path(name, given)
+    content = _content(path)
+    if content is None:
+        return None
+    with suppress(OSError):
+        os.utime(path)  # asked for now
+    return pickle.loads(content)
 
 
 def _path(name: str, given: str) -> Path:
@@ -69,12 +79,12 @@ def _content(path: Path) -> bytes | None:
 def _keep(path: Path, content: bytes) -> None:
     """Write in one step; a folder that cannot be written to costs the next report some time, and this one nothing."""
     content = hashlib.sha256(content).hexdigest().encode() + b"\n" + content
-    try:
+    with suppress(OSError):
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
             file.write(content)
         os.replace(file.name, path)
-    except OSError:
-        pass
+        for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
+            old.unlink()
 
 
 def _hash(given: str) -> str:
@@ -85,7 +95,6 @@ def _hash(given: str) -> str:
 def _of_code() -> str:
     """A hash of what computes."""
     digest = hashlib.sha256(" ".join([sys.version, *(f"{name} {version(name)}" for name in _COMPUTES)]).encode())
-    root = Path(railslip_ctrl.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes() + b"\0")
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
