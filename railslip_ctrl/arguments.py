@@ -103,6 +103,8 @@ def reals(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 def complexes(name: str, values: ArrayLike) -> NDArray[np.complex128]:
     """Return an array of complex numbers, of any shape, finite or not; InputError for anything else."""
+    if isinstance(values, np.ndarray) and values.dtype == np.complex128:
+        return values
     return np.asarray(_apply(name, _array, values), dtype=complex)
 
 

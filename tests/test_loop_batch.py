@@ -49,8 +49,8 @@ def random_loops(n, zero_shape, pole_shape, seed):
     return zeros, poles, gain, rng.choice([0.0, 1.0, 1.0], n) * rng.uniform(0, 1, n)
 
 
-def assert_equals_scalar(arguments, found, *, names=VALUES):
-    for i, (zeros, poles, gain, tau) in enumerate(zip(*arguments, strict=True)):
+def assert_equals_scalar(arguments, found, *, names=VALUES, every=1):
+    for i, (zeros, poles, gain, tau) in list(enumerate(zip(*arguments, strict=True)))[::every]:
         loop = DeadTimeLoop(Rational(zeros, poles, gain), tau)
         assert found.stable[i] == loop.is_stable()
         assert found.unstable_poles[i] == loop.unstable_closed_loop_poles
@@ -86,7 +86,8 @@ def test_wheel_slip_loops_equal_the_scalar_engine_without_using_it(lead, dead_ti
     assert 0.2 < found.stable.mean() < 0.9
     assert found.unstable_poles.max() >= 2
     # without dead time some peaks tie with the end of the axis, where rounding decides which frequency is named
-    assert_equals_scalar(arguments, found, names=NAMES if dead_time else VALUES)
+    # all of one kind, so that every third, from the first chunk and the second, shows what they all would
+    assert_equals_scalar(arguments, found, names=NAMES if dead_time else VALUES, every=3)
 
 
 STRUCTURES = [
@@ -131,10 +132,28 @@ def test_result_of_a_loop_does_not_depend_on_its_company():
     arguments = slip_loops(1100)  # three chunks
     whole = batch_margins(*arguments)
     some = np.random.default_rng(1).permutation(1100)[:40]
+    alone = [batch_margins(*(a[i : i + 1] for a in arguments)) for i in some]
     for name in NAMES:
-        alone = [getattr(batch_margins(*(a[i : i + 1] for a in arguments)), name)[0] for i in some]
         # the common node matrix differs with the company, the refined results do not
-        assert getattr(whole, name)[some] == pytest.approx(np.array(alone), rel=1e-9, nan_ok=True)
+        own = np.array([getattr(one, name)[0] for one in alone])
+        assert getattr(whole, name)[some] == pytest.approx(own, rel=1e-9, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "names"),
+    [("gain_margins", ("gain_increase", "gain_decrease")), ("peaks", ("ms", "mt", "disk"))],
+)
+def test_margins_that_are_not_asked_for_are_nan_and_change_no_other(left_out, names):
+    delicate = stack([Rational([-1.0], [-1e-9 + 1j, -1e-9 - 1j], 0.01)], 0.0)  # left to the scalar engine
+    for arguments in (slip_loops(50), delicate):
+        whole, part = batch_margins(*arguments), batch_margins(*arguments, **{left_out: False})
+        assert whole.stable.any()
+        for name in NAMES:
+            if name.removesuffix("_frequency") in names:
+                assert np.isnan(getattr(part, name)).all()
+            else:
+                assert np.array_equal(getattr(part, name), getattr(whole, name), equal_nan=True)
+        assert np.array_equal(part.unstable_poles, whole.unstable_poles)
 
 
 HALF_TURN = np.pi / 2

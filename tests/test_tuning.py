@@ -10,6 +10,7 @@ import pytest
 
 from railslip_ctrl import DeadTimeLoop, tune_pi
 from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.ellipses import Ellipses
 from railslip_ctrl.design.families import family_margins, worst_of
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.tuning import Specification, pi_for_crossover, pi_transfer_function
@@ -64,6 +65,17 @@ def test_largest_ki_under_ms_is_on_the_bound_and_the_largest(compensator):
         controller = pi_transfer_function(kp, design.ki * 1.0005)
         worst = worst_of(family_margins([DeadTimeLoop(controller * extra * g, 0.15) for g in plants]))
         assert worst is None or worst.ms > ms_max
+
+
+def test_where_the_ellipses_mislead_the_exact_margins_are_searched(monkeypatch):
+    plant = twelve_points()[4]
+    expected = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
+    end_of = Ellipses.end_of
+    # as if a bound lay beyond their frequencies, and the more so the smaller kp is
+    monkeypatch.setattr(Ellipses, "end_of", lambda self, kp, gap: end_of(self, kp, gap) * min(kp / 1000, 0.9))
+    found = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
+    assert found.worst.ms == pytest.approx(1.8, rel=1e-9)
+    assert found.ki == pytest.approx(expected.ki, rel=1e-9)
 
 
 def test_stable_first_order_plant_against_migo_s_own_example():

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,16 +86,7 @@ class Decomposition:
 
     def controller(self, kp: float, ki: float) -> Rational:
         """C(s) in factored form; with ki = 0 it has no integrator."""
-        lag = self.derivative_filter
-        derivative = self.derivative_gain + kp * self.derivative_time
-        poles = [] if lag == 0 else [-1 / lag]
-        numerator = [kp * lag + derivative, kp] if ki == 0 else [kp * lag + derivative, kp + ki * lag, ki]
-        if ki != 0:
-            poles = [0.0, *poles]
-        coefficients = np.trim_zeros(np.array(numerator), "f")
-        if coefficients.size == 0:
-            return Rational(np.array([]), np.array(poles), 0.0)
-        return Rational(_real_roots_first(coefficients), np.array(poles), float(coefficients[0]) / (lag or 1.0))
+        return _controller(kp, ki, self.derivative_gain + kp * self.derivative_time, self.derivative_filter)
 
     # -- the boundary curve -------------------------------------------------------------------------------
 
@@ -312,6 +303,19 @@ class Decomposition:
         found = bracketed_roots(lambda w, i: function(w, i)[0], points[at], points[at + 1])
         _, slope, size = function(found, at)
         return found, np.asarray(slope * found > -_SURELY_FALLING * size)
+
+
+@lru_cache(maxsize=16)  # the plants of a family are asked about the same gains one after another
+def _controller(kp: float, ki: float, derivative: float, lag: float) -> Rational:
+    """kp + ki/s + derivative s/(lag s + 1)."""
+    poles = [] if lag == 0 else [-1 / lag]
+    numerator = [kp * lag + derivative, kp] if ki == 0 else [kp * lag + derivative, kp + ki * lag, ki]
+    if ki != 0:
+        poles = [0.0, *poles]
+    coefficients = np.trim_zeros(np.array(numerator), "f")
+    if coefficients.size == 0:
+        return Rational(np.array([]), np.array(poles), 0.0)
+    return Rational(_real_roots_first(coefficients), np.array(poles), float(coefficients[0]) / (lag or 1.0))
 
 
 def _real_roots_first(coefficients: Floats) -> Complexes:

@@ -23,8 +23,10 @@ class Worst:
     delay_member: int
 
 
-def family_margins(loops: Sequence[DeadTimeLoop]) -> BatchMargins:
+def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
     """Margins of loops of any structures, in their order; NaN where a loop is unstable.
+
+    Without `gain_margins` or `peaks` (Ms, Mt, disk margin) those are NaN, and the rest takes less time.
 
     Loops with as many zeros as poles go through the scalar engine, one by one.
     """
@@ -34,7 +36,8 @@ def family_margins(loops: Sequence[DeadTimeLoop]) -> BatchMargins:
         groups.setdefault((loop.system.zeros.size, loop.system.poles.size), []).append(i)
     for (zeros, poles), members in groups.items():
         if zeros < poles:
-            part = batch_margins(*stack([loops[i].system for i in members], [loops[i].dead_time for i in members]))
+            stacked = stack([loops[i].system for i in members], [loops[i].dead_time for i in members])
+            part = batch_margins(*stacked, gain_margins=gain_margins, peaks=peaks)
             for name in found:
                 found[name][members] = getattr(part, name)
         else:

@@ -23,8 +23,8 @@ def stable_intervals(
 ) -> Intervals:
     """The intervals between critical gains in which the root count is 0; over all reals, or over those > 0.
 
-    Only boundaries marked leftward can lower the count, each by at most 2, so that with n unstable poles the
-    next interval worth a count lies beyond (n + 1)//2 of them.
+    Only boundaries marked leftward can lower the count, each by at most 2, all others raise it: with n unstable poles
+    the next interval worth a count lies beyond (n + 1)//2 of the former, and from a stable one beyond the next.
     """
     limit = critical.complete_to
     edges = [-limit if signed else 0.0, *critical.values.tolist(), limit]
@@ -42,7 +42,8 @@ def stable_intervals(
             if found and found[-1][1] == low and count(low).stable:
                 low = found.pop()[0]
             found.append((low, high))
-        needed = 0 if inside.marginal or not math.isfinite(inside.right) else (int(inside.right) + 1) // 2
+        unknown = inside.marginal or not math.isfinite(inside.right)
+        needed = 0 if unknown else max(1, (int(inside.right) + 1) // 2)
         ahead = leftward[leftward > i]
         if needed > ahead.size:
             break

@@ -117,7 +117,7 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
     members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]
     shape = (columns.size, rows.size, len(members[0]) if members else 1)
-    margins = family_margins([loop for loops in members for loop in loops])
+    margins = family_margins([loop for loops in members for loop in loops], gain_margins=False)
     inside = margins.stable.reshape(shape).all(axis=2) & (rows >= 0)
 
     def worst(values: Floats, reduce: Callable[..., Any]) -> Floats:

@@ -99,8 +99,11 @@ def range_cases(
     ]
     loads = _loads(operating_range, vehicle)
     for name, rail in product(operating_range.laws, operating_range.rails):
-        for speed, loaded, factor in product(operating_range.speeds_kmh, loads, operating_range.slip_factors):
-            law = published_law(name, rail, operating_range.initial_speed_kmh, loaded.wheel_load)
+        laws = [published_law(name, rail, operating_range.initial_speed_kmh, each.wheel_load) for each in loads]
+        under_loads = list(zip(laws, loads, strict=True))
+        for speed, (law, loaded), factor in product(
+            operating_range.speeds_kmh, under_loads, operating_range.slip_factors
+        ):
             try:
                 plant = linearize(operating_point(law, loaded, speed * KMH, factor * _reference(law, rail), rail=rail))
             except (DomainError, KinkError) as error:

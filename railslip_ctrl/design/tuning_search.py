@@ -1,15 +1,14 @@
 """The search behind `tuning`: a family of plants, the gains that keep a specification, the best of them.
 
-Where Ms <= M is asked for, each frequency forbids an ellipse of gains: |1 + (kp + ki/(j omega)) P| >= 1/M reads
-(kp + Re 1/P)^2 + (ki/omega - Im 1/P)^2 >= |1/P|^2/M^2 ([Astrom1998], MIGO). The exact loop decides each gap between
-the ellipses, and the best point is refined on the exact margins.
+Where Ms <= M is asked for, each frequency forbids an ellipse of gains (`ellipses`). The exact loop decides each gap
+between the ellipses, and the best point is refined on the exact margins.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,19 +17,22 @@ from numpy.typing import NDArray
 from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
-from railslip_ctrl.loop.crossings import Response, frequency_nodes
 
+from .ellipses import Ellipses, Gap
 from .families import family_margins
 from .specification import Specification
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _KP_POINTS = 80  # over the stabilising range: a coarse look, refined afterwards
-_PER_NODE = 6  # frequencies between neighbouring nodes of a loop, for the ellipses
 _SCAN_POINTS, _SCAN_RATIO = 40, 1.25  # integral gains looked at below a bound: down to 1e-4 of it
 _ZOOM_STARTS, _ZOOMS, _ZOOM_POINTS, _ZOOM_SHRINK = 4, 12, 9, 0.6
 _LOG_SCAN_RATIO = math.log(_SCAN_RATIO) + 1e-6
+_ELLIPSES_AGREE = 1e-6  # relative, of their end with the exact limit: both are exact, this one's rounding is 1e-9
+_FEW = 4  # gains asked about all plants at once
+_SCANNED_AT_ONCE = 10  # of `_SCAN_POINTS`
 _UNBOUNDED = 1e4  # a stabilising range without upper end is searched up to this factor above its scale
 
 
@@ -62,13 +64,15 @@ class Family:
     def stable(self, kp: float, ki: float) -> bool:
         return all(loop.is_stable() for loop in self.loops(kp, ki))
 
-    def margins(self, kp: Floats, ki: Floats) -> BatchMargins:
-        """Of every loop, for gains of shape (n,): n times the number of plants, the plants of a gain together."""
-        return family_margins([loop for a, b in zip(kp, ki, strict=True) for loop in self.loops(a, b)])
+    def margins(self, kp: Floats, ki: Floats, *, peaks: bool) -> BatchMargins:
+        """Of every loop but gain margins, for gains of shape (n,): n times the number of plants, those of a gain
+        together."""
+        loops = [loop for a, b in zip(kp, ki, strict=True) for loop in self.loops(a, b)]
+        return family_margins(loops, gain_margins=False, peaks=peaks)
 
     def worst(self, kp: Floats, ki: Floats, margin: str) -> Floats:
         """The worst of a margin over the plants, negative if more of it is better; inf where a loop is unstable."""
-        margins, shape = self.margins(kp, ki), (kp.size, len(self.systems))
+        margins, shape = self.margins(kp, ki, peaks=margin == "ms"), (kp.size, len(self.systems))
         values = getattr(margins, margin).reshape(shape) * (1 if margin == "ms" else -1)
         return np.asarray(np.where(margins.stable.reshape(shape), values, np.inf).max(axis=1))
 
@@ -78,7 +82,8 @@ class Family:
 
     def excesses(self, kp: Floats, ki: Floats, specification: Specification) -> Floats:
         """As `excess`, for many gains at once; arrays of one shape (n,)."""
-        margins, shape = self.margins(kp, ki), (kp.size, len(self.systems))
+        margins = self.margins(kp, ki, peaks=specification.ms_max is not None)
+        shape = kp.size, len(self.systems)
         misses = np.full(shape, -np.inf)
         if specification.ms_max is not None:
             misses = np.fmax(misses, margins.ms.reshape(shape) / specification.ms_max - 1)
@@ -92,6 +97,16 @@ class Family:
             outside = np.fmax(at / high - 1, 1 - at / low if low > 0 else -1.0)
             misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))  # a loop without crossover has none there
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
+
+    def meets(self, kp: Floats, ki: Floats, specification: Specification) -> Flags:
+        """Whether each of many gains, (n,), meets the specification: the first plant alone spares the others most of
+        those that do not."""
+        met = np.ones(kp.size, dtype=bool)
+        for part in (slice(0, 1), slice(1, None)) if kp.size > _FEW else (slice(None),):
+            some = replace(self, systems=self.systems[part], dead_times=self.dead_times[part])
+            if some.systems and met.any():
+                met[met] = some.excesses(kp[met], ki[met], specification) <= 0
+        return met
 
     def kp_values(self) -> Floats:
         """A coarse grid over the gains that stabilise all plants with little integral action."""
@@ -134,23 +149,15 @@ def _spread(low: float, high: float) -> Floats:
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
     grid = family.kp_values()
-    ellipses = _Ellipses(family, specification.ms_max) if specification.ms_max is not None else None
-
-    def upper(kp: Floats) -> Floats:
-        return ellipses.largest_ki(kp) if ellipses is not None else _largest_stable_ki(family, kp)
-
-    def refined(kp: float) -> float:
-        return _refined_ki(family, specification, kp, float(upper(np.array([kp]))[0]))
-
-    coarse = upper(grid)
+    search = _Search(family, specification.ms_max) if specification.ms_max is not None else None
+    coarse = search.largest_ki(grid) if search is not None else _largest_stable_ki(family, grid)
     if not specification.only_ms:
         coarse = _scanned(family, specification, grid, coarse)
     if not np.any(coarse > 0):
         raise _infeasible(family, specification, grid)
     _refuse_unbounded(family, grid, coarse)
-    if specification.only_ms:
-        kp = _maximise_near(refined, grid, coarse)
-        ki = refined(kp)
+    if search is not None and specification.only_ms:
+        kp, ki = _on_the_ellipses(family, specification, search, grid, coarse)
     else:
         kp, start = _zoomed(family, specification, grid, coarse)
         near = kp + abs(kp) * np.array([-0.1, 0.0, 0.1])  # the ridge of one smooth bound, finer than the zoom
@@ -158,6 +165,23 @@ def largest_ki(family: Family, specification: Specification) -> tuple[float, flo
         ki = _refined_ki(family, specification, kp, start)
     if ki <= 0:
         raise _infeasible(family, specification, grid)
+    return kp, ki
+
+
+def _on_the_ellipses(
+    family: Family, specification: Specification, search: _Search, grid: Floats, coarse: Floats
+) -> tuple[float, float]:
+    """(kp, ki) of largest ki where Ms alone bounds it: along the ellipses, and at the end by the exact margins."""
+
+    def exactly(kp: float) -> float:
+        return _refined_ki(family, specification, kp, search.end_at(kp))
+
+    kp = _maximise_near(search.end_at, grid, coarse)
+    ki = exactly(kp)
+    if not abs(ki - search.end_at(kp)) <= _ELLIPSES_AGREE * ki:
+        # what bounds ki lies beyond the frequencies of the ellipses: search on the exact margins
+        kp = _maximise_near(exactly, grid, coarse)
+        ki = exactly(kp)
     return kp, ki
 
 
@@ -187,7 +211,7 @@ def _zoomed(family: Family, specification: Specification, grid: Floats, coarse: 
             across = kp + spacing * np.linspace(-1, 1, _ZOOM_POINTS)
             up = ki * ratio ** np.linspace(-0.25, 1, _ZOOM_POINTS)
             gains = np.repeat(across, up.size), np.tile(up, across.size)
-            met = family.excesses(*gains, specification) <= 0
+            met = family.meets(*gains, specification)
             if met.any():
                 at = int(np.argmax(np.where(met, gains[1], -np.inf)))
                 kp, ki = float(gains[0][at]), float(gains[1][at])
@@ -201,14 +225,12 @@ def _scanned(family: Family, specification: Specification, kp: Floats, upper: Fl
     """For each kp the largest ki of a geometric grid below `upper` that meets the specification; 0 if none does."""
     upper = np.where(np.isinf(upper), np.maximum(np.abs(kp), 1.0) * _UNBOUNDED, upper)
     ki = upper[:, None] * _SCAN_RATIO ** -np.arange(_SCAN_POINTS, dtype=float)[None, :]
-    live = upper > 0
     found = np.zeros(kp.size)
-    if not live.any():
-        return found
-    gains = np.repeat(kp[live], _SCAN_POINTS), ki[live].ravel()
-    met = family.excesses(*gains, specification).reshape(-1, _SCAN_POINTS) <= 0
-    first = np.argmax(met, axis=1)
-    found[live] = np.where(met.any(axis=1), ki[live][np.arange(first.size), first], 0.0)
+    for start in range(0, _SCAN_POINTS, _SCANNED_AT_ONCE):
+        live = np.flatnonzero((upper > 0) & (found == 0))
+        below = ki[live, start : start + _SCANNED_AT_ONCE]
+        met = family.meets(np.repeat(kp[live], below.shape[1]), below.ravel(), specification).reshape(below.shape)
+        found[live] = np.where(met.any(axis=1), below[np.arange(live.size), np.argmax(met, axis=1)], 0.0)
     return found
 
 
@@ -272,52 +294,38 @@ def _maximise_near(value: Callable[[float], float], grid: Floats, coarse: Floats
     return float(result.x) if -result.fun >= value(float(grid[top])) else float(grid[top])
 
 
-class _Ellipses:
-    """The gains that Ms <= M forbids, sampled densely in frequency."""
+class _Search:
+    """Over the `Ellipses` of a family: which gaps are stable only the exact loops tell."""
 
     def __init__(self, family: Family, ms_max: float) -> None:
         self._family = family
         self._specification = Specification(ms_max=ms_max)
-        omegas, inverses = [], []
-        for g, tau in zip(family.systems, family.dead_times, strict=True):
-            response = Response(g, tau)
-            nodes = frequency_nodes(response)
-            # beyond a hundred times the gain's own bandwidth |C P| is too small to matter
-            omega = np.interp(np.arange((nodes.size - 1) * _PER_NODE + 1) / _PER_NODE, np.arange(nodes.size), nodes)
-            omegas.append(omega)
-            inverses.append(1 / response(omega))
-        self._omega = np.concatenate(omegas)
-        inverse = np.concatenate(inverses)
-        self._x, self._y, self._radius = inverse.real, inverse.imag, np.abs(inverse) / ms_max
+        self._ellipses = Ellipses(family.systems, family.dead_times, ms_max)
 
     def largest_ki(self, kp: Floats) -> Floats:
-        """For each kp, (n,), the upper end of the highest gap between forbidden ki that is stable; 0 without one."""
-        gaps = [self._gaps(float(one)) for one in kp]
-        found, left, looked, more = np.zeros(kp.size), list(range(kp.size)), 0, 1
+        """For each kp, (n,), the upper end of the highest gap between forbidden ki that is stable, as the samples
+        show it; 0 without one."""
+        return np.array([0.0 if gap is None else gap.end for gap in self._highest(kp)])
+
+    def end_at(self, kp: float) -> float:
+        """As `largest_ki`, to rounding, for one kp."""
+        gap = self._highest(np.array([kp]))[0]
+        return 0.0 if gap is None else self._ellipses.end_of(kp, gap)
+
+    def _highest(self, kp: Floats) -> list[Gap | None]:
+        gaps = [self._ellipses.gaps(float(one)) for one in kp]
+        found: list[Gap | None] = [None] * kp.size
+        left, looked, more = list(range(kp.size)), 0, max(1, _FEW // kp.size)
         while left := [i for i in left if looked < len(gaps[i])]:
-            tried = [(i, end, inside) for i in left for end, inside in gaps[i][looked : looked + more]]
-            index, ends, insides = (np.array(values) for values in zip(*tried, strict=True))
+            tried = [(i, gap) for i in left for gap in gaps[i][looked : looked + more]]
+            index, insides = np.array([i for i, _ in tried]), np.array([gap.inside for _, gap in tried])
             # the sampled frequencies end somewhere: what lies beyond their reach only the exact loop tells
-            met = self._family.excesses(kp[index], insides, self._specification) <= 0
-            found[index[met][::-1]] = ends[met][::-1]  # the first of each, which is its highest, is put in last
-            left = sorted(set(left) - set(index[met].tolist()))
+            met = np.flatnonzero(self._family.meets(kp[index], insides, self._specification))
+            for number in met[::-1].tolist():  # the first of each, which is its highest, is put in last
+                found[tried[number][0]] = tried[number][1]
+            left = [i for i in left if found[i] is None]
             looked, more = looked + more, 2 * more  # few calls where the stable gap comes late
         return found
-
-    def _gaps(self, kp: float) -> list[tuple[float, float]]:
-        """Upper end of each gap between forbidden ki, and a ki inside it; the highest first."""
-        with np.errstate(invalid="ignore"):
-            half = np.sqrt(self._radius**2 - (kp + self._x) ** 2)
-        hit = half > 0
-        low = self._omega[hit] * (self._y[hit] - half[hit])
-        high = self._omega[hit] * (self._y[hit] + half[hit])
-        order = np.argsort(low)
-        low, high = low[order], np.maximum.accumulate(high[order])
-        starts = np.maximum(np.concatenate([[0.0], high]), 0.0)
-        ends = np.concatenate([low, [np.inf]])
-        gaps = np.flatnonzero((ends > starts * (1 + 1e-9)) & (ends > 0))[::-1]
-        inside = np.where(np.isfinite(ends[gaps]), 0.5 * (starts[gaps] + ends[gaps]), 2 * starts[gaps] + abs(kp))
-        return list(zip(ends[gaps].tolist(), inside.tolist(), strict=True))
 
 
 def _infeasible(family: Family, specification: Specification, grid: Floats) -> InfeasibleDesignError:

@@ -7,6 +7,7 @@ polynomials lose digits, gives the phase of G(j omega) as a *continuous* functio
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
@@ -57,15 +58,16 @@ class Rational:
     gain: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "zeros", np.atleast_1d(complexes("zeros", self.zeros)))
-        object.__setattr__(self, "poles", np.atleast_1d(complexes("poles", self.poles)))
+        for name in ("zeros", "poles"):
+            roots = complexes(name, getattr(self, name))
+            object.__setattr__(self, name, roots if roots.ndim else roots[None])
         object.__setattr__(self, "gain", real("gain", self.gain))
         if self.zeros.size > self.poles.size:
             raise InputError(
                 f"transfer function with {self.zeros.size} zeros and {self.poles.size} poles is not proper; "
                 "add poles (for example a derivative filter)"
             )
-        finite = np.isfinite(self.zeros).all() and np.isfinite(self.poles).all() and np.isfinite(self.gain)
+        finite = np.isfinite(self.zeros).all() and np.isfinite(self.poles).all() and math.isfinite(self.gain)
         if not finite:
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
 
@@ -249,7 +251,10 @@ class Rational:
 
 def polynomial_roots(coefficients: ArrayLike) -> Complexes:
     """Roots of a polynomial given in descending powers, always complex."""
-    return np.asarray(np.roots(np.asarray(coefficients, dtype=float)), dtype=np.complex128)
+    given = np.asarray(coefficients, dtype=float)
+    if given.shape == (2,) and given.all():  # what `np.roots` does by an eigenvalue solver: a PI's zero, asked often
+        return np.array([-given[1] / given[0]], dtype=np.complex128)
+    return np.asarray(np.roots(given), dtype=np.complex128)
 
 
 def cleaned(roots: Complexes) -> Complexes:
