@@ -13,7 +13,7 @@ report: $(READY)          ## the main job: stability-margin report, dry and wet 
 	$(BIN)/railslip report --out railslip-report
 
 test: lint                ## linter, formatter, types, import contract, tests
-	$(BIN)/python -m pytest -n auto --dist loadgroup --no-loadscope-reorder  # tests/conftest.py has the order
+	$(BIN)/python -m pytest -n auto  # tests/conftest.py has the order, and what shares a process
 
 lint: $(READY)
 	$(BIN)/ruff check .

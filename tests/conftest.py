@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from project import REPORT
 
 from railslip_ctrl.cli import main
 
@@ -23,14 +27,37 @@ LONGEST = (
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 
 
+TOGETHER = dict.fromkeys(
+    ("test_html_report.py", "test_no_robust_design.py", "test_report_browser.py", "test_report_words.py",
+     "test_slow_end.py"), "html report",
+)  # fmt: skip
+"""Files that share a worker, for their fixtures `full_report` and `record`."""
+
+
+def group_of(nodeid):
+    """A file's tests share a worker, so that what its fixtures work out is worked out once."""
+    name = nodeid.partition("::")[0].rpartition("/")[2]
+    return TOGETHER.get(name, name)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Whatever --dist says. That of `--dist loadgroup` groups nothing under pytest 9.2: xdist 3.8 sets `_nodeid`."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByGroup(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            return group_of(nodeid)
+
+    config.option.loadscopereorder = False  # the order is that below
+    return ByGroup(config, log)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """A file's tests share a worker, so that what its fixtures work out is worked out once."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.path.name))
+    """The groups that take longest first."""
     order = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(item.get_closest_marker("xdist_group").args[0], len(order)))
+    items.sort(key=lambda item: order.get(group_of(item.nodeid), len(order)))
 
 
 @pytest.fixture
@@ -54,12 +81,12 @@ def without_lag_search():
         yield
 
 
-@pytest.fixture(autouse=True)
-def _figures_without_defects(monkeypatch):
-    """Every PNG that a test saves, by a script or a command, is looked at as `figure_checks` does."""
+@pytest.fixture(autouse=True, scope="session")
+def _figures_without_defects():
+    """Every PNG that a test or a fixture saves, by a script or a command, is looked at as `figure_checks` does."""
     from figure_checks import defects
 
-    from railslip_ctrl.plots import style
+    from railslip_ctrl.plots import side_by_side, style
 
     saved = style.figure_bytes
 
@@ -68,14 +95,32 @@ def _figures_without_defects(monkeypatch):
         assert form != "png" or defects(figure) == []  # an SVG is drawn at another size than the figure keeps
         return content
 
-    monkeypatch.setattr(style, "figure_bytes", looked_at)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "figure_bytes", looked_at)
+        patch.setattr(side_by_side, "found", lambda *_: None)  # what was drawn before was not looked at
+        patch.setattr(side_by_side, "kept", lambda *_, **__: None)
+        yield
+
+
+@pytest.fixture(scope="session")
+def report_of_the_readme(tmp_path_factory):
+    """`REPORT` run once in this process, without the page, which takes most of the time and is `full_report`'s.
+
+    Gives the folder that it names, the exit status, standard output and standard error.
+    """
+    folder, out, err = tmp_path_factory.mktemp("readme"), io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        patch.chdir(folder)
+        with pytest.raises(SystemExit) as caught:
+            main([*REPORT, "--no-html"])
+    return folder / Path(REPORT[-1]), caught.value.code, out.getvalue(), err.getvalue()
 
 
 @pytest.fixture(scope="session")
 def full_report(tmp_path_factory):
     """The folder of `railslip report` run once as a user would, and what it printed: standard output and error.
 
-    Tests that take it share a worker by the mark `xdist_group("html report")`, so that it is made once.
+    Files whose tests take it are in `TOGETHER`, so that it is made once.
     """
     folder = tmp_path_factory.mktemp("report") / "out"
     command = [sys.executable, "-m", "railslip_ctrl", "report", "--speed", "100", "--out", str(folder)]

@@ -199,7 +199,7 @@ DRIVER = """
 import json, sys
 from pathlib import Path
 
-sys.dont_write_bytecode = True
+sys.dont_write_bytecode = True  # of one text of the statement would be taken for another's
 FILE = Path("railslip_ctrl/plant.py")
 
 
@@ -211,7 +211,6 @@ def probe(text, what):
     from railslip_ctrl.sliding.derivation import derive
     from railslip_ctrl.sliding.errata_law import law_errata
     from railslip_ctrl.sliding.lyapunov_conditions import derivation_checked
-    from railslip_ctrl.switching import predict_limit_cycle, published_loop
 
     d = derive()
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
@@ -220,6 +219,8 @@ def probe(text, what):
     if "errata" in what:
         found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
     if "cycle" in what:
+        from railslip_ctrl.switching import predict_limit_cycle, published_loop
+
         try:
             found["cycle"] = predict_limit_cycle(published_loop(Rail.DRY)).period
         except (ArithmeticError, LookupError, ValueError) as error:
@@ -291,7 +292,7 @@ def _probed(folder: Path, asked: dict[str, tuple[str, str]]) -> dict[str, dict]:
 
     With "errata" or "cycle" beside the text: the errata of the law, the limit cycle behind the actuator too.
     """
-    ignore = shutil.ignore_patterns("__pycache__")
+    ignore = shutil.ignore_patterns("plant.*.pyc")  # the other modules, imported anew for each text, stay compiled
     shutil.copytree(Path(railslip_ctrl.__file__).parent, folder / "railslip_ctrl", ignore=ignore)
     command = [sys.executable, "-c", DRIVER]
     done = subprocess.run(command, cwd=folder, input=json.dumps(asked), capture_output=True, text=True, check=False)

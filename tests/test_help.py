@@ -79,6 +79,7 @@ def prepare(name: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("name", [name for name, line in EXAMPLES.items() if line not in SHOWN and name != IN_A_PIPE])
+@pytest.mark.usefixtures("without_lag_search")
 def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
     words = shlex.split(EXAMPLES[name])[1:] + prepare(name, tmp_path)
     before = set(tmp_path.iterdir())

@@ -47,8 +47,6 @@ TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 
 # --- the report of the command, once --------------------------------------------------------------------------------
 
-pytestmark = pytest.mark.xdist_group("html report")
-
 
 def test_the_command_writes_one_page_beside_the_rest_and_says_so(full_report):
     folder, out, err = full_report
@@ -552,13 +550,6 @@ def test_page_checker_sees_what_is_wrong():
     found = " ".join(Page.parsed(broken).problems())
     for word in ("id a", "#gone", "alt", "https://x.y/z.png", "style.css", "url("):
         assert word in found
-
-
-def test_no_html_leaves_the_page_out(tmp_path, railslip):
-    status, _, err = railslip("report", "--rail", "wet", "--no-html", "--out", tmp_path / "x")
-    assert status == 0
-    assert "report.html" not in err
-    assert not (tmp_path / "x" / "report.html").exists()
 
 
 def test_provenance_is_a_command_that_can_be_typed_again(full_report):

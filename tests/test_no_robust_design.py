@@ -26,8 +26,6 @@ from railslip_ctrl.report.html.plant_sections import limits_section
 from railslip_ctrl.report.html.verdict import verdict
 from railslip_ctrl.report.text import design_check_text, margins_text
 
-pytestmark = pytest.mark.xdist_group("html report")  # its fixture `record`
-
 LONGEST = 150
 """Words of the paragraph: what is read before a reader decides to read on."""
 

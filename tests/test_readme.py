@@ -8,7 +8,7 @@ import shlex
 import tomllib
 
 import pytest
-from project import ROOT
+from project import REPORT, ROOT
 
 from railslip_ctrl.adhesion import law_names, load_law
 from railslip_ctrl.campaign import Sampling
@@ -23,9 +23,16 @@ def test_python_examples_give_what_they_show():
     assert (result.attempted > 10, result.failed) == (True, 0)
 
 
-@pytest.mark.parametrize("line", [line for line in TEXT.splitlines() if line.startswith("railslip ")])
+LINES = {line: shlex.split(line, comments=True)[1:] for line in TEXT.splitlines() if line.startswith("railslip ")}
+
+
+def test_the_report_is_the_one_that_the_tests_of_the_command_run():
+    assert REPORT in LINES.values()
+
+
+@pytest.mark.parametrize("line", [line for line, words in LINES.items() if words != REPORT])
 def test_commands_run(line, tmp_path, monkeypatch, railslip):
-    words = shlex.split(line, comments=True)[1:]
+    words = LINES[line]
     words = [str(ROOT / word) if word.startswith("designs/") else word for word in words]
     if words[0] == "report":
         words.append("--no-html")  # report.html takes most of a report's time and has tests of its own

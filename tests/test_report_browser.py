@@ -18,7 +18,6 @@ MOST_PAGES = 38
 """Some more than the 33 it has: beyond, pages are left half-empty, as those before a figure once were."""
 
 pytestmark = [
-    pytest.mark.xdist_group("html report"),
     pytest.mark.skipif(
         BROWSER is None or DRIVER is None,
         reason="no chromium with chromedriver found; install them (Debian: chromium chromium-driver)",

@@ -33,8 +33,6 @@ from railslip_ctrl.report.verification import verification_json, verification_te
 from railslip_ctrl.sliding.verdict import Condition, Verification
 from railslip_ctrl.sliding_verification import FullVerification, verify_with_actuator
 
-pytestmark = pytest.mark.xdist_group("html report")  # its fixture `record`
-
 BEAM = """law = "beam"
 {condition}
 [parameters]

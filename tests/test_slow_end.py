@@ -29,8 +29,6 @@ from railslip_ctrl.simulation.designed import initial_torque, recommended_pi_lea
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.units import KMH
 
-pytestmark = pytest.mark.xdist_group("html report")  # one test has its fixture `record`
-
 TAKEN = recommended_pi_lead(PARK2008)
 V100 = 100.0 * KMH
 

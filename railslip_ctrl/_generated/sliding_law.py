@@ -125,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "70ddfc8ed72319610a20af53bee96efc1ed5bafc89d6a9459d28e4252be6f2d7"
+SOURCES_SHA256 = "39425348e95b005ffb312a20ef83d63a7debca657e3d43c2d5773f00eb192228"

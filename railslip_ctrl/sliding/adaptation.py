@@ -9,7 +9,7 @@ import sympy as sp
 from railslip_ctrl import plant
 from railslip_ctrl.sources import cite
 
-from .identities import identical, vanishes
+from .identities import identical, linear_solution, vanishes
 from .reaching import D, K, Reaching, grouped
 from .steps import Step, step
 from .surface import UNCERTAIN, Surface, s
@@ -103,7 +103,7 @@ def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
 
 
 def _law(known: sp.Expr, robust: sp.Expr) -> sp.Expr:
-    equivalent = sp.solve(_with_theta(known, THETA_HAT), plant.Tb)[0]
+    equivalent = linear_solution(_with_theta(known, THETA_HAT), plant.Tb)
     return grouped(equivalent) + robust
 
 

@@ -19,7 +19,7 @@ from railslip_ctrl.arguments import checked
 from railslip_ctrl.sources import cite
 
 from .adaptation import PHI, Adaptation, derive_adaptation
-from .identities import vanishes
+from .identities import linear_solution, vanishes
 from .reaching import D, K, Reaching, derive_reaching
 from .statement_steps import statement_steps
 from .steps import Step, step
@@ -229,7 +229,7 @@ def _closed_plant_slides(closed: plant.ClosedPlant, surface: Surface, control: s
     """s' from the rates of `plant.close`, with theta_hat = 0, Mp = Bp = 0, is d - (r/J)(D s + K sgn s)."""
     exact = dict.fromkeys((sliding_symbol("theta1_hat"), sliding_symbol("theta2_hat")), 0)
     nominal = {sliding_symbol("Mn"): plant.M, sliding_symbol("Bn"): plant.B}
-    wheel_speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0]
+    wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
     measured = {plant.omega: wheel_speed, plant.v_rate: closed.rates[0], e: surface.error}
     torque = control.subs(exact).subs(nominal).subs(measured)
     slope = [sp.diff(surface.error, x) for x in (plant.v, plant.sigma)]

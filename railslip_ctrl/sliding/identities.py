@@ -54,10 +54,8 @@ def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
         generator.uniform(0.2, 3.0, POINTS) if symbol.is_positive else generator.uniform(-2.0, 2.0, POINTS)
         for symbol in symbols
     ]
-    values = [
-        np.broadcast_to(np.asarray(sp.lambdify(symbols, side, "numpy")(*points), dtype=float), POINTS)
-        for side in (left, right)
-    ]
+    sides = sp.lambdify(symbols, [left, right], "numpy")(*points)
+    values = [np.broadcast_to(np.asarray(side, dtype=float), POINTS) for side in sides]
     scale = 1.0 + np.abs(values[0]) + np.abs(values[1])
     return bool(np.all(np.abs(values[0] - values[1]) <= _TOLERANCE * scale))
 
@@ -65,3 +63,12 @@ def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
 def identical(left: sp.Expr, right: sp.Expr) -> bool:
     """True where left = right is proved and holds at random points."""
     return vanishes(left - right) and agree_at_random_points(left, right)
+
+
+def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
+    """The unknown from an equation that is linear in it, as `sympy.solve` gives it.
+
+    Without its `simplify` and `check`, which take most of its time: of a linear equation there is one solution, which
+    is the same without them, and what is made of it is proved by its step.
+    """
+    return sp.solve(equation, unknown, simplify=False, check=False)[0]

@@ -9,7 +9,7 @@ import sympy as sp
 from railslip_ctrl import plant
 from railslip_ctrl.sources import cite
 
-from .identities import identical
+from .identities import identical, linear_solution
 from .steps import Step, step
 from .surface import UNCERTAIN, Surface, grouped_rate, s
 from .symbols import sliding_symbol
@@ -50,7 +50,7 @@ class Reaching:
 
 def derive_reaching(surface: Surface) -> Reaching:
     """The law from s'."""
-    equivalent = sp.solve(surface.rate.subs(UNCERTAIN), plant.Tb)[0]
+    equivalent = linear_solution(surface.rate.subs(UNCERTAIN), plant.Tb)
     reaching = grouped_rate(sp.expand(surface.rate.subs(plant.Tb, equivalent + Ur)))
     robust = _robust(reaching)
     law = equivalent + robust
@@ -84,7 +84,7 @@ def _robust(reaching: sp.Expr) -> sp.Expr:
     """Ur for which s' without disturbances is -D0 s - K0 sgn s, in D = (J/r) D0 and K = (J/r) K0."""
     sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
     asked = -D0 * s - K0 * sign
-    in_rates = sp.solve(reaching.subs(UNCERTAIN) - asked, Ur)[0]
+    in_rates = linear_solution(reaching.subs(UNCERTAIN) - asked, Ur)
     ratio = plant.r / plant.J
     return sp.expand(in_rates.subs({D0: ratio * D, K0: ratio * K})).subs(sign, sp.sign(s))
 

@@ -11,7 +11,7 @@ from railslip_ctrl import plant
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.sources import cite
 
-from .identities import agree_at_random_points, identical
+from .identities import identical, linear_solution
 from .steps import Step, step
 from .symbols import sliding_symbol
 
@@ -84,9 +84,9 @@ def derive_surface(reference: Reference) -> Surface:
 
 def _accelerations() -> tuple[Step, sp.Expr, sp.Expr]:
     """v' and omega' in Ta, Fr, omega from the statement, and the step that shows them."""
-    force = sp.solve(plant.ADHESION_TORQUE, plant.Fa)[0]
-    train = sp.expand(sp.solve(plant.TRAIN.subs(plant.Fa, force), plant.v_rate)[0])
-    wheel = sp.expand(sp.solve(plant.WHEEL, plant.omega_rate)[0])
+    force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
+    train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
+    wheel = sp.expand(linear_solution(plant.WHEEL, plant.omega_rate))
     v, omega, r, M, J = plant.v, plant.omega, plant.r, plant.M, plant.J
     # kinetic energy can leave only by slip, resistance, brake and bearing: fails for a wrong sign in (3) or (4)
     power = M * v * train + J * omega * wheel
@@ -129,7 +129,7 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, St
     """(e, e', s, the step, s') by differentiating (33) along time; s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
-    at_reference = sp.solve(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma)[0].subs(plant.v, v_t)
+    at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
     reference_t = at_reference if reference == "proportional" else sigma_d
     error_t = reference_t - sigma_t
     surface_t = error_t + rho * sp.Integral(error_t.subs(t, x), (x, 0, t))
@@ -154,7 +154,7 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, St
 
 def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
     """Ta, Fr and omega replaced by Fa, the resistance's formula and (v - sigma)/r, as `plant.motion` has them."""
-    wheel_speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0]
+    wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
     return expression.subs(
         {
             plant.Ta: plant.ADHESION_TORQUE.rhs,
@@ -169,7 +169,7 @@ def _rate_is_the_plant_s(reference: Reference, error: sp.Expr, rate: sp.Expr, tr
     slope = sp.diff(error, plant.v) * motion.v_rate + sp.diff(error, plant.sigma) * motion.sigma_rate
     expected = slope + rho * error
     derived = _in_plant_variables(rate.subs({plant.v_rate: train, e: error}))
-    return identical(derived, expected) and agree_at_random_points(derived, expected)
+    return identical(derived, expected)
 
 
 def grouped_rate(rate: sp.Expr) -> sp.Expr:
