@@ -22,6 +22,7 @@ from railslip_ctrl.report import check_directory, design_check_json, design_chec
 from railslip_ctrl.report.design_report_json import design_report_json
 from railslip_ctrl.report.html import design_report_html
 from railslip_ctrl.report.html.verdict import verdict
+from railslip_ctrl.report.layout import WIDTH, width
 from railslip_ctrl.report.provenance import Provenance
 
 from .options import CaseOptions, case_options, chosen_gains, gain_options
@@ -98,13 +99,14 @@ def command(
     files, content, text = (
         _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
     )
-    files["report.txt"] = text().encode()
+    whole = text()
+    files["report.txt"] = whole.encode()
     files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
     if as_json:
         print_json(content)
     else:
-        print_text(text)
+        print_text(lambda: whole if width() == WIDTH else text())
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if page else ""))
 
 

@@ -41,6 +41,11 @@ def columns(number: int) -> Iterator[None]:
         _width.reset(before)
 
 
+def width() -> int:
+    """Columns of the reports made here."""
+    return _width.get()
+
+
 def render(parts: Iterable[RenderableType]) -> str:
     stream = io.StringIO()
     console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
