@@ -153,7 +153,8 @@ def _score_table(found: Identification) -> RenderableType:
 
 
 def _weight(scores: tuple[Score, ...]) -> str:
-    return too_few(scores) or f"AIC and BIC are of {scores[0].independent:.3g} independent samples"
+    samples = f"{scores[0].independent:.3g} independent samples"
+    return too_few(scores) or f"AIC and BIC are of {samples}, and compare these models with each other alone"
 
 
 def _bin_table(found: Identification) -> RenderableType:
