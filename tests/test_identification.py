@@ -376,7 +376,7 @@ def test_options_that_fit_no_model_are_refused():
     sums = gathered(samples(np.linspace(0.01, 0.4, 300), V100, 0.2))
     with pytest.raises(InputError, match="every parameter of 'beam' is fixed"):
         fitted("beam", sums, fixed={"mu_max": 0.3, "a": 0.0, "Kx": 2e5})
-    with pytest.raises(InputError, match="--bound a: 2 to 1 leaves nothing"):
+    with pytest.raises(InputError, match="--bound a: 2:1 is not allowed; give the lower bound first"):
         fitted("beam", sums, bounds={"a": (2.0, 1.0)})
     cells = sums.cells()
     with pytest.raises(InputError, match="no ramp of rising slip"):

@@ -98,7 +98,8 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
     status, out, _ = railslip("identify", log, "--model", "beam", "--observed", file, "--json")
     assert status == 0
     assert file.read_text().startswith(
-        "time [s],train speed [km/h],slip [1],wheel load [N],adhesion torque [N*m],mu [1],regime\n"
+        "time [s],filtered train speed [km/h],filtered slip [1],filtered wheel load [N],adhesion torque [N*m],mu [1],"
+        "regime\n"
     )
     _, _, slip, load, torque, mu = np.loadtxt(file, delimiter=",", skiprows=1, usecols=range(6)).T
     found = json.loads(out)

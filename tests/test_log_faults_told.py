@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import tomllib
 
 import numpy as np
@@ -14,6 +15,7 @@ from rig_logs import rig_rows, write_log
 
 from railslip_ctrl.adhesion import load_law, published_law
 from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.identification import fits
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import curve_of
 from railslip_ctrl.identification.identify import Identification, Options, identify_curve
@@ -269,3 +271,37 @@ def test_a_model_without_a_peak_does_not_end_the_run(rows, found, monkeypatch):
     with pytest.raises(InputError, match="stay below slip 0"):
         job._chosen((beam.chosen,), candidates)
     assert json.dumps(identification_json(table))
+
+
+def test_numbers_beyond_all_measurement_are_refused_in_one_line(rows, recwarn):
+    torque = rows.columns["brake_torque"].copy()
+    torque[::10] = 1e300
+    with pytest.raises(InputError, match=r"brake torque 1e\+300 N\*m is beyond any wheel") as caught:
+        curve_of(changed(rows, brake_torque=torque), PARK2008, Options())
+    assert "--zero" not in str(caught.value)
+    assert not list(recwarn)
+
+
+def test_a_copy_of_a_log_is_no_other_test(railslip, rows, tmp_path):
+    first, copy = write_log(tmp_path / "a.csv", rows), write_log(tmp_path / "b.csv", rows)
+    assert "b.csv is a copy of " in refused(railslip("identify", first, copy, "--model", "beam"))
+
+
+def test_the_observed_rows_do_not_go_where_the_model_goes(railslip, rows, tmp_path):
+    log, out = write_log(tmp_path / "a.csv", rows), tmp_path / "fitted"
+    for file in (out, out / "model.toml"):
+        line = refused(railslip("identify", log, "--model", "beam", "--out", out, "--observed", file))
+        assert line.startswith("railslip: error: --observed: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_a_symmetric_interval_ends_at_a_bound():
+    assert fits._inside(1.0, 0.5, 0.0, math.inf) == (0.0, 1.0 + fits.NORMAL_QUANTILE * 0.5)
+    assert fits._inside(1.0, 0.5, -1.0, 2.0) == (1.0 - fits.NORMAL_QUANTILE * 0.5, 2.0)
+    assert fits._inside(1.0, 0.1, 0.0, 2.0) is None
+    assert fits._inside(1.0, math.nan, 0.0, 2.0) is None
+
+
+def test_bounds_the_wrong_way_round_are_told():
+    with pytest.raises(InputError, match=r"--bound mu_max: 0.4:0.2 is not allowed; give the lower bound first"):
+        identified(rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0], "beam", bounds={"mu_max": (0.4, 0.2)})

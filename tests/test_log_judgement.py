@@ -27,7 +27,7 @@ from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.reference import peak_notes, peak_of_law
 from railslip_ctrl.identification.regimes import Regimes, regimes_of
 from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.identification.timing import train_lag
+from railslip_ctrl.identification.timing import Lag, train_lag
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.plots import drift_figure
 from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
@@ -241,9 +241,8 @@ def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
         if each["slip_to"] <= top or each["slip_from"] >= top:
             inside = (slip >= each["slip_from"]) & (slip < each["slip_to"])
             assert set(regime[inside]) == {each["regime"]}
-    # the log's counts are by cells, of which that of the peak may lie on both sides: 1/400 of the slip's root wide
-    near = int(np.sum(np.abs(np.sqrt(slip) - math.sqrt(top)) < 1 / 400))
-    assert abs(int(np.sum(regime == "adhesion")) - found["log"]["adhesion_regime_points"]) <= near
+    for name in ("adhesion", "sliding"):
+        assert int(np.sum(regime == name)) == found["log"][f"{name}_regime_points"]
 
 
 @pytest.mark.parametrize("speed", [30.0, 100.0])
@@ -256,7 +255,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest(sp
     assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
     assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
     assert found.regimes.boundary != found.curve.peak_slip
-    assert sum(found.regimes.samples(found.curve.cells)) == found.curve.survey.used
+    assert sum(found.curve.slip_counts.parted_at(found.regimes.boundary)) == found.curve.survey.used
     assert found.train_lag.peak_slip == found.regimes.boundary
 
 
@@ -447,3 +446,49 @@ def test_the_chosen_model_has_the_intervals_that_it_has_alone(rows, monkeypatch)
     assert taken.chosen.fit.parameters == alone[other].chosen.fit.parameters
     assert taken.regimes == alone[other].regimes
     assert sum(each is taken.chosen for each in taken.scores) == 1
+
+
+# --- the train's deceleration --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def rig_log() -> Rows:
+    log = run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
+    return Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.7376, 1.0, 2.0])  # half the wheels; lb*ft for N*m; right; twice
+def test_a_torque_of_the_wrong_scale_shows_in_the_train_s_deceleration(rig_log, factor):
+    rows = changed(rig_log, brake_torque=factor * rig_log.columns["brake_torque"])
+    curve = curve_of(rows, PARK2008, Options())
+    # by hand, of the first run: M times the speed lost, against force of torque and wheel by momentum, and resistance
+    run = curve.record.run == curve.record.run[0]
+    t, v, omega, torque = (getattr(curve.record, name)[run] for name in ("time", "speed", "omega", "torque"))
+    wheel = np.trapezoid(torque + 0.25 * omega, t) + 60.35 * (omega[-1] - omega[0])
+    own = 3517.0 * (v[0] - v[-1]) / (wheel / RADIUS + np.trapezoid(0.63 * v**2, t))
+    assert curve.deceleration_ratio == pytest.approx(own, rel=0.01)  # of two runs, whose noise differs
+    told = [text for text in curve.warnings if "the train slows down" in text]
+    if factor == 1.0:
+        assert curve.deceleration_ratio == pytest.approx(1.0, abs=2e-3)
+        assert told == []
+    else:
+        assert (curve.deceleration_ratio > 1.0) == (factor < 1.0)
+        assert f"slows down {curve.deceleration_ratio:.3g} times as much as the adhesion of this wheel makes" in told[0]
+
+
+def test_no_delay_is_advised_where_the_deceleration_does_not_fit(rig_log, monkeypatch):
+    monkeypatch.setattr(job, "lag_of", lambda *_: Lag(-0.0043, 0.001))
+    half = changed(rig_log, brake_torque=0.5 * rig_log.columns["brake_torque"])
+    text = " ".join(identified(half).warnings)
+    assert "shifted by -0.0043 s, which a torque of the wrong scale, or a wrong vehicle, makes too" in text
+    assert "undoes it" not in text
+    monkeypatch.setattr(job.Candidates, "better_followed", lambda self, fit: fit)
+    assert "undoes it" in " ".join(identified(rig_log).warnings)
+
+
+def test_a_rig_that_keeps_its_speed_has_no_deceleration_to_compare(rows):
+    v = np.full(len(rows), 100.0 / 3.6)
+    omega = rows.columns["wheel_angular_speed"] * v / rows.columns["train_speed"]
+    kept = curve_of(changed(rows, train_speed=v, wheel_angular_speed=omega), PARK2008, Options())
+    assert math.isnan(kept.deceleration_ratio)
+    assert kept.warnings == ()

@@ -117,8 +117,9 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "--observed",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake with its regime: "
-    "adhesion below the slip of the chosen model's peak, sliding from there on.  [default: none]",
+    help="CSV for the observed adhesion torque and coefficient, a line for each row under brake, beside slip, speed "
+    "and load behind the observer's filter, with its regime: adhesion below the slip of the chosen model's peak, "
+    "sliding from there on.  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -153,6 +154,8 @@ def command(
             raise InputError(f"--observed: {str(observed)!r} is the log itself; give another file")
     if out is not None:
         check_directory(out, _file_names(len(logs)))
+        if observed is not None and observed.resolve() in {out.resolve(), *(out.resolve() / n for n in _file_names(1))}:
+            raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
     chosen = _vehicle(vehicle, loaded)
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
         found: Identification | Campaign = (

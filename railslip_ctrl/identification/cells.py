@@ -99,6 +99,19 @@ class Stretches:
     total: Floats
 
 
+@dataclass(frozen=True)
+class SlipCounts:
+    """How many samples there are by slip, finely: `counts` in steps of a millionth, so that any slip may part them."""
+
+    counts: Integers
+
+    def parted_at(self, slip: float) -> tuple[int, int]:
+        """How many lie below a slip ratio, and how many from there on."""
+        below = int(self.counts[: round(slip * _FINE)].sum())
+        return below, int(self.counts.sum()) - below
+
+
+_FINE = 1_000_000
 _SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load", "step", "slip_step")
 
 
@@ -110,6 +123,7 @@ class Accumulator:
         self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
         self._centre = 0.0  # mu is summed about it, so that squares do not cancel
         self._bins = np.zeros((4, BINS))
+        self._slips = np.zeros(_FINE, dtype=np.int64)
         self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
         self._keys = np.empty(0, dtype=np.int64)
         self._entries = np.empty((2, 0))
@@ -135,6 +149,7 @@ class Accumulator:
         )
         for row, weights in enumerate((None, *values, samples.step, samples.slip_step)):
             self._sums[row] += np.bincount(cell, weights, minlength=self._sums.shape[1])
+        self._slips += np.bincount((samples.slip * _FINE).astype(np.int64), minlength=_FINE)
         self._add_to_bins(samples, mu)
         self._add_stretches(samples, cell, mu)
 
@@ -174,6 +189,10 @@ class Accumulator:
             least=self._least[full],
             most=self._most[full],
         )
+
+    def slip_counts(self) -> SlipCounts:
+        """The counts by slip so far."""
+        return SlipCounts(self._slips.copy())
 
     def cells(self) -> Cells:
         """The cells so far."""

@@ -14,13 +14,13 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import Vehicle
 
 from .alignment import Alignment, corrections_told
-from .cells import Accumulator, Bins, Cells, Stretches
+from .cells import Accumulator, Bins, Cells, SlipCounts, Stretches
 from .columns import Column
 from .logs import Broken, Log
 from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
 from .options import Options
 from .outliers import OutlierFilter
-from .plausibility import HIGHEST_MU, mu_warning, unit_hint
+from .plausibility import HIGHEST_MU, deceleration_ratio, deceleration_warning, mu_warning, unit_hint
 from .record import MOST_ROWS, Record
 from .regimes import peak_slip
 from .resolution import ColumnStep, column_steps, step_warnings
@@ -46,7 +46,7 @@ class Curve:
     survey : Survey
     time_constant : float
         tau, s.
-    bins, cells, stretches : Bins, Cells, Stretches
+    bins, cells, stretches, slip_counts : Bins, Cells, Stretches, SlipCounts
     record : Record
         Rows for the fits along the motion.
     record_stride : int
@@ -55,6 +55,8 @@ class Curve:
         Where the data's own mu is highest, of which noise tells a part on a flat top: searches for a fit start there.
     wheel_column : str
         The quantity that the wheel's speed was read from.
+    deceleration_ratio : float
+        Of the train's, to that which the wheel's adhesion and the resistance make; NaN where it is not known.
     rolling : Rolling or None
         What the wheel showed without brake; None where it was never so.
     steps : tuple of ColumnStep
@@ -73,10 +75,12 @@ class Curve:
     bins: Bins
     cells: Cells
     stretches: Stretches
+    slip_counts: SlipCounts
     record: Record
     record_stride: int
     peak_slip: float
     wheel_column: str
+    deceleration_ratio: float
     rolling: Rolling | None
     steps: tuple[ColumnStep, ...]
     factors: Mapping[str, float]
@@ -212,13 +216,15 @@ class _Gathered:
         radius, rolling = self._vehicle.wheel.radius, self._rolling()
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
         strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
-        far = vehicle_load_warning(record, self._vehicle.wheel_load)
+        far, ratio = vehicle_load_warning(record, self._vehicle.wheel_load), deceleration_ratio(record, self._vehicle)
         speeds = wheel_speeds_warning(self._speeds.ratio(self._vehicle.wheel.radius), "wheel speed")
+        free = rolling_warnings(self._rolling(), self._known(float(bins.mean[0] / bins.slip[0]), peak))
+        slows = None if free else deceleration_warning(ratio)  # else the cause is told
         found = (
             *self._warnings(broken, stamps),
-            *rolling_warnings(self._rolling(), self._known(float(bins.mean[0] / bins.slip[0]), peak)),
+            *free,
             *step_warnings(steps),
-            *(text for text in (loads, far, speeds, strange) if text is not None),
+            *(text for text in (loads, far, speeds, strange, slows) if text is not None),
         )
         return Curve(
             name=self._name,
@@ -227,10 +233,12 @@ class _Gathered:
             bins=bins,
             cells=cells,
             stretches=self._sums.stretches(),
+            slip_counts=self._sums.slip_counts(),
             record=record,
             record_stride=self._stream.recorder.stride,
             peak_slip=peak,
             wheel_column=self._stream.wheel_column,
+            deceleration_ratio=ratio,
             rolling=rolling,
             steps=steps,
             factors=self._factors,

@@ -36,7 +36,8 @@ class Parameter:
     `stderr` is the half width of its 99 % interval over 2.576, so that it holds the uncertainty of the noise level
     too; NaN where the parameter is not identified or rests on a bound. `status` is "fitted", "at lower bound",
     "at upper bound" or "not identifiable". `limits` is the interval from the profile of the likelihood, where the
-    symmetric one would not hold: beside a bound, and where the data hardly show the parameter; it may have no end.
+    symmetric one would not hold: beside a bound, and where the data hardly show the parameter; it may have no end. A
+    symmetric one that reaches beyond a bound ends there.
     """
 
     name: str
@@ -193,10 +194,16 @@ def _parameters(model: FitModel, known: Estimate) -> tuple[Parameter, ...]:
             float(known.values[i]),
             float(stderrs[i]),
             _status(int(known.active[i]), bool(known.dead[i])),
-            known.limits.get(i),
+            known.limits.get(i) or _inside(float(known.values[i]), float(stderrs[i]), model.lower[i], model.upper[i]),
         )
         for i, name in enumerate(model.names)
     )
+
+
+def _inside(value: float, stderr: float, lower: float, upper: float) -> tuple[float, float] | None:
+    """The symmetric interval where a bound cuts it off; None where none does."""
+    low, high = value - NORMAL_QUANTILE * stderr, value + NORMAL_QUANTILE * stderr
+    return (max(low, float(lower)), min(high, float(upper))) if low < lower or high > upper else None
 
 
 def _residual_squares(cells: Cells, mean: Floats, spread: Floats) -> float:

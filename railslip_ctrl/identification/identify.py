@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import filecmp
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -28,7 +30,7 @@ from .models import CANDIDATES, Setting, check_model, check_options
 from .motion import slip_ramp
 from .observed import Observed
 from .options import Options as Options
-from .plausibility import fit_doubts
+from .plausibility import deceleration_differs, fit_doubts
 from .polynomials import ParameterPolynomial, over_initial_speed
 from .reference import PeakSlip, drift, peak_notes
 from .regimes import Regimes, regimes_of
@@ -266,6 +268,12 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
     lag = lag_of(fit, curve.record, candidates.vehicle, load)
     if lag is None:
         return ()
+    if deceleration_differs(curve.deceleration_ratio):
+        return (
+            f"{curve.name}: the wheel's motion is followed best with its speed shifted by {lag.seconds:.3g} s, which "
+            "a torque of the wrong scale, or a wrong vehicle, makes too: no --delay is advised while the train's "
+            "deceleration does not fit",
+        )
     better = candidates.better_followed(fit) if options.model != "best" else fit
     if better is not fit and lag_of(better, curve.record, candidates.vehicle, load) is None:
         return (
@@ -351,6 +359,9 @@ def identify_several(
             raise InputError(
                 f"LOG.csv: {paths[i]} is given twice; give each log once, as each counts as a test of its own"
             )
+    for first, second in itertools.combinations([path for path in paths if path.is_file()], 2):
+        if first.stat().st_size == second.stat().st_size and filecmp.cmp(first, second, shallow=False):
+            raise InputError(f"LOG.csv: {second} is a copy of {first}; give each log once, as each counts as a test")
     done = []
     for i, path in enumerate(paths):
         share = None if progress is None else (lambda x, i=i: progress((i + x) / len(paths)))

@@ -226,6 +226,8 @@ def _restricted(model: FitModel, setting: Setting) -> FitModel:
     lower, upper = model.lower[keep].copy(), model.upper[keep].copy()
     for i, name in enumerate(names):
         low, high = setting.bounds.get(name, (-math.inf, math.inf))
+        if not low < high:
+            raise InputError(f"--bound {name}: {low:g}:{high:g} is not allowed; give the lower bound first")
         lower[i], upper[i] = max(lower[i], low), min(upper[i], high)
         if not lower[i] < upper[i]:
             raise InputError(f"--bound {name}: {low:g} to {high:g} leaves nothing; it must hold values > {lower[i]:g}")

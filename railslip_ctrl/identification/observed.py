@@ -51,6 +51,7 @@ LEAST_PULL = 0.02  # of wheel load times radius: below it the brake is not appli
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
 _FASTEST = 200.0
 _LARGEST_TORQUE = 1e6
+_ABSURD = 1e12  # of any column in SI: whatever its unit, no measurement, and its square may leave the range of doubles
 _LEAST_SLIP = -0.5
 _LEAST_FREE_SLIP = -2.0
 _TOLERATED_SHARE = 0.01
@@ -219,7 +220,8 @@ class AdhesionStream:
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
         v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
-        self.free.add(np.stack([rows.columns["time"], v, omega, torque, load]))
+        known = np.stack([rows.columns["time"], v, omega, torque, load])
+        self.free.add(known[:, np.all(np.abs(known[1:]) < _ABSURD, axis=0)])
         wheel, pressed = radius * omega, load > 0.0
         pull = np.abs(torque[pressed]) / (radius * load[pressed])
         self.survey.backward += int((v < -LOWEST_SPEED).sum())

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.errors import DomainError, InputError
 from railslip_ctrl.numeric import peak
+from railslip_ctrl.parameters import Vehicle
 
 from .fits import Fit, Parameter
 from .models import Setting
+from .record import Record
 
 Floats = NDArray[np.float64]
 
@@ -119,6 +121,48 @@ def _limit_of_friction(found: Fit, wheel_load: float) -> float:
         case "bristle" | "bristle_rest" | "curve":
             return float(given["gamma"]) / float(given["beta"]) / wheel_load  # type: ignore[arg-type]
     return math.nan
+
+
+_OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
+_SLOWED = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
+
+
+def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
+    """By how much more the train slows down in the runs than the wheel's own adhesion and the resistance make it.
+
+    By momentum from the first row to the last of each run, of the wheel (3) and of the train (4) [Park2008]: the
+    adhesion force is what is left of the brake torque when the wheel has been turned slower. NaN where the train hardly
+    slows down, or no torque is left.
+    """
+    inside = np.diff(record.run) == 0
+    step = np.diff(record.time)[inside]
+    v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
+    lost, turned = (-float(np.diff(x)[inside].sum()) for x in (record.speed, record.omega))
+    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
+    friction = vehicle.effective_viscous_friction * omega
+    adhesion = float(step @ (torque + friction)) - vehicle.effective_inertia * turned
+    terms = vehicle.resistance
+    resistance = float(step @ (terms.constant + terms.linear * v + terms.quadratic * v**2))
+    asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
+    if not lost > _SLOWED * float(record.speed[begins].sum()) or not asked > 0.0:
+        return math.nan
+    return lost / asked
+
+
+def deceleration_differs(ratio: float) -> bool:
+    """Whether a ratio of decelerations is another than 1; not where it is not known."""
+    return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
+
+
+def deceleration_warning(ratio: float) -> str | None:
+    """A sentence where the train slows down as the adhesion of its wheel does not make it; else None."""
+    if not deceleration_differs(ratio):
+        return None
+    return (
+        f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the "
+        "scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, unless "
+        "other brakes or a slope act on the train"
+    )
 
 
 def check_fit(

@@ -36,11 +36,6 @@ class Regimes:
         """The regime of data by slip ratio."""
         return np.where(slip < self.boundary, "adhesion", "sliding")
 
-    def samples(self, cells: Cells) -> tuple[int, int]:
-        """How many samples are in adhesion, and how many in sliding."""
-        below = cells.slip < self.boundary
-        return int(cells.count[below].sum()), int(cells.count[~below].sum())
-
     def errors(self, score: Score) -> tuple[float, float]:
         """Mean over the bins of each regime of |mean mu - model|; NaN where there are none."""
         below = score.bin_slip < self.boundary

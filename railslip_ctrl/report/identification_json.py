@@ -137,7 +137,7 @@ def _bins_json(found: Identification) -> list[dict[str, Any]]:
 
 def _log_json(found: Identification) -> dict[str, Any]:
     curve, survey = found.curve, found.curve.survey
-    adhesion, sliding = found.regimes.samples(curve.cells)
+    adhesion, sliding = curve.slip_counts.parted_at(found.regimes.boundary)
     return {
         "file": curve.name,
         "vehicle": found.vehicle.name,
@@ -156,6 +156,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "sliding_from_slip": found.regimes.boundary,
         "sliding_from": found.regimes.source,
         "data_peak_slip": curve.peak_slip,
+        "deceleration_ratio": number(curve.deceleration_ratio),
         "regripping_rows": survey.regripping,
         "free_rolling": _rolling_json(curve.rolling),
         "steps": [_step_json(step) for step in curve.steps],

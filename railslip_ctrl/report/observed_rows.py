@@ -15,10 +15,13 @@ from railslip_ctrl.identification.observed import Observed
 from railslip_ctrl.identification.regimes import Regimes
 from railslip_ctrl.units import KMH
 
-COLUMNS = ("time [s]", "train speed [km/h]", "slip [1]", "wheel load [N]", "adhesion torque [N*m]", "mu [1]", "regime")
-"""Header of the file."""
+COLUMNS = (
+    *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
+    *("adhesion torque [N*m]", "mu [1]", "regime"),
+)
+"""Header of the file. The observed torque is late by the observer's filter; what stands beside it is as late."""
 
-_SLIP = COLUMNS.index("slip [1]")
+_SLIP = COLUMNS.index("filtered slip [1]")
 _NUMBERS = len(COLUMNS) - 1
 _BLOCK = 1 << 16  # rows in memory at a time
 
