@@ -17,6 +17,7 @@ from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
 from .loop.deadtime import MOST_POLES
 from .parameters import Actuator
+from .rounding import rounded_up
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
 
@@ -79,7 +80,7 @@ class Assessment:
         if self.verdict is Verdict.NO_FEEDBACK:
             return f"{self.verdict.value}: both gains are 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
-            return f"{self.verdict.value} (Ms {self.margins.ms:.3g})"
+            return f"{self.verdict.value} (Ms {rounded_up(self.margins.ms):g})"
         how_many = (
             "a chain of closed-loop poles"
             if math.isinf(self.unstable_poles)
@@ -111,6 +112,7 @@ def assess(
     plant : LinearPlant
         The wheel, from `linearize`.
     controller : PIController
+        kp, N*m/(m/s), ki, N*m/m, and a lead where there is one; from slip error to torque at the wheel.
     actuator : Actuator
         Dead time and lag between commanded and acting torque.
     label : str
@@ -121,7 +123,8 @@ def assess(
     Returns
     -------
     Assessment
-        Limits, poles, margins (None of an unstable loop), Pade rows and verdict.
+        Limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade rows
+        and verdict.
 
     Raises
     ------

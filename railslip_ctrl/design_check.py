@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ from .errors import InfeasibleDesignError
 from .linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from .loop.curves import FrequencyCurve, frequency_curve
 from .parameters import AS_PUBLISHED_INERTIA_SCALE, PIGains, Vehicle, table4_gains
+from .rounding import rounded_up
 
 Progress = Callable[[str], None]
 
@@ -55,7 +57,7 @@ class DesignCheck:
                 parts.append(f"{group.title}: unstable at {of}")
             elif fragile:
                 worst = max(a.margins.ms for a in fragile if a.margins is not None)
-                parts.append(f"{group.title}: stable but fragile (worst Ms {worst:.3g})")
+                parts.append(f"{group.title}: stable but fragile (worst Ms {rounded_up(worst):g})")
             elif open_loop:
                 parts.append(f"{group.title}: no feedback, and the wheel stable by itself")
             else:
@@ -107,12 +109,17 @@ def design_check(
     groups.append(
         _group(
             f"Holding PI, {_scale_name(vehicle.inertia_scale)}",
-            f"least worst Ms at integral time {holding.integral_time:g} s; with that integral time, kp from "
-            f"{holding.gain_range[0]:.4g} to {holding.gain_range[1]:.4g} N*m/(m/s) stabilises all operating points",
+            f"least worst Ms at integral time {holding.integral_time:g} s; with that integral time, kp "
+            f"{_range_words(holding.gain_range)} stabilises all operating points",
             [(plant, holding.controller) for plant in plants],
         )
     )
     return DesignCheck(vehicle, tuple(groups), holding, "")
+
+
+def _range_words(gains: tuple[float, float]) -> str:
+    low, high = gains
+    return f"above {low:.4g} N*m/(m/s)" if math.isinf(high) else f"from {low:.4g} to {high:.4g} N*m/(m/s)"
 
 
 def _scale_name(scale: float) -> str:

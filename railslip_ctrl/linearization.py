@@ -122,6 +122,7 @@ def operating_point(
     law : AdhesionLaw
         With parameters for the rail meant.
     vehicle : Vehicle
+        Quarter car, SI: its wheel radius, wheel load, masses and friction.
     speed : float
         v, m/s, > 0.
     slip : float
@@ -130,6 +131,12 @@ def operating_point(
         A label; left out, the law's own.
     initial_speed_kmh : float, optional
         A label: v0 the law's parameters were made for, km/h.
+
+    Returns
+    -------
+    OperatingPoint
+        The state at rest in numbers: speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the
+        wheel, N*m.
 
     Raises
     ------
@@ -269,13 +276,15 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     Parameters
     ----------
     point : OperatingPoint
+        From `operating_point`.
     speed_state : bool
         Keep v as the first state; by default it is frozen.
 
     Returns
     -------
     LinearPlant
-        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s).
+        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s), of shapes
+        (n, n), (n, 1), (3, n), (3, 1) with n states.
 
     Raises
     ------
@@ -339,7 +348,9 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     Parameters
     ----------
     law : AdhesionLaw
+        With parameters for the rail meant.
     vehicle : Vehicle
+        Quarter car, SI.
     reference_slip : float
         lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
 

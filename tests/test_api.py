@@ -107,6 +107,18 @@ def test_every_argument_of_a_public_function_is_documented(name: str) -> None:
     assert not missing, f"{name}: {', '.join(missing)} not in its docstring"
 
 
+@pytest.mark.parametrize("name", [name for name in FUNCTIONS if name.startswith("railslip_ctrl.")])
+def test_what_the_top_offers_says_of_every_argument_what_it_is_and_what_comes_back(name: str) -> None:
+    """A type alone is no description; what comes back is named by its type and described too."""
+    function, text = FUNCTIONS[name], inspect.getdoc(FUNCTIONS[name]) or ""
+    mute = [a for a in inspect.signature(function).parameters if "\n    " not in entry(text, a)]
+    assert not mute, f"{name}: {', '.join(mute)} listed without a word"
+    returned = re.search(r"^Returns\n-+\n(\S.*)((?:\n {4}.*)+)", text, flags=re.M)
+    assert returned, f"{name}: no Returns section, or a type alone"
+    assert returned[1].endswith(str(function.__annotations__["return"])), f"{name} returns {returned[1]!r}"
+    assert UNIT.search(returned[2]), f"{name}: no unit in what it returns: {returned[2]!r}"
+
+
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_field_of_a_public_record_is_documented(name: str) -> None:
     text = documentation(CLASSES[name])

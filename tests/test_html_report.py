@@ -19,10 +19,11 @@ from railslip_ctrl.assessment import ROBUST_MS, assess, limits_of
 from railslip_ctrl.cli.report import _may_write
 from railslip_ctrl.design.schedule import lowest_held_speed, plant_at
 from railslip_ctrl.design_report import assemble
+from railslip_ctrl.design_report.loops import gain_region
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.kernels import compilation
 from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.plots.design_report import linear_drawings, run_drawings
 from railslip_ctrl.report.design_report_json import KEY_OF_SECTION
 from railslip_ctrl.report.html import design_report_html
@@ -448,6 +449,31 @@ def test_region_marks_only_what_a_picture_of_it_can_show(record):
     assert region.near(region.chosen["holding PI"])
     assert not region.near(region.chosen["published PI"])  # 2340 N*m/(m/s); the region ends at 573
     assert not region.near((high + 0.3 * (high - low), 1.0))
+
+
+@pytest.mark.parametrize("lag", [0.6, 0.0])
+def test_a_region_without_bound_is_drawn_up_to_gains_that_are_said(record, names, lag):
+    """Without dead time kp has none, and without a lag ki has none either."""
+    vehicle = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=lag)})
+    region = gain_region(replace(record.check, vehicle=vehicle), record.plants)
+    assert (region.reason, math.isinf(region.kp_range[1])) == ("", True)
+    text = Page.parsed(rendered(replace(record, region=region), names)).text
+    assert f"kp above {short(region.kp_range[0])}, without bound" in text
+    (strip,) = region.strips
+    told = f"The region goes on without bound; drawn is kp up to {short(strip.kp[-1], 3)} N·m/(m/s)"
+    assert told + (f" and ki up to {short(strip.ki_high.max(), 3)} N·m/m." if lag == 0.0 else ".") in text
+    inside = [gains for gains in region.chosen.values() if region.near(gains)]
+    assert inside
+    assert all(kp < strip.kp[-1] and ki < strip.ki_high.max() for kp, ki in inside)  # nearly in is not in
+
+
+def test_no_bound_of_one_is_called_a_limit(record, names):
+    """Ms >= 1 is every loop's: it follows from no unstable pole."""
+    assert "No linear controller gets Ms or Mt below" in Page.parsed(rendered(record, names)).text
+    limits = tuple(replace(one, ms_bound=1.0) for one in record.limits)
+    text = Page.parsed(rendered(replace(record, limits=limits), names)).text
+    assert "No linear controller gets Ms or Mt below" not in text
+    assert "The unstable pole alone puts no bound on Ms or Mt above 1 here" in text
 
 
 # --- parts ----------------------------------------------------------------------------------------------------------

@@ -159,6 +159,23 @@ def test_region_figure_outlines_the_set_and_marks_the_choice(region, strips):
     assert np.isfinite(grid.ms[at])
 
 
+def test_a_region_that_goes_on_leaves_the_picture():
+    plant = Rational(np.array([]), np.array([1.0, -2.0]), 2.0)
+    region = stabilizing_pi(plant)  # without dead time: 1 < kp, 0 < ki < kp - 1
+    strips = outline(region, kp_limit=12.0, ki_limit=4.0)
+    figure = region_figure(
+        strips,
+        margin_grid(region, np.linspace(1, 12, 25), np.linspace(0, 4, 25)),
+        {"chosen": (5.0, 1.0)},
+        title="goes on",
+    )
+    for ax in figure.axes:
+        assert (ax.get_xlim()[1], ax.get_ylim()[1]) == pytest.approx((12.0, 4.0), rel=1e-3)
+        assert "no bound" in ax.get_xlabel()
+    assert "no bound" in figure.axes[0].get_ylabel()
+    assert defects_of(figure) == []
+
+
 def test_contours_run_from_edge_to_edge_where_the_margins_have_their_level(region, strips):
     low, high = region.kp_range
     top = max(strip.ki_high.max() for strip in strips)

@@ -147,7 +147,7 @@ def test_a_design_that_hands_over_is_told_where_it_is_the_best(record):
     assert runs[Rail.WET]["PI-lead, full range"].locks
     assert not any(of_rail[name].locks for of_rail in runs.values())
     told = [f"{of_rail[name].run.braking_distance:.3g} m on {rail} rail" for rail, of_rail in runs.items()]
-    assert f"The shortest that locks no wheel is “{name}”: {told[0]} and {told[1]}." in verdict(record).paragraph
+    assert f"The shortest that locks on neither rail is “{name}”: {told[0]} and {told[1]}." in verdict(record).paragraph
     # the shortest on dry rail, but it locks the wheel on wet rail
     first = record.stops[0]
     assert first.shortest_unlocked.run.braking_distance < first.run_of(name).braking_distance

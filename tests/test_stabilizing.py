@@ -371,8 +371,25 @@ def test_outline_of_a_set_that_begins_within_the_columns():
     (strip,) = outline(region, kp=np.linspace(0, 30, 7))
     assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1, 23.3988133859), rel=1e-9)
     assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
-    with pytest.raises(InputError, match="not bounded; give the columns"):
-        outline(stabilizing_pi(1 / (S + 1)))
+
+
+def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
+    region = stabilizing_pi(1 / ((S - 1) * (0.5 * S + 1)))  # Routh: 0 < ki < kp - 1
+    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give the columns kp to draw, or kp_limit"):
+        outline(region)
+    (strip,) = outline(region, kp_limit=10.0)
+    assert (strip.kp_cut, strip.ki_cut) == (True, False)
+    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1.0, 10.0), abs=0.01)
+    assert strip.ki_high == pytest.approx(strip.kp - 1.0, rel=1e-9)
+    (both,) = outline(stabilizing_pi(1 / (S + 1)), kp_limit=10.0, ki_limit=5.0)  # every ki > 0
+    assert (both.kp_cut, both.ki_cut) == (True, True)
+    assert set(both.ki_high) == {5.0}
+    (whole,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=30.0, ki_limit=30.0)
+    (part,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=10.0)
+    assert (whole.kp_cut, whole.ki_cut, part.kp_cut, part.ki_cut) == (False, False, True, False)
+    assert outline(region, kp_limit=0.5) == ()
+    with pytest.raises(InputError, match=r"ki_limit: 0\.0 is not allowed; give a gain > 0"):
+        outline(region, ki_limit=0.0)
 
 
 def test_margin_grid_holds_the_worst_margins_and_nan_outside():

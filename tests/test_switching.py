@@ -229,6 +229,14 @@ def test_conclusion_is_made_from_the_numbers():
         conclusion([], _advice(), "everywhere")
 
 
+def test_what_has_no_limit_has_no_number():
+    effect = effect_on(Rail.WET)
+    free = replace(effect, survivors=replace(effect.survivors, rho=math.inf, D=math.inf))
+    text = conclusion([free], _advice(), "everywhere")
+    assert "; rho without limit; D without limit; " in text
+    assert "inf" not in text.replace("inform", "")
+
+
 def test_conclusion_without_adaptation():
     gains = SlidingGains(K=70.0, D=5.508, rho=1.54)
     effect = actuator_effect(published_loop(Rail.WET, gains=gains))

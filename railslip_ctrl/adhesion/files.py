@@ -61,6 +61,11 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
     initial_speed_kmh : float or None
         v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
 
+    Returns
+    -------
+    AdhesionLaw
+        A frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
+
     Raises
     ------
     InputError

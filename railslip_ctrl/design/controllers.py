@@ -98,6 +98,11 @@ def wheel_slip_loop(plant: LinearPlant, controller: PIController, actuator: Actu
     actuator : Actuator
         Ga, dead time and lag, s. [Park2008] p. 55.
 
+    Returns
+    -------
+    DeadTimeLoop
+        L, dimensionless, SISO, closed by unity negative feedback.
+
     Raises
     ------
     InputError

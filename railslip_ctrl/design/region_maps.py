@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,12 +28,15 @@ _BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
 class Strip:
     """Part of a region between two curves, in the region's units.
 
-    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending.
+    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending. `kp_cut` and `ki_cut` tell that the region goes
+    on past the kp largest in size, and past the largest ki_high: there `outline` was told to stop.
     """
 
     kp: Floats
     ki_low: Floats
     ki_high: Floats
+    kp_cut: bool = False
+    ki_cut: bool = False
 
     @property
     def polygon(self) -> Floats:
@@ -59,7 +62,14 @@ class MarginGrid:
 
 
 @checked
-def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tuple[Strip, ...]:
+def outline(
+    region: Region,
+    kp: ArrayLike | None = None,
+    count: int = 120,
+    *,
+    kp_limit: float = math.inf,
+    ki_limit: float = math.inf,
+) -> tuple[Strip, ...]:
     """The region as strips over kp, each between two continuous boundaries; exact in every column.
 
     Parameters
@@ -68,11 +78,22 @@ def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tu
     kp : array, 1-D, optional
         Columns, ascending, in the plant's unit of gain; by default `count` of them over `region.kp_range`, closer
         towards its ends.
+    count : int
+        Number of columns where none are given, >= 2.
+    kp_limit, ki_limit : float
+        Gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says so. By default the
+        whole region.
+
+    Returns
+    -------
+    tuple of Strip
+        From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without bound
+        and no `ki_limit` is given.
 
     Raises
     ------
     InputError
-        The range is not finite and no columns are given. A region that is empty gives no strips.
+        The region goes on without bound in kp, and neither columns nor a limit are given; a limit is not > 0.
 
     Notes
     -----
@@ -80,23 +101,26 @@ def outline(region: Region, kp: ArrayLike | None = None, count: int = 120) -> tu
     vanishes between two of them is not seen. `Region.contains` is what decides.
     """
     number("count", count, ge=2)
-    columns = _columns(region, count) if kp is None else np.atleast_1d(numbers("kp", kp))
+    for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
+        if not limit > 0:
+            raise InputError(f"{name}: {limit} is not allowed; give a gain > 0, or leave it out")
+    columns = _columns(region, count, kp_limit) if kp is None else np.atleast_1d(numbers("kp", kp))
+    columns = columns[np.abs(columns) <= kp_limit]
     if columns.size == 0:
         return ()
-    found = [region.ki_intervals(float(x)) for x in columns]
-    groups: list[tuple[list[float], list[Intervals]]] = [([float(columns[0])], [found[0]])]
-    for x0, x1, before, after in zip(columns[:-1], columns[1:], found[:-1], found[1:], strict=True):
-        if len(before) != len(after):
-            left, right = _where_the_number_changes(region, (float(x0), before), (float(x1), after))
-            _extend(groups[-1], left)
-            groups.append(([right[0]], [right[1]]))
-        _extend(groups[-1], (float(x1), after))
-    strips = []
-    for xs, intervals in groups:
-        for index in range(len(intervals[0])):
-            ends = np.array([column[index] for column in intervals])
-            strips.append(Strip(np.array(xs), ends[:, 0], ends[:, 1]))
-    return tuple(strips)
+    found = [
+        _strip(xs, [column[i] for column in ends], ki_limit)
+        for xs, ends in _groups(region, columns)
+        for i in range(len(ends[0]))
+    ]
+    least, most = region.kp_range or (0.0, 0.0)
+    cut = [float(columns[0])] if least < -kp_limit else []
+    cut += [float(columns[-1])] if most > kp_limit else []
+    return tuple(
+        replace(strip, kp_cut=strip.kp[0] in cut or strip.kp[-1] in cut)
+        for strip in found
+        if (strip.ki_low < ki_limit).any()
+    )
 
 
 @checked
@@ -108,6 +132,11 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     region : Region
     kp, ki : arrays, 1-D
         Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
+
+    Returns
+    -------
+    MarginGrid
+        Arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the region.
 
     Raises
     ------
@@ -128,14 +157,38 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     )
 
 
-def _columns(region: Region, count: int) -> Floats:
-    ends = region.kp_range
-    if ends is None:
+def _groups(region: Region, columns: Floats) -> list[tuple[list[float], list[Intervals]]]:
+    """Columns with their intervals, in groups of one number of them."""
+    ki = [region.ki_intervals(float(x)) for x in columns]
+    groups: list[tuple[list[float], list[Intervals]]] = [([float(columns[0])], [ki[0]])]
+    for x0, x1, before, after in zip(columns[:-1], columns[1:], ki[:-1], ki[1:], strict=True):
+        if len(before) != len(after):
+            left, right = _where_the_number_changes(region, (float(x0), before), (float(x1), after))
+            _extend(groups[-1], left)
+            groups.append(([right[0]], [right[1]]))
+        _extend(groups[-1], (float(x1), after))
+    return groups
+
+
+def _strip(kp: list[float], between: list[tuple[float, float]], ki_limit: float) -> Strip:
+    low, high = np.array(between).T
+    ki_cut = bool((high > ki_limit).any())
+    return Strip(np.array(kp), np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
+
+
+def _columns(region: Region, count: int, kp_limit: float) -> Floats:
+    if region.kp_range is None:
         return np.array([])
-    if not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
-        raise InputError(f"outline: kp ranges over {ends}, which is not bounded; give the columns kp to draw")
+    low, high = max(region.kp_range[0], -kp_limit), min(region.kp_range[1], kp_limit)
+    if math.isinf(high - low):
+        raise InputError(
+            f"outline: the region goes on without bound, kp from {low:.6g} to {high:.6g}; give the columns kp to draw, "
+            "or kp_limit, up to which to draw it"
+        )
+    if low >= high:
+        return np.array([])
     # the boundary leaves the ends of the range steeply
-    return np.asarray(ends[0] + (ends[1] - ends[0]) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
+    return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
 
 
 def _where_the_number_changes(

@@ -73,6 +73,7 @@ def tune_pi(
     Returns
     -------
     PIDesign
+        kp, in units of the plants' input per output, ki, in that per second, and the margins of every plant.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from railslip_ctrl.design.compensators import Compensator, filtered_smith_predic
 from railslip_ctrl.design.effort import Effort, control_effort
 from railslip_ctrl.design.holding import needs_feedback
 from railslip_ctrl.design.rules import RuleTuning, simc_pi
+from railslip_ctrl.design.stabilizing import Region
 from railslip_ctrl.design_check import ControllerGroup, DesignCheck, controller_group
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import LinearPlant
@@ -42,6 +43,9 @@ _GANG = (0.01, 100.0)  # rad/s
 _PREDICTOR_FILTER = 0.1  # s
 _SLIPS = 401
 _GRID = (48, 40)  # kp, ki: contours are smooth
+_PAST_THE_END = 10.0  # times the least stabilising kp: a picture of what has no bound ends there, or further on
+_ROOM = 1.5  # times a gain that is marked, to the end of such a picture
+_AT_THE_EDGE = 1.3  # a gain nearer to its end, as a ratio, would be neither in nor out
 
 
 # --- adhesion -------------------------------------------------------------------------------------------------------
@@ -94,6 +98,7 @@ def gain_region(check: DesignCheck, plants: Sequence[LinearPlant]) -> GainRegion
     """The PI gains that stabilise every operating point, with the margins inside."""
     actuator = check.vehicle.actuator
     chosen = _chosen_gains(check, plants)
+    kp_range = None
     try:
         region = intersection(
             [stabilizing_pi(actuated_plant(plant, actuator), dead_time=actuator.dead_time) for plant in plants],
@@ -102,14 +107,35 @@ def gain_region(check: DesignCheck, plants: Sequence[LinearPlant]) -> GainRegion
         kp_range = region.kp_range
         if kp_range is None:
             return GainRegion(None, (), None, chosen, region.reason)
-        strips = outline(region)
-        top = max((float(strip.ki_high.max()) for strip in strips), default=0.0)
-        if not (math.isfinite(top) and top > 0):
-            return GainRegion(kp_range, (), None, chosen, "ki is not bounded, so that there is no outline to draw")
-        grid = margin_grid(region, np.linspace(*kp_range, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
+        kp_limit, ki_limit = _drawn_up_to(region, kp_range, chosen)
+        strips = outline(region, kp_limit=kp_limit, ki_limit=ki_limit)
+        top = max(float(strip.ki_high.max()) for strip in strips)
+        columns = np.linspace(max(kp_range[0], -kp_limit), min(kp_range[1], kp_limit), _GRID[0])
+        grid = margin_grid(region, columns, np.linspace(0.0, top, _GRID[1]))
     except RailslipError as error:
-        return GainRegion(None, (), None, chosen, str(error))
+        return GainRegion(kp_range, (), None, chosen, str(error))
     return GainRegion(kp_range, strips, grid, chosen, "")
+
+
+def _drawn_up_to(
+    region: Region, kp_range: tuple[float, float], chosen: dict[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """The kp and the ki up to which to draw what has no bound; inf for what has one.
+
+    Without dead time and with one lag kp has none, and without the lag ki has none either. Shown are the least
+    stabilising gains and at least one of the chosen: all of them would leave the others in a corner.
+    """
+    kp_limit = ki_limit = math.inf
+    if not all(map(math.isfinite, kp_range)):
+        end = min(abs(kp) for kp in kp_range)
+        kp_limit = max(_PAST_THE_END * end, _ROOM * min(kp for kp, _ in chosen.values()))
+        for kp, _ in sorted(chosen.values()):
+            if kp_limit / _AT_THE_EDGE < kp < _AT_THE_EDGE * kp_limit:
+                kp_limit = _ROOM * kp
+    middle = 0.5 * (max(kp_range[0], -kp_limit) + min(kp_range[1], kp_limit))
+    if math.isinf(region.ki_limit(middle)):
+        ki_limit = _ROOM * max(ki for kp, ki in chosen.values() if kp < kp_limit)
+    return kp_limit, ki_limit
 
 
 def _chosen_gains(check: DesignCheck, plants: Sequence[LinearPlant]) -> dict[str, tuple[float, float]]:
@@ -170,7 +196,7 @@ def recommended_group(loops: LoopDesigns) -> ControllerGroup | None:
     if taken is None:
         return None
     scale = loops.shown_at.vehicle.inertia_scale
-    standing = "Recommended" if taken.robust else "Least fragile"
+    standing = "Recommended by its margins" if taken.robust else "Least fragile"  # no stop was looked at
     return controller_group(f"{standing}: {taken.name}, inertia scale {scale:g}", taken.how, taken.assessments)
 
 

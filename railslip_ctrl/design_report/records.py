@@ -288,7 +288,8 @@ class StopRun:
     `distances`: braking distances, m, with the seeds of the spread, of the runs that stopped; empty if not asked for.
     `drawn`: whether it has a row in the picture, or stands in the table only. `most_locked`: the largest share of time
     with a locked wheel, 0 to 1, and `highest_slip`, the slip ratio, are those of the worst seed; `highest_slip_kmh` is
-    the speed, km/h, at that slip. 0, and NaN, without a run.
+    the speed, km/h, at that slip. 0, and NaN, without a run. `locking_seeds`: those with which the wheel locks;
+    `endless_seeds`: those with which the train does not stop.
     """
 
     name: str
@@ -299,11 +300,18 @@ class StopRun:
     most_locked: float = 0.0
     highest_slip: float = float("nan")
     highest_slip_kmh: float = float("nan")
+    locking_seeds: tuple[int, ...] = ()
+    endless_seeds: tuple[int, ...] = ()
 
     @property
     def locks(self) -> bool:
         """Whether the wheel locks with any of the seeds."""
         return self.most_locked > 0
+
+    @property
+    def stops(self) -> bool:
+        """Whether there is a run, and the train stops with every seed: only then is a distance one of stopping."""
+        return self.run is not None and self.run.stopped and not self.endless_seeds
 
 
 @dataclass(frozen=True)
@@ -406,7 +414,7 @@ class Stop:
 
     @property
     def shortest_unlocked(self) -> StopRun | None:
-        """The shortest of the stops without a locked wheel with any seed; None if there is none."""
+        """The shortest of those that lock no wheel here, with any seed, though perhaps on another rail (`locks_on`)."""
         return self.shortest_of({one.name for one in self.runs if not one.locks})
 
     def shortest_of(self, names: Container[str]) -> StopRun | None:
@@ -421,7 +429,7 @@ class Stop:
 
 
 def _shortest(runs: Iterable[StopRun]) -> StopRun | None:
-    stopped = [(one.run.braking_distance, i, one) for i, one in enumerate(runs) if one.run and one.run.stopped]
+    stopped = [(one.run.braking_distance, i, one) for i, one in enumerate(runs) if one.run and one.stops]
     return min(stopped)[2] if stopped else None
 
 
@@ -457,6 +465,26 @@ class RunPart:
     stops: tuple[Stop, ...]
     table5: Table5 | None
     facts: tuple[Fact, ...]
+
+    @property
+    def one_rail_stops(self) -> tuple[Stop, ...]:
+        """The stops on one rail from the start; the published run changes its rail on the way."""
+        return tuple(stop for stop in self.stops if not stop.scenario.events)
+
+    def locks_on(self, name: str) -> tuple[Rail, ...]:
+        """The rails of `one_rail_stops` on which a controller locks the wheel with any of the seeds."""
+        stops = self.one_rail_stops
+        return tuple(stop.scenario.rail for stop in stops if any(one.name == name and one.locks for one in stop.runs))
+
+    def endless(self, name: str) -> tuple[str, ...]:
+        """Where the train does not stop with a controller, in words: each rail, or that with the dynamic law alone."""
+        found = []
+        for stop in self.one_rail_stops:
+            for runs, law in ((stop.runs, ""), (stop.dynamic, " with the dynamic law")):
+                if any(one.name == name and one.run is not None and not one.stops for one in runs):
+                    found.append(f"on {stop.scenario.rail} rail{law}")
+                    break
+        return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -245,6 +245,8 @@ def _run(
             most_locked=max(one.locked_fraction for one in found),
             highest_slip=worst.max_slip,
             highest_slip_kmh=float(worst.signals.speed[int(np.argmax(worst.signals.slip))] / KMH),
+            locking_seeds=tuple(one.seed for one in found if one.locked_fraction > 0 and one.seed is not None),
+            endless_seeds=tuple(one.seed for one in found if not one.stopped and one.seed is not None),
         )
     except RailslipError as error:
         return StopRun(name, None, str(error))

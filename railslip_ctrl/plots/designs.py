@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.tri import Triangulation
@@ -37,6 +38,7 @@ _KICK = 0.03  # of the time shown: what a lead adds to the command at first is o
 _FITS = 9999.0  # the highest number a cell of a map has room for
 _NARROW = 0.15  # of the axes: a contour that its label would take away has none
 _SHORT = 4  # points of a contour too short for a label
+_CLEAR = 0.08  # of the axes: between a label and the side at which a picture is cut
 _APART = 0.07  # of the axes: labels nearer to each other, or to a mark, are moved
 _SHARES = (0.2, 0.98)  # of a field's values, between which contours are drawn
 _ROUND = (1, 1.5, 2, 3, 5, 7)
@@ -63,16 +65,30 @@ def region_figure(
     for ax, (name, values, levels) in zip(axes, fields, strict=True):
         for strip in strips:
             ax.fill(*strip.polygon.T, facecolor="0.95", edgecolor="black", linewidth=1.2)
+        _limit(ax, strips)
         _contours(ax, mesh, values, levels, chosen.values())
         for i, (label, (kp, ki)) in enumerate(chosen.items()):
             ax.plot(kp, ki, markersize=5, label=label, **mark_style(i))
+        if not any(strip.ki_cut for strip in strips):
+            ax.set_ylim(0.0, 1.05 * ax.dataLim.ymax)
         ax.set_title(f"contours: {name}", fontsize=TEXT)
-        ax.set_xlabel(f"kp ({kp_unit})")
-        ax.set_ylim(0.0, 1.05 * ax.dataLim.ymax)
-    axes[0].set_ylabel(f"ki ({ki_unit})")
+        ax.set_xlabel(f"kp ({kp_unit})" + (", no bound" if any(strip.kp_cut for strip in strips) else ""))
+    axes[0].set_ylabel(f"ki ({ki_unit})" + (", no bound" if any(strip.ki_cut for strip in strips) else ""))
     if chosen:
         legend_of_figure(figure, axes[0], columns=2)
     return figure
+
+
+def _limit(ax: Axes, strips: Sequence[Strip]) -> None:
+    """A region that goes on leaves the picture."""
+    cut = max((float(strip.ki_high.max()) for strip in strips if strip.ki_cut), default=None)
+    if cut is not None:
+        ax.set_ylim(0.0, cut)
+    for strip in strips:
+        if strip.kp_cut and strip.kp[-1] > 0:
+            ax.set_xlim(right=float(strip.kp[-1]))
+        elif strip.kp_cut:
+            ax.set_xlim(left=float(strip.kp[0]))
 
 
 @dataclass(frozen=True)
@@ -98,7 +114,9 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
         return None
     polygons = [strip.polygon for strip in strips]
     corners = np.concatenate(polygons)
-    edge = corners[corners[:, 1] > 0]  # ki = 0 bounds the drawing: the loop is stable there
+    cut = min((strip.ki_high.max() for strip in strips if strip.ki_cut), default=np.inf)
+    # ki = 0 bounds the drawing, as a cut does: the loop is stable there
+    edge = corners[(corners[:, 1] > 0) & (corners[:, 1] < cut)]
     kp, ki = np.meshgrid(grid.kp, grid.ki, indexing="ij")
     points = np.concatenate([np.column_stack([kp[inside], ki[inside]]), edge])
     size = np.ptp(points, axis=0)
@@ -118,6 +136,7 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
     style = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
     lines = ax.tricontour(mesh.triangles, mesh.values(field), levels=sorted(levels), **style)
     size = np.ptp(ax.dataLim.get_points(), axis=0)
+    last = np.inf if ax.get_autoscalex_on() else ax.get_xlim()[1] - _CLEAR * size[0]
     places: list[Any] = []
     taken = [np.asarray(mark) for mark in marks]
     for path in lines.get_paths():
@@ -126,7 +145,8 @@ def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str],
         if not parts:
             continue
         longest = max(parts, key=lambda part: float(np.ptp(part[:, 0])))
-        if np.ptp(longest[:, 0]) < _NARROW * size[0]:
+        longest = longest[longest[:, 0] < last]
+        if len(longest) <= _SHORT or np.ptp(longest[:, 0]) < _NARROW * size[0]:
             continue
         top = longest[np.argmax(longest[:, 1])]
         falling = longest[longest[:, 0] >= top[0]]

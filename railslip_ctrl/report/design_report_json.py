@@ -14,7 +14,6 @@ from railslip_ctrl.design_report import (
     GainRegion,
     LawCurve,
     LoopDesign,
-    LoopDesigns,
     RangeLine,
     Shortfall,
     SlidingVerdict,
@@ -58,7 +57,7 @@ def design_report_json(
         "linearisation": [linear_plant_json(plant) for plant in report.plants],
         "limits": [_limits(*pair) for pair in zip(report.plants, report.limits, strict=True)],
         "region": _region(report.region),
-        "designs": _designs(report.loops),
+        "designs": _designs(report),
         RANGE: _speeds(report.loops.speeds),
         "sliding": _sliding(report.sliding),
         "stops": [_stop(stop) for stop in report.stops],
@@ -126,7 +125,12 @@ def _region(region: GainRegion) -> dict[str, Any]:
     return {
         "kp_range_si": None if region.kp_range is None else [number(k) for k in region.kp_range],
         "strips": [
-            {"kp_si": one.kp.tolist(), "ki_low_si": one.ki_low.tolist(), "ki_high_si": one.ki_high.tolist()}
+            {
+                "kp_si": one.kp.tolist(),
+                "ki_low_si": one.ki_low.tolist(),
+                "ki_high_si": one.ki_high.tolist(),
+                "goes_on_in": [name for name, cut in (("kp", one.kp_cut), ("ki", one.ki_cut)) if cut],
+            }
             for one in region.strips
         ],
         "margins": None
@@ -149,12 +153,16 @@ def _finite(rows: Any) -> list[list[float | None]]:
     return [[number(x) for x in row] for row in rows]
 
 
-def _designs(loops: LoopDesigns) -> dict[str, Any]:
+def _designs(report: DesignReport) -> dict[str, Any]:
+    loops = report.loops
     best, taken = loops.best, loops.recommended
+    endless = () if taken is None else report.endless(taken.name)
     return {
         "designs": [_design(one) for one in loops.designs],
         "least_worst_ms": None if best is None else best.name,
-        "recommended": None if taken is None else taken.name,
+        "recommended": None if taken is None or endless else taken.name,
+        "recommended_by_its_margins_alone": None if taken is None else taken.name,
+        "does_not_stop": list(endless),
         "refused": dict(loops.refused),
         "no_robust_design": _shortfall(loops.shortfall),
         "known_rules_and_predictors": [_attempt(one) for one in loops.attempts],
@@ -311,7 +319,12 @@ def _stop(stop: Stop) -> dict[str, Any]:
 
 def _run(one: StopRun) -> dict[str, Any]:
     told = None if one.run is None else simulation_json(one.run, None)
-    worst = {"highest_slip_of_seeds": number(one.highest_slip), "most_locked_fraction_of_seeds": one.most_locked}
+    worst = {
+        "highest_slip_of_seeds": number(one.highest_slip),
+        "most_locked_fraction_of_seeds": one.most_locked,
+        "seeds_that_lock": list(one.locking_seeds),
+        "seeds_that_do_not_stop": list(one.endless_seeds),
+    }
     return {"name": one.name, "reason": one.reason, "run": told, "distances_m": list(one.distances), **worst}
 
 

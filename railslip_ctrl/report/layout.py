@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -20,13 +20,8 @@ from rich.text import Text
 WIDTH = 110
 """Columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print."""
 
-BOUND_DIGITS = 3
-"""Significant digits of what no controller can beat, the same wherever a report says it."""
-
 _UNLIMITED = 10_000
 """Columns that no table of a report has."""
-
-_EXACT = 1e-12  # a number that has the digits already keeps them
 
 _width: ContextVar[int] = ContextVar("width", default=WIDTH)
 
@@ -128,28 +123,6 @@ def fixed(value: float, digits: int = 5) -> str:
     if math.isinf(value):
         return "unbounded" if value > 0 else "-unbounded"
     return f"{value:.{digits}g}"
-
-
-def rounded_up(value: float, digits: int) -> float:
-    """The least number of so many significant digits that is not below a value."""
-    return _rounded(value, digits, lambda scaled: math.ceil(scaled - _EXACT * abs(scaled)))
-
-
-def rounded_down(value: float, digits: int) -> float:
-    """The largest number of so many significant digits that is not above a value."""
-    return _rounded(value, digits, lambda scaled: math.floor(scaled + _EXACT * abs(scaled)))
-
-
-def rounded(value: float, digits: int) -> float:
-    """A value to so many significant digits, the nearest."""
-    return _rounded(value, digits, round)
-
-
-def _rounded(value: float, digits: int, rounding: Callable[[float], float]) -> float:
-    if value == 0 or not math.isfinite(value):
-        return value
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    return float(rounding(value * 10.0**places)) / 10.0**places
 
 
 def _root(value: complex) -> str:

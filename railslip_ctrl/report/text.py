@@ -20,9 +20,10 @@ from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.parameters import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.rounding import BOUND_DIGITS, rounded_down, rounded_up
 from railslip_ctrl.units import KMH
 
-from .layout import BOUND_DIGITS, counted, facts, fixed, heading, render, roots_text, rounded_down, rounded_up, table
+from .layout import counted, facts, fixed, heading, render, roots_text, table
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -223,9 +224,10 @@ def _limits(assessment: Assessment) -> str:
     against = "< 1, as a PI needs" if limits.actuator_product < 1 else ">= 1: no PI holds it"
     text = (
         f"unstable pole p = {limits.unstable_pole:.5g} 1/s (doubles in {limits.doubling_time:.3g} s); "
-        f"p (dead time + lag) = {limits.actuator_product:.4g} {against}; "
-        f"no controller gets Ms or Mt below {_least(limits.ms_bound)}"
+        f"p (dead time + lag) = {limits.actuator_product:.4g} {against}"
     )
+    if rounded_down(limits.ms_bound, BOUND_DIGITS) > 1.0:  # as every loop's is
+        text += f"; no controller gets Ms or Mt below {_least(limits.ms_bound)}"
     for structure in (limits.pi, limits.pi_lead):
         if structure is None:
             continue
@@ -395,7 +397,7 @@ def _summary_table(check: DesignCheck) -> RenderableType:
                     fixed(m.gain_increase, 3),
                     fixed(m.phase_deg, 3),
                     fixed(m.delay_s, 3),
-                    fixed(m.ms, 3),
+                    fixed(rounded_up(m.ms), BOUND_DIGITS),
                 ]
             )
             where = f"{a.point.rail}, {a.point.speed_kmh:g} km/h"

@@ -172,14 +172,22 @@ def simulate(
 
     Parameters
     ----------
-    scenario, controller
-        What to run.
+    scenario : Scenario
+        The run: vehicle, rail, adhesion law, speeds and disturbances, SI.
+    controller : Controller
+        What commands the brake torque, N*m, at its own period.
     seed : int, SeedSequence or None
         Of the random force and the measurement noise; a run repeats with its seed. None: without any.
     record_every : int or None
         Samples from one row of `signals` to the next; None records none.
     compiled : bool
         False runs the same text in the interpreter, hundreds of times slower: to try a step of one's own.
+
+    Returns
+    -------
+    Run
+        Outcome, braking time (s), distance (m), energies (J) and slip in numbers; `signals` holds the time series,
+        arrays of one length, 1-D, in SI, or None.
 
     Raises
     ------

@@ -244,7 +244,17 @@ BUILT_IN = ("park2008", "park2008-si")
 
 @checked
 def built_in_scenario(name: str) -> Scenario:
-    """A built-in scenario by `name`, one of `BUILT_IN`.
+    """A built-in scenario by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `BUILT_IN`.
+
+    Returns
+    -------
+    Scenario
+        The published run in the reading of that name, a frozen record in SI.
 
     Raises
     ------

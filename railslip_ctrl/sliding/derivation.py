@@ -122,6 +122,11 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
     law : str, optional
         Name of the adhesion law put in place of Ta; left out, Ta is an argument.
 
+    Returns
+    -------
+    Derivation
+        Equations and steps as SymPy expressions in SI, by name; no arrays.
+
     Raises
     ------
     InputError

@@ -343,8 +343,12 @@ def _of_case(effect: ActuatorEffect) -> str:
     if not left.stable:
         return f"{effect.name}: {effect.cycle_text}; no layer and no k makes it stable."
     return (
-        f"{effect.name}: {effect.cycle_text}. One at a time, the others as they are, the limits here are: K <= "
-        f"{left.K:.1f} N*m{hint}{short} for a slip amplitude of {left.slip_amplitude:g}; a boundary layer of "
-        f"{left.layer:.3f} m/s at K = {effect.loop.gains.K:g} N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g} "
-        f"N*m/(m/s); {adaptation}."
+        f"{effect.name}: {effect.cycle_text}. One at a time, the others as they are, the limits here are: "
+        f"{_at_most('K', left.K, '.1f', 'N*m')}{hint}{short} for a slip amplitude of {left.slip_amplitude:g}; a "
+        f"boundary layer of {left.layer:.3f} m/s at K = {effect.loop.gains.K:g} N*m; "
+        f"{_at_most('rho', left.rho, '.3g', '1/s')}; {_at_most('D', left.D, '.4g', 'N*m/(m/s)')}; {adaptation}."
     )
+
+
+def _at_most(name: str, limit: float, form: str, unit: str) -> str:
+    return f"{name} without limit" if math.isinf(limit) else f"{name} <= {limit:{form}} {unit}"

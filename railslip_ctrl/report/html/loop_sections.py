@@ -12,7 +12,7 @@ from railslip_ctrl.report.text import controller_text
 from railslip_ctrl.units import KMH
 
 from .blocks import Block, Details, Facts, Items, Paragraph, Picture, Section, Table
-from .numbers import MARGIN_HEAD, NONE, listed, margin_cells, roots, short, where
+from .numbers import MARGIN_HEAD, NONE, above, listed, margin_cells, roots, short, where
 
 SETTLED = 0.02
 """Share of a step within which a response counts as settled."""
@@ -200,7 +200,7 @@ def _loop_details(group: ControllerGroup, one: Assessment) -> Details:
 def designs_section(report: DesignReport) -> Section:
     """The designs side by side, what they cost, and what was tried and is of no use."""
     loops = report.loops
-    blocks: list[Block] = [Paragraph(_best(loops), strong=True), _gain_table(loops), _design_table(loops)]
+    blocks: list[Block] = [Paragraph(_best(report), strong=True), _gain_table(loops), _design_table(loops)]
     if any(one.needs_hold for one in loops.designs):
         blocks.append(
             Paragraph(
@@ -217,15 +217,18 @@ def designs_section(report: DesignReport) -> Section:
     return Section("designs", "Designs side by side", tuple(blocks))
 
 
-def _best(loops: LoopDesigns) -> str:
-    best, taken = loops.best, loops.recommended
+def _best(report: DesignReport) -> str:
+    best, taken = report.loops.best, report.loops.recommended
     if best is None or taken is None:
         return "None of these designs holds every operating point, or is a controller by itself: none is recommended."
     standing = "Recommended" if taken.robust else "None is robust. The least fragile"
-    text = f"{standing}: {taken.name}, worst Ms {short(taken.worst_ms, 3)}; the verdict says why."
+    endless = report.endless(taken.name)
+    but = f"the train does not stop with it {listed(endless)}" if endless else "the verdict says why"
+    standing = "Of the best standing by its margins alone" if endless and taken.robust else standing
+    text = f"{standing}: {taken.name}, worst Ms {above(taken.worst_ms)}; {but}."
     if best is taken:
         return text
-    return f"{text} The least worst Ms at these points, {short(best.worst_ms, 3)}, has {best.name}: shown to compare."
+    return f"{text} The least worst Ms at these points, {above(best.worst_ms)}, has {best.name}: shown to compare."
 
 
 def _gain_table(loops: LoopDesigns) -> Table:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from railslip_ctrl.design.limits import Limits, StructureLimit
-from railslip_ctrl.design_report import DesignReport, LawCurve
+from railslip_ctrl.design_report import DesignReport, GainRegion, LawCurve
 from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.notation import NOTATION
@@ -208,11 +208,19 @@ def _race(found: Sequence[tuple[OperatingPoint, Limits]]) -> str:
         )
     here = "" if len(away) == len(found) else f" at {len(away)} of the {len(found)} operating points"
     bound, case = max(away)
+    if below(bound) == "1":  # as every loop's: without dead time feedback may be as fast as the sensor lets it
+        best = (
+            "The unstable pole alone puts no bound on Ms or Mt above 1 here, as there is next to no dead time; a PI or "
+            "a PI behind a lead has one where the table gives it"
+        )
+    else:
+        best = (
+            f"No linear controller gets Ms or Mt below {below(bound)} ({case}; interpolation at the unstable pole, "
+            "[Astrom2021] 14.4, [Sarason1967]); a PI or a PI behind a lead gets less far still"
+        )
     return (
-        f"Meanwhile the wheel runs away{here}. No linear controller gets Ms or Mt below {below(bound)} ({case}; "
-        "interpolation at the unstable pole, [Astrom2021] 14.4, [Sarason1967]); a PI or a PI behind a lead gets less "
-        "far still, as its phase margin is at most the plant's largest phase above −180 deg, and "
-        "Ms ≥ 1/(2 sin(phase margin/2)) at the gain crossover."
+        f"Meanwhile the wheel runs away{here}. {best}, as its phase margin is at most the plant's largest phase above "
+        "−180 deg, and Ms ≥ 1/(2 sin(phase margin/2)) at the gain crossover."
     )
 
 
@@ -243,10 +251,22 @@ def _at_holding(report: DesignReport) -> str:
         return ""
     low, high = holding.gain_range
     return (
-        f"; along the line ki = kp/({holding.integral_time:g} s), on which the holding PI was found, kp from "
-        f"{short(low)} "
-        f"to {short(high)}"
+        f"; along the line ki = kp/({holding.integral_time:g} s), on which the holding PI was found, "
+        f"{_kp_between(low, high)}"
     )
+
+
+def _kp_between(low: float, high: float) -> str:
+    return f"kp above {short(low)}, without bound" if math.isinf(high) else f"kp from {short(low)} to {short(high)}"
+
+
+def _drawn_up_to(region: GainRegion) -> str:
+    """Where the picture of a region that goes on without bound ends."""
+    kp = [strip.kp[-1] for strip in region.strips if strip.kp_cut]
+    ki = [strip.ki_high.max() for strip in region.strips if strip.ki_cut]
+    ends = [f"kp up to {short(max(kp), 3)} N·m/(m/s)"] if kp else []
+    ends += [f"ki up to {short(max(ki), 3)} N·m/m"] if ki else []
+    return f"The region goes on without bound; drawn is {listed(ends)}." if ends else ""
 
 
 def region_section(report: DesignReport) -> Section:
@@ -257,18 +277,23 @@ def region_section(report: DesignReport) -> Section:
         + ("" if region.near((kp, ki)) or region.grid is None else ", outside the picture")
         for name, (kp, ki) in region.chosen.items()
     ]
-    if region.grid is None:
+    if region.kp_range is None:
         text = f"No plain PI to draw a region of. Reason: {region.reason}."
         return Section("region", "Stabilising gains", (Paragraph(text, strong=True), Items(tuple(marks))))
-    assert region.kp_range is not None, "there is a region"
-    low, high = region.kp_range
+    between = f"{_kp_between(*region.kp_range)}"
+    if region.grid is None:
+        text = f"A plain PI stabilises {_points(len(report.plants))} with {between}, in N·m/(m/s). Not drawn"
+        return Section("region", "Stabilising gains", (Paragraph(f"{text}: {region.reason}."), Items(tuple(marks))))
+    ends = _drawn_up_to(region)
+    without_ki_bound = all(strip.ki_cut for strip in region.strips)
     return Section(
         "region",
         "Stabilising gains",
         (
             Paragraph(
-                f"All plain PI that stabilise {_points(len(report.plants))}: over all ki, kp from {short(low)} to "
-                f"{short(high)} N·m/(m/s), and ki up to the outline{_at_holding(report)}. The outline is exact: "
+                f"All plain PI that stabilise {_points(len(report.plants))}: over all ki, {between}, in N·m/(m/s), and "
+                f"{'every ki' if without_ki_bound else 'ki up to the outline'}{_at_holding(report)}. The outline is "
+                "exact: "
                 "D-decomposition ([Gryazina2008], "
                 "[Silva2005]) and root count ([WaltonMarshall1987]), the dead time not approximated. Inside "
                 "it the worst Ms, phase margin and delay margin over the operating points."
@@ -276,10 +301,9 @@ def region_section(report: DesignReport) -> Section:
             Picture(
                 "region",
                 "The stabilising region of a PI with contours of the worst Ms (left), phase margin (middle) and delay "
-                "margin (right).",
-                f"Grey region in the plane of kp and ki, kp from {short(low)} to {short(high)} N·m/(m/s), with "
-                "contours. "
-                f"Marked: {'; '.join(marks)}.",
+                "margin (right)." + (f" {ends}" if ends else ""),
+                f"Grey region in the plane of kp and ki, {between}, in N·m/(m/s), with contours. {ends} Marked: "
+                f"{'; '.join(marks)}.",
             ),
             Items(tuple(marks)),
         ),

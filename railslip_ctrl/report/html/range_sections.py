@@ -12,7 +12,7 @@ from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.simulation.designed import SPEEDS_KMH
 
 from .blocks import Block, Items, Paragraph, Picture, Section, Table
-from .numbers import NONE, listed, short
+from .numbers import NONE, above, listed, short
 from .words import load_of, load_words, lost_words, policy_words, slow_words
 
 RANGE = "range"
@@ -27,6 +27,9 @@ def range_section(report: DesignReport) -> Section:
         return Section(RANGE, title, (Paragraph("No design is recommended, so that there is none to show."),))
     points = [plant.point for plant in report.plants]
     blocks: list[Block] = [Paragraph(range_finding(speeds), strong=True), Paragraph(_how(speeds, points))]
+    if endless := report.endless(speeds.name):
+        told = f"It stands here by its margins alone: the train does not stop with it {listed(endless)}."
+        blocks.insert(0, Paragraph(told, strong=True))
     blocks += [_ms_table(speeds), _picture(speeds), _worst_table(speeds)]
     ends = [end for stop in report.stops for end in stop.slow if end.name == speeds.name]
     if ends:
@@ -40,7 +43,7 @@ def range_section(report: DesignReport) -> Section:
 def range_finding(speeds: SpeedRange) -> str:
     """Where the design is robust, where it is stable, and where it is not."""
     low, high = min(SPEEDS_KMH), max(SPEEDS_KMH)
-    text = f"{speeds.name}: from {low:g} to {high:g} km/h the largest Ms is {_ms(speeds.worst_ms(low, high))}"
+    text = f"{speeds.name}: from {low:g} to {high:g} km/h the largest Ms is {_worst(speeds.worst_ms(low, high))}"
     if math.isfinite(speeds.robust_from):
         text += f"; Ms ≤ {ROBUST_MS:g} everywhere {_from(speeds.robust_from, speeds)}"
     if speeds.stable_from > speeds.least_kmh:
@@ -77,8 +80,9 @@ def _other_slips(speeds: SpeedRange, points: Sequence[OperatingPoint]) -> str:
     return f": {laws}, not at the {listed(slips)} of the operating points asked for"
 
 
-def _ms(value: float) -> str:
-    return "unstable" if math.isinf(value) or math.isnan(value) else short(value, 4)
+def _worst(ms: float) -> str:
+    """The largest of many Ms, rounded up as every worst Ms is, with a digit more, as it was tuned to a limit."""
+    return "unstable" if math.isinf(ms) or math.isnan(ms) else above(ms, 4)
 
 
 def _name(line: RangeLine, speeds: SpeedRange) -> tuple[str, str, str]:

@@ -11,7 +11,7 @@ from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.loop import Margins
 
 from .numbers import above, below, listed, short, where
-from .words import controller_words
+from .words import controller_words, locks_elsewhere
 
 
 def no_robust_design(report: DesignReport, found: Shortfall, least_fragile: LoopDesign | None) -> str:
@@ -151,12 +151,13 @@ def why_none(report: DesignReport) -> str:
 
 
 def stops_meanwhile(report: DesignReport) -> str:
-    """What stops the train without a locked wheel in the runs, though no margins vouch for it."""
+    """What stops the train without a locked wheel on each rail, though no margins vouch for it."""
     told = []
-    for stop in report.stops:
+    for stop in report.one_rail_stops:
         best = stop.shortest_unlocked
-        if not stop.scenario.events and best is not None and best.run is not None:
-            told.append(f"{short(best.run.braking_distance, 3)} m on {stop.scenario.rail} rail with {best.name}")
+        if best is not None and best.run is not None:
+            rail, but = stop.scenario.rail, locks_elsewhere(report, best, stop)
+            told.append(f"{short(best.run.braking_distance, 3)} m on {rail} rail with {best.name}{but}")
     if not told:
         return ""
     return f"The shortest stops without a locked wheel, single runs that no margin vouches for: {listed(told)}."

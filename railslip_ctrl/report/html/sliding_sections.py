@@ -81,7 +81,7 @@ def paper_law_section(report: DesignReport) -> Section:
 def _standing(report: DesignReport) -> str:
     """What the recommendation is, so that no condition that holds is taken for one."""
     taken = report.loops.recommended
-    which = "none" if taken is None else f"the design “{taken.name}”"
+    which = "none" if taken is None or report.endless(taken.name) else f"the design “{taken.name}”"
     return (
         f"The recommendation of this report is that of the verdict: {which}. The layered law is what to "
         "take where it has to be a sliding-mode law: it needs the rail's holding torque, which none of the others does."

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from railslip_ctrl.design_report import DesignReport, Stop, StopRun
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
 from railslip_ctrl.design_report.stops import HOLDING, RELAY
 from railslip_ctrl.law_sources import PUBLISHED, law_words
-from railslip_ctrl.simulation import LinearControl
+from railslip_ctrl.simulation import LinearControl, Run
 from railslip_ctrl.units import KMH
 
 from .blocks import Block, Group, Items, Paragraph, Picture, Section, Table
 from .numbers import NONE, listed, minus, short
 from .sliding_sections import decided_for
 from .typography import typeset
-from .words import percent_over, reference_of
+from .words import locks_elsewhere, outcome_words, percent_over, reference_of, seeds_words
 
 _LAYERED_STOPS = "speed falling, simulated"
 
@@ -32,7 +30,7 @@ def stops_section(report: DesignReport) -> Section:
         "knows the rail ahead: on the adhesion law of the same run no controller can stop in less. Another law, as "
         f"the dynamic model below, has another bound, which is not given here.{_alone(report)}"
     )
-    groups = [_stop_group(i, stop, report.loops.refused) for i, stop in enumerate(report.stops, start=1)]
+    groups = [_stop_group(i, stop, report) for i, stop in enumerate(report.stops, start=1)]
     laws = Paragraph(_adhesion(report), strong=True)
     return Section("stops", "Braking runs", (intro, laws, *_compared(report), *_layered(report), *groups))
 
@@ -125,11 +123,11 @@ def _begins(report: DesignReport, name: str) -> str:
     )
 
 
-def _stop_group(i: int, stop: Stop, refused: Mapping[str, str]) -> Group:
+def _stop_group(i: int, stop: Stop, report: DesignReport) -> Group:
     """A stop; of a controller that is no design either, its reason is told once, beside the designs."""
-    blocks: list[Block] = [Paragraph(_stop_finding(stop), strong=True), _stop_table(stop)]
+    blocks: list[Block] = [Paragraph(_stop_finding(stop, report), strong=True), _stop_table(stop)]
     missing = tuple(
-        f"{one.name}: none. {'The reason is beside the designs' if one.name in refused else one.reason}."
+        f"{one.name}: none. {'The reason is beside the designs' if one.name in report.loops.refused else one.reason}."
         for one in stop.runs
         if one.run is None
     )
@@ -144,12 +142,22 @@ def _stop_group(i: int, stop: Stop, refused: Mapping[str, str]) -> Group:
             Picture(
                 f"stop-{i}",
                 f"{stop.title[0].upper()}{stop.title[1:]}: speeds, slip and torque over time, a row a controller; "
-                f"{_law(stop)}. Commands far above the acting torque are cut off.",
+                f"{_law(stop)}. {_seed_shown(stop)} Commands far above the acting torque are cut off.",
                 "Time series of train and wheel speed, slip with its reference, and torque commanded and acting. "
                 f"{told}.",
             )
         )
     return Group(f"stop-group-{i}", stop.title[0].upper() + stop.title[1:], tuple(blocks))
+
+
+def _seed_shown(stop: Stop) -> str:
+    """Which of the noise seeds is drawn, and with which others a wheel locks that does not in the picture."""
+    told = [
+        f"{one.name} does not lock the wheel with it, but does with {seeds_words(one.locking_seeds)}"
+        for one in stop.runs
+        if one.run is not None and one.drawn and one.locking_seeds and stop.seed not in one.locking_seeds
+    ]
+    return f"Noise seed {stop.seed}{': ' if told else ''}{'; '.join(told)}."
 
 
 def _law(stop: Stop) -> str:
@@ -164,14 +172,15 @@ def _words(one: StopRun) -> str:
     return f"stops in {end}" if run.stopped else f"{run.outcome.value} within {end}"
 
 
-def _stop_finding(stop: Stop) -> str:
+def _stop_finding(stop: Stop, report: DesignReport) -> str:
     shortest, unlocked = stop.shortest, stop.shortest_unlocked
     locked = [one.name for one in stop.runs if one.run is not None and one.locks]
     if shortest is None:
         return "No controller stops the train."
     text = _told("Shortest", shortest, stop)
     if unlocked is not shortest and unlocked is not None:
-        text += f" {_told('Shortest without a locked wheel', unlocked, stop)}"
+        here = f"Shortest without a locked wheel here{locks_elsewhere(report, unlocked, stop)}"
+        text += f" {_told(here, unlocked, stop)}"
     return f"{text} The wheel locks with: {'; '.join(locked)}." if locked else f"{text} No wheel locks."
 
 
@@ -201,12 +210,12 @@ def _stop_table(stop: Stop) -> Table:
         rows.append(
             (
                 one.name,
-                run.outcome.value,
-                short(run.braking_time),
-                short(run.braking_distance),
+                outcome_words(one),
+                _if_stopped(run, run.braking_time),
+                _if_stopped(run, run.braking_distance),
                 *([_spread(one)] if spread else []),
-                short(run.brake_energy / 1e6),
-                short(run.mean_abs_slip_error, 3),
+                _if_stopped(run, run.brake_energy / 1e6),
+                _if_stopped(run, run.mean_abs_slip_error, 3),
                 short(one.highest_slip, 3),
                 f"{100 * one.most_locked:.2g}",
                 short(run.max_torque / 1e3, 3),
@@ -234,6 +243,11 @@ def _stop_table(stop: Stop) -> Table:
     )
 
 
+def _if_stopped(run: Run, value: float, digits: int = 4) -> str:
+    """A number of a stop; none of a run that did not stop, which has it only up to where the run was given up."""
+    return short(value, digits) if run.stopped else NONE
+
+
 def _spread(one: StopRun) -> str:
     return f"{min(one.distances):.1f}–{max(one.distances):.1f}" if len(one.distances) > 1 else NONE
 
@@ -258,15 +272,15 @@ def _dynamic_table(stop: Stop) -> Table:
         rows.append(
             (
                 one.name,
-                run.outcome.value,
-                short(run.braking_time),
-                short(run.braking_distance),
+                outcome_words(one),
+                _if_stopped(run, run.braking_time),
+                _if_stopped(run, run.braking_distance),
                 _spread(one),
                 change,
-                short(run.mean_abs_slip_error, 3),
+                _if_stopped(run, run.mean_abs_slip_error, 3),
                 short(one.highest_slip, 3),
                 short(one.highest_slip_kmh, 3),
-                f"{100 * run.locked_fraction:.2g}",
+                f"{100 * one.most_locked:.2g}",
             )
         )
     head = (
@@ -275,7 +289,7 @@ def _dynamic_table(stop: Stop) -> Table:
     )  # fmt: skip
     return Table(
         f"The linear controllers again with the dynamic bristle model, which the margins are for. {_from_to(stop)}; "
-        "highest slip with the speed at which it comes.",
+        "highest slip, with the speed at which it comes, and locked: of the worst of the noise seeds.",
         head,
         rows,
         wide=True,

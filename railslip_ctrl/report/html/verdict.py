@@ -11,6 +11,7 @@ from railslip_ctrl.design_report import DesignReport, LoopDesign, Origin, SpeedR
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.design_report.slow_end import HANDED_OVER
 from railslip_ctrl.law_sources import words_at
+from railslip_ctrl.parameters import doubts
 from railslip_ctrl.report.text import Verdict
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.sliding_verification import FullVerification
@@ -25,6 +26,7 @@ from .words import (
     distances,
     load_words,
     lost_words,
+    outcome_words,
     percent_over,
     policy_words,
     reference_of,
@@ -57,10 +59,12 @@ def verdict(report: DesignReport) -> Verdict:
 def _none(report: DesignReport) -> Verdict:
     """The verdict where no design holds all operating points."""
     shortfall = report.loops.shortfall
-    paragraph = f"{report.check.vehicle.name}: none of the designs compared here holds all operating points."
+    text = f"{report.check.vehicle.name}: none of the designs compared here holds all operating points."
+    paragraph = _joined(_doubted(report), text)
     numbers: tuple[tuple[str, str], ...] = ()
     if shortfall is not None:
-        paragraph, numbers = no_robust_design(report, shortfall, None), shortfall_numbers(report, shortfall)
+        paragraph = _joined(_doubted(report), no_robust_design(report, shortfall, None))
+        numbers = shortfall_numbers(report, shortfall)
     points = (
         ("Why none", why_none(report)),
         ("Limits", "" if shortfall is not None else _limits(report)),
@@ -76,14 +80,23 @@ def _none(report: DesignReport) -> Verdict:
 
 def _paragraph(report: DesignReport, taken: LoopDesign) -> str:
     if report.loops.shortfall is not None:
-        return no_robust_design(report, report.loops.shortfall, taken)
-    return _joined(_recommended(report, taken), _over_speed(report), *_told_stops(report, taken))
+        return _joined(_doubted(report), no_robust_design(report, report.loops.shortfall, taken))
+    return _joined(_doubted(report), _recommended(report, taken), _over_speed(report), *_told_stops(report, taken))
+
+
+def _doubted(report: DesignReport) -> str:
+    """How many of the vehicle's numbers are to be checked, as all else rests on them; empty if none is."""
+    count = len(doubts(report.check.vehicle))
+    if not count:
+        return ""
+    numbers = f"{count} numbers of the vehicle are" if count > 1 else "1 number of the vehicle is"
+    return f"{numbers} far from usual (see Vehicle)."
 
 
 def _told_stops(report: DesignReport, taken: LoopDesign) -> tuple[str, ...]:
     """The stops of the recommended design, what is shorter, and where it overshoots."""
-    stops = _stops(report)
-    return (*(_stop(stop, taken, stops) for stop in stops), _shortest(stops, taken), _surge(report, taken))
+    told = [_stop(report, stop, taken) for stop in report.one_rail_stops]
+    return (*told, _shortest(report, taken), _surge(report, taken))
 
 
 def _joined(*texts: str) -> str:
@@ -94,11 +107,16 @@ def _recommended(report: DesignReport, taken: LoopDesign) -> str:
     count = len(report.plants)
     points = "the operating point" if count == 1 else f"the {count} operating points"
     name, gains = report.check.vehicle.name, controller_words(taken.controller)
-    worst = f"(worst Ms {short(taken.worst_ms, 3)})"
+    worst, endless = f"(worst Ms {above(taken.worst_ms)})", report.endless(taken.name)
     if not taken.robust:
         return (
             f"No robust design was found for {name}. The least fragile is “{taken.name}”, {gains}: stable at {points} "
             f"asked for {worst}, and not to be used without more."
+        )
+    if endless:
+        return (
+            f"No design is recommended for {name}. By its margins alone it would be “{taken.name}”, {gains}, robust at "
+            f"{points} asked for {worst}, but the train does not stop with it {listed(endless)}."
         )
     return f"Recommended for {name}: the design “{taken.name}”, {gains}. It is robust at {points} asked for {worst}."
 
@@ -132,67 +150,65 @@ def _conditions(report: DesignReport, speeds: SpeedRange) -> str:
     return f"{listed(rails)} rail{loaded}, with the adhesion {'law' if len(laws) == 1 else 'laws'} {listed(laws)}"
 
 
-def _stops(report: DesignReport) -> list[Stop]:
-    """The stops on one rail from the start; the published run changes its rail on the way."""
-    return [stop for stop in report.stops if not stop.scenario.events]
-
-
 def _of(runs: Iterable[StopRun], name: str) -> StopRun | None:
     return next((one for one in runs if one.name == name and one.run is not None), None)
 
 
-def _stop(stop: Stop, taken: LoopDesign, others: Sequence[Stop]) -> str:
-    """The stop of the recommended design in a sentence, beside the shortest that locks on no rail and the bound."""
+def _stop(report: DesignReport, stop: Stop, taken: LoopDesign) -> str:
+    """The stop of the design in a sentence, beside the shortest that locks on no rail and the bound."""
     one = _of(stop.runs, taken.name)
     if one is None or one.run is None:
         return ""
     rail, run = stop.scenario.rail, one.run
-    if not run.stopped:
-        return f"On {rail} rail the train does not stop with it."
+    if not one.stops:  # of a robust one it is told in the first sentence
+        fragile = report.loops.shortfall is not None or not taken.robust
+        return f"On {rail} rail the train does not stop with it." if fragile else ""
     text = f"On {rail} rail it stops in {short(run.braking_distance, 3)} m{percent_over(run, stop.bound)}"
     if one.locks:
         text += f", its wheel locked for up to {short(100 * one.most_locked, 2)} % of the time"
-    best = _best(stop, others)
+    best = _best(report, stop)
     if best is one:
-        text += ", the shortest of those that lock no wheel"
-    elif best is not None and best.run is not None and not _one_is_best(others):
-        text += f"; “{best.name}” takes {short(best.run.braking_distance, 3)} m"
+        text += f", the shortest of those that lock {_nowhere(report)}"
+    elif best is not None and best.run is not None and not _one_is_best(report):
+        text += f"; “{best.name}” (locks {_nowhere(report)}) takes {short(best.run.braking_distance, 3)} m"
     return text + "."
 
 
-def _shortest(stops: Sequence[Stop], taken: LoopDesign) -> str:
+def _shortest(report: DesignReport, taken: LoopDesign) -> str:
     """The one controller that is, on every rail, the shortest of those that lock on none; empty if there is none."""
-    found = [one.run for stop in stops if (one := _best(stop, stops)) is not None and one.run is not None]
-    best = _best(stops[0], stops) if stops else None
-    if best is None or best.name == taken.name or not _one_is_best(stops):
+    bests = [_best(report, stop) for stop in report.one_rail_stops]
+    found = [one.run for one in bests if one is not None and one.run is not None]
+    best = bests[0] if bests else None
+    if best is None or best.name == taken.name or not _one_is_best(report):
         return ""
     told = [f"{short(run.braking_distance, 3)} m on {run.scenario.rail} rail" for run in found]
-    return f"The shortest that locks no wheel is “{best.name}”: {listed(told)}."
+    return f"The shortest that locks {_nowhere(report)} is “{best.name}”: {listed(told)}."
 
 
-def _one_is_best(stops: Sequence[Stop]) -> bool:
-    return len({None if one is None else one.name for one in (_best(stop, stops) for stop in stops)}) == 1
+def _nowhere(report: DesignReport) -> str:
+    """Where a controller of `_best` locks the wheel, to follow the verb: not on the rail spoken of alone."""
+    return "on neither rail" if len(report.one_rail_stops) > 1 else "no wheel"
 
 
-def _best(stop: Stop, stops: Sequence[Stop]) -> StopRun | None:
-    """The shortest run of a stop by a controller that locks the wheel in none of the stops."""
-    return stop.shortest_of(_without_lock(stops))
+def _one_is_best(report: DesignReport) -> bool:
+    bests = [_best(report, stop) for stop in report.one_rail_stops]
+    return len({None if one is None else one.name for one in bests}) == 1
 
 
-def _without_lock(stops: Sequence[Stop]) -> set[str]:
-    """Controllers that lock the wheel on no rail with any of the seeds."""
-    there = {one.name for stop in stops for one in stop.runs if one.run is not None}
-    return there - {one.name for stop in stops for one in stop.runs if one.run is not None and one.locks}
+def _best(report: DesignReport, stop: Stop) -> StopRun | None:
+    """The shortest run of a stop by a controller that locks the wheel on no rail: which it meets is not known."""
+    return stop.shortest_of({one.name for one in stop.runs if not report.locks_on(one.name)})
 
 
 def _surge(report: DesignReport, taken: LoopDesign) -> str:
     """Where the design's own runs with the dynamic law pass twice the reference, which no margin tells."""
     told = []
-    for stop in _stops(report):
+    for stop in report.one_rail_stops:
         one = _of(stop.dynamic, taken.name)
         if one is not None and one.run is not None and one.highest_slip > 2 * reference_of(one.run):
             told.append(
-                f"{short(one.highest_slip, 2)} on {stop.scenario.rail} rail (reference {reference_of(one.run):g}), at "
+                f"{short(one.highest_slip, 2)}{' (locked)' if one.locks else ''} on {stop.scenario.rail} rail "
+                f"(reference {reference_of(one.run):g}), at "
                 f"{short(one.highest_slip_kmh, 2)} km/h"
             )
     return f"With the dynamic bristle model its slip overshoots to {listed(told)}." if told else ""
@@ -214,7 +230,7 @@ def _numbers(report: DesignReport, taken: LoopDesign) -> tuple[tuple[str, str], 
     if speeds is not None:
         rows.append((f"Ms ≤ {ROBUST_MS:g}", _from(speeds.robust_from, speeds.least_kmh)))
         rows.append(("Stable", f"{_from(speeds.stable_from, speeds.least_kmh)}{_first_lost(report)}"))
-    for stop in _stops(report):
+    for stop in report.one_rail_stops:
         one, again = _of(stop.runs, taken.name), _of(stop.dynamic, taken.name)
         if one is not None:
             rows.append((f"Stop, {stop.scenario.rail} rail", _stop_words(one, stop.bound)))
@@ -242,8 +258,8 @@ def _first_lost(report: DesignReport) -> str:
 def _stop_words(one: StopRun, bound: ClairvoyantStop | None) -> str:
     run = one.run
     assert run is not None, "only runs are told"
-    if not run.stopped:
-        return run.outcome.value
+    if not one.stops:
+        return outcome_words(one)
     text = (
         f"{distance_spread(one)}{percent_over(run, bound)}; slip at most {short(one.highest_slip, 2)} (at "
         f"{short(one.highest_slip_kmh, 2)} km/h), reference {reference_of(run):g}"
@@ -263,10 +279,11 @@ def _limits(report: DesignReport) -> str:
     if worst.unstable_pole == 0:
         return f"The wheel is stable by itself at {points}."
     at = points if away == count else f"{away} of {points}"
+    bound = below(worst.ms_bound)
+    least = "" if bound == "1" else f", and no linear controller gets Ms below {bound} there"  # every loop's is above 1
     return (
         f"At {at} the wheel runs away by itself, doubling its slip error in as little as "
-        f"{short(worst.doubling_time, 2)} s ({where(point)}), and no linear controller gets Ms below "
-        f"{below(worst.ms_bound)} there."
+        f"{short(worst.doubling_time, 2)} s ({where(point)}){least}."
     )
 
 
@@ -286,7 +303,7 @@ def _reasons(report: DesignReport, taken: LoopDesign) -> str:
     if names.full_range in report.loops.refused:
         why += f" There is no {names.full_range}: {report.loops.refused[names.full_range]}."
     if best is not None and best is not taken:
-        least = short(best.worst_ms, 3)
+        least = above(best.worst_ms)
         why += f" “{best.name}” has the least worst Ms at these points ({least}), but {_weak(report, best)}."
     return f"{_limits(report)} {why}"
 
@@ -298,9 +315,9 @@ def _weak(report: DesignReport, design: LoopDesign) -> str:
     gains = design.controller.gains
     text = f"an integral time of {short(gains.kp / gains.ki, 2)} s" if gains.ki > 0 else "no integral action"
     told = []
-    for stop in _stops(report):
+    for stop in report.one_rail_stops:
         one = _of(stop.runs, design.name)
-        if one is not None and one.run is not None and one.run.stopped:
+        if one is not None and one.run is not None and one.stops:
             told.append(f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail")
     return f"{text}, and takes {listed(told)} to stop" if told else text
 
@@ -320,7 +337,7 @@ def _low_speed(report: DesignReport, taken: LoopDesign) -> str:
 
 def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
     """The recommended design's stop on each rail beside those that are shorter on one of them, and why."""
-    stops = _stops(report)
+    stops = report.one_rail_stops
     if len(stops) < 2:
         return ""
     own, rows = [_of(stop.runs, taken.name) for stop in stops], []
@@ -337,7 +354,7 @@ def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
         100 * (max(one.distances) - min(one.distances)) / one.run.braking_distance
         for stop in stops
         for one in stop.runs
-        if one.run is not None and len(one.distances) > 1
+        if one.run is not None and one.stops and len(one.distances) > 1
     ]
     varies = f"Between noise seeds a distance changes by at most {short(max(spread), 2)} %." if spread else ""
     texts = (f"It, and what is shorter on one rail: {'; '.join(rows)}.", _why_slow(report, taken), varies)
@@ -345,14 +362,19 @@ def _dry_against_wet(report: DesignReport, taken: LoopDesign) -> str:
 
 
 def _shorter_somewhere(runs: Sequence[StopRun | None], own: Sequence[StopRun | None]) -> bool:
-    pairs = [(a.run, b.run) for a, b in zip(runs, own, strict=True) if a is not None and b is not None]
-    return any(a and b and a.stopped and a.braking_distance < b.braking_distance for a, b in pairs)
+    pairs = [(a, b) for a, b in zip(runs, own, strict=True) if a is not None and b is not None]
+    return any(a.stops and _distance(a) < _distance(b) for a, b in pairs)
+
+
+def _distance(one: StopRun) -> float:
+    """Braking distance, m; inf if the train does not stop."""
+    return one.run.braking_distance if one.run is not None and one.stops else math.inf
 
 
 def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
     """Why the recommended design stays under its reference on a rail, if it does, and what more torque would do."""
     texts = []
-    for stop in _stops(report):
+    for stop in report.one_rail_stops:
         one = _of(stop.runs, taken.name)
         if one is None or one.run is None or one.highest_slip >= reference_of(one.run) or not taken.over_range:
             continue
@@ -363,28 +385,27 @@ def _why_slow(report: DesignReport, taken: LoopDesign) -> str:
             f"On {rail} rail “{taken.name}” never comes to its reference with the law {stop.scenario.adhesion.name}: "
             f"it begins with {short(begins, 3)} N·m, which even wet rail takes, where {short(holding, 3)} N·m would "
             f"hold the slip, and the integral that Ms ≤ {ROBUST_MS:g} allows brings it to "
-            f"{short(one.run.max_torque, 3)} N·m before the train stands."
+            f"{short(one.run.max_torque, 3)} N·m {'before the train stands' if one.stops else 'by the end of the run'}."
         )
     started = design_names(report.check.vehicle).started_dry
     begun, handed = (_takes(report, name) for name in (started, f"{started}{HANDED_OVER}"))
     if texts and begun:
         over = f"; {HANDED_OVER.removeprefix(', ')} (see Low speed) besides, {handed}" if handed else ""
-        runs = [one.run for stop in _stops(report) if (one := _of(stop.runs, started)) is not None]
+        runs = [one.run for stop in report.one_rail_stops if (one := _of(stop.runs, started)) is not None]
         torque = max(getattr(run.controller, "initial_torque", 0.0) for run in runs if run is not None)
         texts.append(f"Begun with {short(torque, 3)} N·m it would take {begun}{over}.")
     return " ".join(texts)
 
 
 def _takes(report: DesignReport, name: str) -> str:
-    """Where a controller stops on each rail; empty if it has no runs."""
-    return listed(
-        [
-            f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
-            + (f", locked up to {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
-            for stop in _stops(report)
-            if (one := _of(stop.runs, name)) is not None and one.run is not None
-        ]
-    )
+    """Where a controller stops on each rail; empty if it has no runs, or does not stop in one of them."""
+    told = [
+        f"{short(one.run.braking_distance, 3)} m on {stop.scenario.rail} rail"
+        + (f", locked up to {short(100 * one.most_locked, 2)} % of the time" if one.locks else "")
+        for stop in report.one_rail_stops
+        if (one := _of(stop.runs, name)) is not None and one.run is not None and one.stops
+    ]
+    return listed(told) if told and len(told) == len(report.one_rail_stops) else ""
 
 
 def _not_covered(report: DesignReport, taken: LoopDesign) -> str:

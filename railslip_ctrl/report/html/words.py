@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from railslip_ctrl.design.controllers import PIController
-from railslip_ctrl.design_report import RangeLine, SlowEnd, SlowRun, SpeedRange, StopRun
+from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SlowRun, SpeedRange, Stop, StopRun
 from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 
@@ -28,8 +28,27 @@ def reference_of(run: Run) -> float:
     return float(getattr(run.controller.reference, run.scenario.rail.value))
 
 
+def outcome_words(one: StopRun) -> str:
+    """What became of a controller's runs: of the one that is shown, or the seeds with which the train does not stop."""
+    assert one.run is not None, "only runs are told"
+    if one.stops or not one.run.stopped:
+        return one.run.outcome.value
+    return f"does not stop with noise {seeds_words(one.endless_seeds)}"
+
+
+def seeds_words(seeds: Sequence[int]) -> str:
+    """Noise seeds by number."""
+    return f"seed{'s' if len(seeds) > 1 else ''} {listed(map(str, seeds))}"
+
+
+def locks_elsewhere(report: DesignReport, one: StopRun, stop: Stop) -> str:
+    """That a controller locks the wheel on another rail than that of a stop, if so; to be appended."""
+    rails = [str(rail) for rail in report.locks_on(one.name) if rail is not stop.scenario.rail]
+    return f" (locks on {listed(rails)} rail)" if rails and not stop.scenario.events else ""
+
+
 def distance_spread(one: StopRun) -> str:
-    """Braking distance with its range over the noise seeds where several were run."""
+    """Braking distance, with its range over the noise seeds where several were run; of a train that stops with all."""
     assert one.run is not None, "only runs are told"
     told = f"{short(one.run.braking_distance, 4)} m"
     if len(one.distances) < 2:
@@ -39,8 +58,10 @@ def distance_spread(one: StopRun) -> str:
 
 
 def distances(one: StopRun) -> str:
-    """Braking distance, with both its ends where it changes much between noise seeds."""
+    """Braking distance, with both its ends where it changes much between noise seeds; "no stop" if with one of them."""
     assert one.run is not None, "only runs are told"
+    if not one.stops:
+        return "no stop"
     ends = [short(end, 3) for end in (min(one.distances, default=0.0), max(one.distances, default=0.0))]
     much = len(one.distances) > 1 and max(one.distances) > _MUCH * min(one.distances)
     return f"{' to '.join(ends)} m" if much else f"{short(one.run.braking_distance, 3)} m"
