@@ -125,4 +125,4 @@ def step(state, v, omega, Ta, p):
     return limited, s, State(e_integral, v_filtered, theta1_hat, theta2_hat)
 
 
-SOURCES_SHA256 = "39425348e95b005ffb312a20ef83d63a7debca657e3d43c2d5773f00eb192228"
+SOURCES_SHA256 = "bfce8503226a05489e1da2c4e5578be5edf9addce3828a63786eb6beb92a4c2a"
