@@ -229,15 +229,15 @@ class Decomposition:
     def _width_above_one(self, system: Rational, highest: float) -> float:
         """Measure of the frequencies 0 < omega < highest with |system| > 1, rad/s; `system` strictly proper."""
         response = Response(system, 0.0)
-        crossovers = gain_crossovers(response, frequency_nodes(response))
+        crossovers = gain_crossovers(response)
         ends = np.minimum(np.concatenate([[0.0], crossovers]), highest)
-        inside = response.log_magnitude(0.5 * (ends[:-1] + ends[1:]))[0] > 0
+        inside = response.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
 
     def _last_crossover(self, system: Rational) -> float:
         """Frequency beyond which |system| < 1, rad/s; 0 if it always is."""
         response = Response(system, 0.0)
-        return float(np.max(gain_crossovers(response, frequency_nodes(response)), initial=0.0))
+        return float(np.max(gain_crossovers(response), initial=0.0))
 
     @cached_property
     def _nodes(self) -> Floats:

@@ -1,18 +1,20 @@
 """All gain and phase crossovers of L(s) = G(s) exp(-tau s).
 
-On nodes placed at the scale of every pole and zero, completed by the extrema of ln|L| and of the phase, both
-functions are monotone between neighbours, so that each crossover is found once and none is missed; it is then
-refined to the last bits. The dead time needs no finer nodes: the continuous phase is known in closed form.
+Gain crossovers and the extrema of |L| and of its phase are roots of polynomials (`exact`). Between them both are
+monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is then refined to the
+last bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .exact import GAIN, PHASE, SIZE, ExactLoop
 from .rational import Rational
 from .rootfinding import bracketed_roots
 
@@ -20,15 +22,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
 
-_NODES_PER_DECADE = 16  # between features; extrema are located exactly, so this only has to separate them
-_NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency
-_AXIS_GAP = 1e-12  # relative half-width of the gap left around a root on the imaginary axis
 # Phase crossovers are listed wherever |L| is above this (or what the caller asks), and at least these many: with dead
 # time there are infinitely many, whose gains 1/|L| grow without bound beyond the last feature of a strictly proper L.
 SMALLEST_LISTED = 1e-2
 _LISTED_ALWAYS = 20
 _MOST_LISTED = 5_000
+# Of a phase over pi, for each root's angle and for tau omega; nearer to an odd number balls decide the side.
+_ROUNDING = 1e-15
+_STEP_OUT = 16.0  # factor by which an end at 0 or infinity is replaced until the phase there is beyond the level
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,10 @@ class Response:
     system: Rational
     dead_time: float
 
-    def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
-        """ln|L| and d ln|L|/d omega."""
-        return self.log_size(omega), self.log_size_slope(omega)
+    @cached_property
+    def exact(self) -> ExactLoop:
+        """Its polynomials."""
+        return ExactLoop(self.system, self.dead_time)
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
         """Continuous phase of L, rad, and its derivative."""
@@ -66,6 +70,26 @@ class Response:
         """d ln L(j omega)/d omega, complex."""
         return np.asarray(self.system.log_slope(omega) - 1j * self.dead_time)
 
+    def value_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """L(j omega) and d ln L/d omega, complex, at omega > 0 off the axis roots, 1-D: in one go, for searches."""
+        zeros, poles = self.system.zeros, self.system.poles
+        s = 1j * omega
+        with np.errstate(all="ignore"):
+            from_zeros, from_poles = s[:, None] - zeros, s[:, None] - poles
+            value = np.exp(-self.dead_time * s) * self.system.gain
+            value *= np.prod(from_zeros / from_poles[:, : zeros.size], axis=1) / np.prod(
+                from_poles[:, zeros.size :], axis=1
+            )
+            slope = 1j * (np.sum(1 / from_zeros, axis=1) - np.sum(1 / from_poles, axis=1) - self.dead_time)
+        return value, slope
+
+    def bend(self, low: Floats, high: Floats) -> Floats:
+        """A bound on |d^2 ln L/d omega^2| between two frequencies."""
+        roots = np.concatenate([self.system.zeros, self.system.poles])
+        offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
+        with np.errstate(divide="ignore"):
+            return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
+
     def __call__(self, omega: Floats) -> NDArray[np.complex128]:
         """L(j omega)."""
         value = self.system(1j * omega)
@@ -74,131 +98,181 @@ class Response:
         return np.asarray(np.where(np.isinf(value), value, turned))
 
 
-def frequency_nodes(response: Response) -> Floats:
-    """Frequencies, rad/s, ascending, that resolve every feature of L, asymptotes included."""
-    system = response.system
+@dataclass(frozen=True)
+class Pieces:
+    """Parts of the axis omega > 0, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign.
+
+    Attributes
+    ----------
+    low, high : arrays, shape (n,)
+        Ends, rad/s; the first may begin at 0, the last end at infinity.
+    size, half_turns : arrays, shape (2, n)
+        ln|L| and arg L/pi at, or in the limit to, both ends.
+    """
+
+    low: Floats
+    high: Floats
+    size: Floats
+    half_turns: Floats
+
+    def ends(self, response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """`size` and `half_turns` of parts of these pieces that reach from `low` to `high`, rad/s."""
+        owner = np.searchsorted(self.low, low, side="right") - 1
+        found = []
+        for omega, known, end in ((low, self.low[owner], 0), (high, self.high[owner], 1)):
+            inner = omega != known
+            values = np.array([self.size[end, owner], self.half_turns[end, owner]])
+            values[:, inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
+            found.append(values)
+        size, half_turns = np.stack(found, axis=1)
+        return size, half_turns
+
+
+def pieces(response: Response) -> Pieces:
+    """The pieces of a loop, decided by its polynomials."""
+    exact, system = response.exact, response.system
+    if system.gain == 0:
+        return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
     roots = np.concatenate([system.zeros, system.poles])
-    sizes = np.abs(roots)
-    sizes = sizes[sizes > 0]
-    scales = [*sizes, *_asymptotic_crossovers(system)]
-    if response.dead_time > 0:
-        scales.append(1.0 / response.dead_time)
-    if not scales:
-        scales = [1.0]
-    low, high = 1e-4 * min(scales), 1e4 * max(scales)
-    parts = [np.geomspace(low, high, int(_NODES_PER_DECADE * np.log10(high / low)) + 2)]
+    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
+    kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
+    found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
+    found = [one for one in found if one[0] not in on_axis]
+    inner = np.array([omega for omega, _, _ in found])
+    odd, rest = _phases(response, found)
+    half = odd + rest
+    half = np.where((half == odd) & (rest != 0), np.nextafter(odd, np.where(rest > 0, np.inf, -np.inf)), half)
+    edges, at = np.unique(np.concatenate([inner, on_axis]), return_index=True)
+    ends = []
+    for towards in (np.inf, 0.0):  # what the pieces above and below each edge have there
+        beside = np.nextafter(on_axis, towards)
+        size = np.concatenate([response.log_size(inner), response.log_size(beside)])
+        half_turns = np.concatenate([half, response.angle(beside) / np.pi])
+        ends.append(np.array([size[at], half_turns[at]]))
+    low, high = limits(response)
+    values = np.stack([np.column_stack([low, ends[0]]), np.column_stack([ends[1], high])], axis=1)
+    return Pieces(np.append(0.0, edges), np.append(edges, np.inf), *values)
+
+
+def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
+    """ln|L| and arg L/pi as omega tends to 0 and to infinity, the latter exact multiples of a half."""
+    zeros, poles, gain = response.system.zeros, response.system.poles, response.system.gain
+    turned = float(gain < 0)
+    integrators = np.count_nonzero(poles == 0) - np.count_nonzero(zeros == 0)
+    right = np.count_nonzero(zeros.real > 0) - np.count_nonzero(poles.real > 0)
+    level = math.log(abs(gain)) + float(
+        np.log(np.abs(zeros[zeros != 0])).sum() - np.log(np.abs(poles[poles != 0])).sum()
+    )
+    at_zero = (level if integrators == 0 else math.copysign(math.inf, integrators), turned + right - integrators / 2)
+    small = -math.inf if response.system.relative_degree else math.log(abs(gain))
+    end = -math.inf if response.dead_time > 0 else turned - response.system.relative_degree / 2
+    return at_zero, (small, end)
+
+
+def gain_crossovers(response: Response) -> Floats:
+    """All omega > 0 with |L(j omega)| = 1, ascending, rad/s; a touch is among them. None if |L| is 1 everywhere."""
+    return np.array([float(omega.mid()) for omega, _ in response.exact.frequencies(GAIN)])
+
+
+def frequency_nodes(response: Response) -> Floats:
+    """Frequencies, rad/s, ascending, that follow every feature of L; for curves and searches, not for decisions."""
+    roots = np.concatenate([response.system.zeros, response.system.poles])
+    scales = np.concatenate([np.abs(roots), gain_crossovers(response), [1 / (response.dead_time or np.inf)]])
+    scales = scales[scales > 0] if np.any(scales > 0) else np.ones(1)
+    low, high = 1e-4 * scales.min(), 1e4 * scales.max()
+    parts = [np.geomspace(low, high, int(16 * np.log10(high / low)) + 2)]
     for root in roots[roots.imag > 0]:
         width = max(abs(root.real), 1e-8 * root.imag)
         if width < root.imag:
-            count = int(_NODES_PER_RESONANCE * np.log10(root.imag / width)) + 8
-            offset = np.geomspace(0.05 * width, root.imag, count)
+            offset = np.geomspace(0.05 * width, root.imag, int(8 * np.log10(root.imag / width)) + 8)
             parts += [root.imag - offset[:-1], root.imag + offset]
-    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
-    parts += [on_axis * (1 - _AXIS_GAP), on_axis * (1 + _AXIS_GAP)]
-    nodes = np.unique(np.concatenate(parts))
-    for frequency in on_axis:
-        nodes = nodes[np.abs(nodes - frequency) > 0.5 * _AXIS_GAP * frequency]
-    return nodes[nodes > 0]
+    return np.setdiff1d(np.concatenate(parts), roots.imag[roots.real == 0])
 
 
-def _asymptotic_crossovers(system: Rational) -> list[float]:
-    """Where the low- and high-frequency asymptotes of |G| cross 1, rad/s."""
-    if system.gain == 0:
-        return []
-    found = []
-    if system.relative_degree > 0:
-        found.append(abs(system.gain) ** (1.0 / system.relative_degree))
-    elif abs(system.gain) != 1.0:
-        # ln|G| tends to ln|gain| + curvature/omega^2
-        curvature = 0.5 * float((np.sum(system.zeros**2) - np.sum(system.poles**2)).real)
-        square = -curvature / np.log(abs(system.gain))
-        found.append(float(np.sqrt(max(square, 0.0))))
-    integrators = np.count_nonzero(system.poles == 0) - np.count_nonzero(system.zeros == 0)
-    dc = abs(system.dc_gain)
-    if np.isfinite(dc) and dc > 0:
-        # ln|G| starts from ln|G(0)| + curvature omega^2: a crossover as low as |G(0)| is near 1
-        curvature = 0.5 * float((np.sum(system.zeros**-2.0) - np.sum(system.poles**-2.0)).real)
-        found.append(float(np.sqrt(max(-np.log(dc) / curvature, 0.0))) if curvature else 0.0)
-    if integrators != 0:
-        finite_z, finite_p = system.zeros[system.zeros != 0], system.poles[system.poles != 0]
-        level = abs(system.gain) * np.exp(np.log(np.abs(finite_z)).sum() - np.log(np.abs(finite_p)).sum())
-        found.append(float(level ** (1.0 / integrators)))
-    return [f for f in found if np.isfinite(f) and 1e-150 < f < 1e150]
+def crossover_phases(response: Response, *, certain: bool = False) -> tuple[Floats, Floats]:
+    """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1 alone.
 
-
-def _with_extrema(nodes: Floats, slope: Callable[[Floats], Floats]) -> Floats:
-    """The nodes and the zeros of `slope` between them."""
-    value = slope(nodes)
-    at = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
-    extrema = bracketed_roots(lambda x, _: slope(x), nodes[at], nodes[at + 1])
-    return np.union1d(nodes, extrema)
-
-
-def _axis_intervals(system: Rational, nodes: Floats) -> NDArray[np.bool_]:
-    """Which intervals between nodes hold a root on the imaginary axis (no crossover is looked for there)."""
-    roots = np.concatenate([system.zeros, system.poles])
-    on_axis = np.sort(roots.imag[(roots.real == 0) & (roots.imag > 0)])
-    return np.asarray(np.searchsorted(on_axis, nodes[1:]) > np.searchsorted(on_axis, nodes[:-1]))
-
-
-def gain_crossovers(response: Response, nodes: Floats) -> Floats:
-    """All omega > 0 with |L(j omega)| = 1, ascending, rad/s.
-
-    A touch (an extremum of |L| equal to 1 within rounding) counts as a crossover.
+    Balls decide where rounding could matter, or everywhere, if that is to be `certain`.
     """
-    if response.system.gain == 0:
-        return np.array([])
-    nodes = _with_extrema(nodes, response.log_size_slope)
-    value = response.log_size(nodes)
-    if np.all(np.abs(value) < 1e-12):
-        return np.array([])  # all-pass: |L| = 1 everywhere
-    crossing = (np.sign(value[:-1]) * np.sign(value[1:]) < 0) & ~_axis_intervals(response.system, nodes)
-    at = np.flatnonzero(crossing)
-    found = bracketed_roots(lambda w, _: response.log_size(w), nodes[at], nodes[at + 1])
-    touching = nodes[1:-1][np.abs(value[1:-1]) < 1e-13]
-    return np.unique(np.concatenate([found, touching]))
+    crossovers = gain_crossovers(response)
+    return _phases(response, [(omega, GAIN, i) for i, omega in enumerate(crossovers)], certain)
 
 
-def _listed(count: NDArray[np.int_], size: Floats, smallest: float) -> NDArray[np.int_]:
-    """How many of each interval's crossovers are listed, given the largest ln|L| within each interval."""
-    first = np.cumsum(count) - count < _LISTED_ALWAYS
-    large = size >= np.log(smallest)
-    listed = np.where(large, count, np.where(first, np.minimum(count, _LISTED_ALWAYS), 0))
-    # too many to list: those of the largest |L| matter most to the gain limits
-    order = np.argsort(-size)
-    beyond = order[np.cumsum(listed[order]) > _MOST_LISTED]
-    listed[beyond] = np.where(first[beyond], np.minimum(listed[beyond], _LISTED_ALWAYS), 0)
-    return listed
+def _phases(response: Response, found: list[tuple[float, str, int]], certain: bool = False) -> tuple[Floats, Floats]:
+    """As `crossover_phases`, at frequencies (rad/s, kind, number)."""
+    omega = np.array([one for one, _, _ in found])
+    half = response.angle(omega) / np.pi
+    odd = 2 * np.floor(half / 2) + 1
+    rest = half - odd
+    # the continuous phase is a sum of angles and of tau omega, each with its rounding
+    error = _ROUNDING * (8 + response.system.poles.size + np.abs(half) + response.dead_time * omega)
+    for i in np.flatnonzero((np.abs(rest) <= error) | certain).tolist():
+        odd[i], rest[i] = response.exact.offset(*found[i][1:])
+    return odd, rest
 
 
-def phase_crossovers(
-    response: Response, nodes: Floats, *, level: float = np.pi, smallest: float = SMALLEST_LISTED
-) -> Floats:
-    """Frequencies omega > 0 with arg L = level modulo 2 pi, ascending, rad/s.
+def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
+    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s.
 
     Complete wherever |L| >= smallest and for the first 20; beyond, with dead time, there are infinitely many.
     """
-    if response.system.gain == 0:
-        return np.array([])
-    nodes = _with_extrema(nodes, response.angle_slope)
-    # the largest |L| within an interval is at its ends only if the extrema of |L| are among them
-    nodes = _with_extrema(nodes, response.log_size_slope)
-    phase = response.angle(nodes)
-    size = response.log_size(nodes)
-    lower, upper = np.minimum(phase[:-1], phase[1:]), np.maximum(phase[:-1], phase[1:])
-    first = np.ceil((lower - level) / (2 * np.pi))
-    count = np.floor((upper - level) / (2 * np.pi)) - first + 1
-    # a constant phase (a double integrator at -180 deg, say) crosses nothing
-    flat = upper - lower < 4e-16 * (1 + np.abs(phase[:-1]))
-    count[flat | _axis_intervals(response.system, nodes)] = 0
-    count = np.maximum(count, 0).astype(int)
-    count = _listed(count, np.maximum(size[:-1], size[1:]), smallest)
-    at = np.repeat(np.arange(count.size), count)
-    step = np.arange(at.size) - np.repeat(np.cumsum(count) - count, count)
-    # within an interval the levels are met from the one nearest to its left end on
-    falling = phase[:-1][at] > phase[1:][at]
-    total = np.floor((upper - level) / (2 * np.pi)) - first
-    number = np.where(falling, first[at] + total[at] - step, first[at] + step)
-    target = level + 2 * np.pi * number
-    found = bracketed_roots(lambda w, i: response.angle(w) - target[i], nodes[at], nodes[at + 1])
-    return np.unique(found)
+    start, end = cut.half_turns
+    rising = end > start
+    # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached
+    first = np.where(rising, np.floor((start - 1) / 2) + 1, np.ceil((start - 1) / 2) - 1)
+    last = np.where(rising, np.floor((end - 1) / 2), np.ceil((end - 1) / 2))
+    if np.isinf(cut.high[-1]) and end[-1] == 2 * last[-1] + 1:
+        last[-1] += -1 if rising[-1] else 1
+    count = np.maximum(np.where(rising, last - first, first - last) + 1, 0)
+    steps = _listed(response, cut, count, smallest)
+    at, step = np.repeat(np.arange(count.size), [one.size for one in steps]), np.concatenate(steps)
+    return np.unique(located(response, cut, at, 2 * (first[at] + np.where(rising[at], step, -step)) + 1))
+
+
+def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) -> Floats:
+    """Frequencies, rad/s, inside the pieces number `at` where arg L is `odd` times pi."""
+    target = np.pi * odd
+    above = np.where(cut.half_turns[1, at] > cut.half_turns[0, at], -1.0, 1.0)  # side on which the piece begins
+    low = _outward(response, cut.low[at], cut.high[at], target, above)
+    high = _outward(response, cut.high[at], low, target, -above)
+    return bracketed_roots(lambda w, i: response.angle(w) - target[i], low, high)
+
+
+def _outward(response: Response, end: Floats, other: Floats, target: Floats, side: Floats) -> Floats:
+    """The ends of pieces; for 0 and infinity a frequency with its phase on their side of the target."""
+    scale = 1 / response.dead_time if response.dead_time > 0 else 1.0
+    found = np.where(end == 0, np.where(np.isinf(other), scale, other / _STEP_OUT), end)
+    found = np.where(np.isinf(end), np.maximum(other, scale) * _STEP_OUT, found)
+    factor = np.where(end == 0, 1 / _STEP_OUT, _STEP_OUT)
+    while (wrong := ((end == 0) | np.isinf(end)) & (side * (response.angle(found) - target) < 0)).any():
+        found = np.where(wrong, found * factor, found)
+    return found
+
+
+def _listed(response: Response, cut: Pieces, count: Floats, smallest: float) -> list[Floats]:
+    """Numbers, from 0 at its start, of the crossovers to list of each piece, given how many it has."""
+    least, listed, total = math.log(smallest), [], 0
+    for i, number in enumerate(count.tolist()):
+        start, end = cut.size[:, i].tolist()
+        wanted = min(number, _LISTED_ALWAYS - total) if total < _LISTED_ALWAYS else 0
+        if max(start, end) >= least:
+            wanted = max(wanted, min(number, _until(response, cut, least) if math.isinf(number) else number))
+        if wanted <= _MOST_LISTED:
+            steps = np.arange(wanted)
+        else:  # too many: those next to either end, where |L| is nearest to 1 and where it is largest
+            steps = np.arange(_MOST_LISTED // 2, dtype=float)
+            if math.isfinite(number):
+                steps = np.concatenate([steps, number - 1 - steps[::-1]])
+        listed.append(steps)
+        total += steps.size
+    return listed
+
+
+def _until(response: Response, cut: Pieces, least: float) -> float:
+    """How many phase crossovers the last piece has up to where ln|L| has fallen to `least`; inf if it never does."""
+    if cut.size[1, -1] >= least:
+        return math.inf
+    top = max(cut.low[-1], 1 / response.dead_time)
+    while response.log_size(np.array([top]))[0] > least:
+        top *= 2
+    return float((cut.half_turns[0, -1] - response.angle(np.array([top]))[0] / np.pi) // 2 + 1)

@@ -12,12 +12,13 @@ import numpy as np
 from railslip_ctrl.arguments import checked, number, numbers
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
-from .crossings import SMALLEST_LISTED, Response, frequency_nodes, gain_crossovers, phase_crossovers
+from .certificate import Certificate, certify
+from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
 from .margins import GainLimit, Margins, compute_margins, gain_limits, stabilizing_range
 from .pade import pade
 from .rational import Rational
 from .spectrum import rightmost_poles
-from .stability import RootCount, count_right_of
+from .stability import RootCount, count_right_of, root_count
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
+_NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
 
 MOST_POLES = 1000
 """Closed-loop poles that are looked for; a few dozen show what a loop does."""
@@ -131,7 +133,7 @@ class DeadTimeLoop:
     @cached_property
     def root_count(self) -> RootCount:
         """Closed-loop poles in the closed right half plane, exactly counted."""
-        return count_right_of(self._system, self._dead_time)
+        return root_count(self._response)
 
     def is_stable(self) -> bool:
         """True if every closed-loop pole lies left of the imaginary axis, chains at infinity included."""
@@ -175,7 +177,7 @@ class DeadTimeLoop:
     @cached_property
     def gain_crossovers(self) -> NDArray[np.float64]:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
-        return gain_crossovers(self._response, self._nodes)
+        return gain_crossovers(self._response)
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
@@ -185,9 +187,9 @@ class DeadTimeLoop:
 
     def _range_within(self, limits: list[GainLimit]) -> tuple[float, float] | None:
         count = self.root_count
-        if not count.marginal and math.isfinite(count.right):
+        if not count.marginal and count.right <= 2 * len(limits):
             return stabilizing_range(limits, count.right)
-        # on a limit, or beyond the neutral one: count from below the smallest limit, where nothing is close
+        # on a limit, beyond the neutral one, or beyond more limits than are listed: count from below the smallest one
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)
         at_low = count_right_of(self._system * low, self._dead_time)
         found = stabilizing_range([replace(g, factor=g.factor / low) for g in limits], at_low.right)
@@ -207,7 +209,17 @@ class DeadTimeLoop:
 
     @cached_property
     def _margins(self) -> Margins:
-        return compute_margins(self._response, self._nodes, self.gain_crossovers, self._phase_crossings)
+        _, rest = crossover_phases(self._response)
+        return compute_margins(
+            self._response, self._pieces, self.gain_crossovers, rest, self._phase_crossings, self._gain_limits
+        )
+
+    def certificate(self) -> Certificate:
+        """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
+
+        Raises CertificateError for a loop so near to the boundary of stability that 4000 bits do not enclose a margin.
+        """
+        return certify(self._response, self._margins if self.is_stable() else None)
 
     def _unstable_error(self) -> UnstableLoopError:
         count, usable = self.root_count.right, self.stabilizing_gain_range
@@ -234,15 +246,15 @@ class DeadTimeLoop:
         return Response(self._system, self._dead_time)
 
     @cached_property
-    def _nodes(self) -> NDArray[np.float64]:
-        return frequency_nodes(self._response)
+    def _pieces(self) -> Pieces:
+        return pieces(self._response)
 
     @cached_property
     def _phase_crossings(self) -> NDArray[np.float64]:
         """Phase crossovers, listed down to an |L| below which none can matter to the stabilising gains."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
-            found = phase_crossovers(self._response, self._nodes, smallest=smallest)
+            found = phase_crossovers(self._response, self._pieces, smallest=smallest)
             usable = self._range_within(gain_limits(self._response, found))
             if usable is None or math.isinf(usable[1]) or usable[1] * smallest <= 1:
                 break
@@ -254,9 +266,18 @@ class DeadTimeLoop:
         sizes = np.abs(self._system.poles[self._system.poles.real > 0])
         if sizes.size == 0 or self._system.gain == 0:
             return 1.0
-        beyond = self._nodes[self._nodes >= 0.3 * sizes.min()]
-        return float(np.exp(self._response.log_size(beyond).max()))
+        slowest = np.array([0.3 * sizes.min()])
+        beyond = self._pieces.size[:, self._pieces.low >= slowest]
+        return float(np.exp(max(beyond.max(initial=-np.inf), self._response.log_size(slowest)[0])))
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:
-        return gain_limits(self._response, self._phase_crossings)
+        return [self._decided(limit) for limit in gain_limits(self._response, self._phase_crossings)]
+
+    def _decided(self, limit: GainLimit) -> GainLimit:
+        """A limit that rounding does not tell from 1, moved to the side of 1 on which the exact root count changes."""
+        away = abs(limit.factor - 1)
+        if away > _NEAR_ONE:
+            return limit
+        below = count_right_of(self._system * (1 - 2 * _NEAR_ONE), self._dead_time)
+        return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .crossings import Response
+from .crossings import Pieces, Response
 from .rootfinding import bracketed_roots
 
 if TYPE_CHECKING:
@@ -16,10 +16,16 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
-# Phase change between the points at which |S| and |T| are looked at for peaks, rad, where |L| still matters.
-_PHASE_STEP = 0.25
-_SMALL = 0.02
-_MOST_POINTS = 20_000
+_STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S - 1/2| are first looked at for peaks
+_SMALL = 0.02  # |L| below which the phase does not matter there
+_PER_DECADE, _BEYOND = 8, 100.0  # of these points, and how far they reach beyond the features
+_PEAK = 1e-11  # relative: no peak exceeds the one reported by more
+_ROUNDING = 1e-15  # relative, of L: for each root and for the phase of the dead time
+# Around a peak the axis is cut at these relative distances from it: a bound good to second order shows each part to be
+# lower if it is short against its distance.
+_NEAR_PEAK = 1e-9 * 1.4 ** np.arange(56)
+_NARROWEST = 1e-15  # relative: a part that no double divides
+_MOST_PARTS = 64
 _A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
 _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
 
@@ -142,22 +148,23 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
     return GainLimit(factor, float("inf"), 1 if c > 0 else -1)
 
 
-def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase_crossings: Floats) -> Margins:
-    """Margins of a loop known to be stable; see `Margins`."""
-    limits = gain_limits(response, phase_crossings)
+def compute_margins(
+    response: Response, cut: Pieces, crossovers: Floats, rest: Floats, crossings: Floats, limits: list[GainLimit]
+) -> Margins:
+    """Margins of a loop known to be stable; see `Margins`.
+
+    `rest` is arg(-L)/pi at the gain `crossovers`, in [-1, 1]; `crossings` are the phase crossovers, all in rad/s.
+    """
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
-    phase = response.angle(crossovers)
-    signed = np.degrees(np.pi - np.mod(np.pi - (phase + np.pi), 2 * np.pi))
-    room = np.mod(phase + np.pi, 2 * np.pi) / crossovers
-    smallest_phase, phase_frequency = _smallest_of(np.abs(signed), crossovers)
+    smallest_phase, phase_frequency = _smallest_of(180 * np.abs(rest), crossovers)
+    room = np.pi * np.where(rest > 0, rest, rest + 2) / crossovers
     smallest_delay, delay_frequency = _smallest_of(room, crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
         smallest_delay, delay_frequency = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
-    points = _peak_points(response, nodes, crossovers, phase_crossings)
-    (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(response, points)
+    (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(response, cut, crossings)
     at_zero = [limit for limit in limits if limit.frequency == 0]
-    gains = np.exp(-response.log_size(phase_crossings))
+    gains = np.exp(-response.log_size(crossings))
     return Margins(
         gain_increase=up.factor,
         gain_increase_frequency=up.frequency,
@@ -174,8 +181,8 @@ def compute_margins(response: Response, nodes: Floats, crossovers: Floats, phase
         disk=1.0 / disk if disk > 0 else float("inf"),
         disk_frequency=disk_frequency,
         gain_crossovers=crossovers,
-        phase_margins_deg=signed,
-        phase_crossovers=np.concatenate([[g.frequency for g in at_zero], phase_crossings]),
+        phase_margins_deg=180 * np.where(rest == -1, 1.0, rest),
+        phase_crossovers=np.concatenate([[g.frequency for g in at_zero], crossings]),
         phase_crossover_gains=np.concatenate([[g.factor for g in at_zero], gains]),
     )
 
@@ -203,32 +210,157 @@ def _disk(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
 RESPONSES = (_sensitivity, _complementary, _disk)
 
 
-def _peak_points(response: Response, nodes: Floats, crossovers: Floats, phase_crossings: Floats) -> Floats:
-    """Frequencies that separate all local peaks: the nodes, the crossovers, and a bound on the phase step."""
-    points = np.union1d(np.union1d(nodes, crossovers), phase_crossings)
-    phase = response.angle(points)
-    size = response.log_size(points)
+def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[float, float]]:
+    """Suprema over omega >= 0 of |S|, |T| and |S - 1/2|, and where they are attained, rad/s.
+
+    Local peaks between some points are refined. Then the axis is divided until a bound on every part shows that it has
+    nothing higher.
+    """
+    best = [max(ends) for ends in _end_values(response)]
+    if response.system.gain == 0:
+        return best
+    points = _first_points(response, cut, crossings)
+    _raise(best, _local_peaks(response, points))
+    near = [w * (1 + side * _NEAR_PEAK) for _, w in best if 0 < w < np.inf for side in (-1, 1)]
+    edges = np.unique(np.concatenate([cut.low, cut.high, points, *near]))
+    edges = edges[(edges >= cut.low[0]) & (edges <= cut.high[-1])]
+    low, high = edges[:-1], edges[1:]
+    while (open_ones := _may_exceed(response, cut, low, high, best)).any():
+        low, high = _divided(response, low[open_ones], high[open_ones])
+        if _raise(best, _highest(response, low)):
+            _raise(best, _local_peaks(response, np.unique(np.concatenate([low, high[np.isfinite(high)]]))))
+    return best
+
+
+def _raise(best: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
+    """Put the higher ones of `others` into `best`; whether there are any."""
+    higher = [number for number, (one, other) in enumerate(zip(best, others, strict=True)) if other[0] > one[0]]
+    for number in higher:
+        best[number] = others[number]
+    return bool(higher)
+
+
+def _first_points(response: Response, cut: Pieces, crossings: Floats) -> Floats:
+    """Frequencies, rad/s, that separate the peaks of most loops."""
+    inner = np.concatenate([cut.low[1:], crossings, [1 / response.dead_time] if response.dead_time > 0 else []])
+    roots = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
+    inner = np.unique(np.concatenate([inner, roots[roots > 0]]))
+    if inner.size == 0:
+        return inner
+    low, high = inner[0] / _BEYOND, inner[-1] * _BEYOND
+    wide = np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)
+    points = np.unique(np.concatenate([inner, wide]))
+    phase, size = response.angle(points), response.log_size(points)
     matters = np.maximum(size[:-1], size[1:]) > np.log(_SMALL)
-    parts = np.where(matters, np.ceil(np.abs(np.diff(phase)) / _PHASE_STEP), 1).astype(int)
-    divided = int(np.count_nonzero(parts > 1))
-    parts = np.clip(parts, 1, max(1, _MOST_POINTS // max(1, divided)))
-    if np.all(parts == 1):
-        return points
-    at = np.repeat(np.arange(parts.size), parts)
-    step = (np.arange(at.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[at]
-    return np.append(points[at] + step * np.diff(points)[at], points[-1])
+    parts = np.where(matters, np.ceil(np.abs(np.diff(phase)) / _STEP), 1).astype(int)
+    low, high = _spread(points[:-1], points[1:], np.clip(parts, 1, _MOST_PARTS))
+    return np.append(low, high[-1:])
 
 
-def _peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
-    """Suprema over omega >= 0 of |S|, |T| and |S - 1/2|, and where they are attained, rad/s."""
-    loop, loop_slope = response(points), response.log_slope(points)
-    low, high, kind, candidates = [], [], [], _end_values(response)
+def _divided(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Each part divided, the more the more the dead time turns in it; ends at 0 or infinity part by part."""
+    scale = 1 / response.dead_time if response.dead_time > 0 else 1.0
+    first = np.where(low == 0, np.where(np.isinf(high), scale, high) / _BEYOND, low)
+    last = np.where(np.isinf(high), first * _BEYOND, high)
+    number = np.clip(np.ceil((last - first) * response.dead_time / _STEP), 4, _MOST_PARTS).astype(int)
+    inner = _spread(first, last, number)
+    below, above = first > low, last < high
+    return (
+        np.concatenate([low[below], inner[0], last[above]]),
+        np.concatenate([first[below], inner[1], high[above]]),
+    )
+
+
+def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats, Floats]:
+    """The ends of the parts that each interval is divided into, equal in ratio if it is wide, else in length."""
+    at = np.repeat(np.arange(parts.size), parts + 1)
+    share = (np.arange(at.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[at]
+    ratio = high[at] / low[at]
+    omega = np.where(share == 1, high[at], low[at] * np.where(ratio > 4, ratio**share, 1 + (ratio - 1) * share))
+    inside = at[1:] == at[:-1]
+    return omega[:-1][inside], omega[1:][inside]
+
+
+def _highest(response: Response, points: Floats) -> list[tuple[float, float]]:
+    """The largest |S|, |T| and |S - 1/2| at the points, and where."""
+    loop, slope = response.value_and_slope(points)
+    found = []
+    for shape in RESPONSES:
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            value = np.nan_to_num(shape(loop, slope)[0], nan=0.0, posinf=0.0)
+        at = int(np.argmax(value)) if value.size else 0
+        found.append((float(value[at]), float(points[at])) if value.size else (0.0, 0.0))
+    return found
+
+
+def _may_exceed(
+    response: Response, cut: Pieces, low: Floats, high: Floats, best: list[tuple[float, float]]
+) -> NDArray[np.bool_]:
+    """Which parts may hold a value of |S|, |T| or |S - 1/2| above the best: no bound excludes it."""
+    most = np.array([[peak * (1 + _PEAK)] for peak, _ in best])
+    with np.errstate(all="ignore"):
+        second, rounding = _second_order_bounds(response, low, high)
+        exceed = ~np.all(second <= most + rounding, axis=0)
+        exceed &= high > low * (1 + _NARROWEST)
+        at = np.flatnonzero(exceed)
+        boxes = box_bounds(*cut.ends(response, low[at], high[at]))
+    exceed[at] = ~np.all(np.minimum(boxes, second[:, at]) <= most + rounding[at], axis=0)
+    return np.asarray(exceed)
+
+
+def _second_order_bounds(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from value and slope in the middle of each part and a bound on
+    the second derivative, common to all three as T = 1 - S; inf where the part is too long. And their rounding."""
+    half, middle = 0.5 * (high - low), 0.5 * (high + low)
+    (loop, slope), bend = response.value_and_slope(middle), response.bend(low, high)
+    size, speed = np.abs(loop), np.abs(slope) + half * bend
+    growth = np.expm1(half * np.abs(slope) + 0.5 * half**2 * bend)  # of |L| over the part, relatively
+    least = np.abs(1 + loop) - size * growth  # of |1 + L|
+    s_most, t_most = 1 / least, size * (1 + growth) / least
+    curved = 0.5 * half**2 * s_most * t_most * (bend + speed**2 * (s_most + t_most))
+    s = 1 / (1 + loop)
+    rate = half * slope * loop * s * s
+    middles = np.array([s, loop * s, s - 0.5])
+    most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
+    roots = response.system.zeros.size + response.system.poles.size
+    rounding = _ROUNDING * (8 + roots + response.dead_time * high) * s_most * t_most
+    usable = (least > 0) & np.isfinite(most).all(axis=0)
+    return np.where(usable, most, np.inf), np.where(usable, rounding, 0.0)
+
+
+def box_bounds(size: Floats, half_turns: Floats) -> Floats:
+    """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from ln|L| and arg L/pi, both monotone, at the ends, (2, n).
+
+    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= 1 + m^2 - 2 m cos d; the bound is
+    attained if both ends of the intervals meet, so that it tightens with the part.
+    """
+    lowest, highest = half_turns.min(axis=0), half_turns.max(axis=0)
+    passes = np.floor((highest - 1) / 2) >= np.ceil((lowest - 1) / 2)
+    with np.errstate(invalid="ignore"):
+        c = np.where(passes, 1.0, -np.cos(np.pi * half_turns).min(axis=0))
+    ends = np.exp(np.clip(size, -300, 300))
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    m, u = np.clip(c, low, high), np.clip(c, 1 / high, 1 / low)
+    # |S - 1/2| is largest for |L| nearest to 1 in the left half plane, farthest from 1 in the right one
+    v = np.where(c > 0, np.clip(1.0, low, high), np.where(low * high > 1, high, low))
+    with np.errstate(divide="ignore"):
+        parts = [
+            1 / (1 + m * (m - 2 * c)),
+            1 / (1 + u * (u - 2 * c)),
+            (1 + v * (v + 2 * c)) / (1 + v * (v - 2 * c)) / 4,
+        ]
+    return np.sqrt(np.where(np.array(parts) >= 0, parts, np.inf))  # rounding at L = -1 itself
+
+
+def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
+    """The highest of |S|, |T| and |S - 1/2| at the points and at the peaks between them, and where, rad/s."""
+    loop, loop_slope = response.value_and_slope(points)
+    low, high, kind = [], [], []
     for number, shape in enumerate(RESPONSES):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value, slope = shape(loop, loop_slope)
         value = np.where(np.isfinite(value), value, 0.0)
         top = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
-        candidates[number] += [(float(value[i]), float(points[i])) for i in top]
         # the peak lies on the side to which the response still rises
         rising = slope[top] > 0
         low.append(np.where(rising, points[top], points[top - 1]))
@@ -237,18 +369,12 @@ def _peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
     kinds = np.concatenate(kind)
 
     def slope_of(omega: Floats, index: NDArray[np.intp]) -> Floats:
-        here, here_slope = response(omega), response.log_slope(omega)
+        here, here_slope = response.value_and_slope(omega)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return np.choose(kinds[index], [shape(here, here_slope)[1] for shape in RESPONSES])
 
     refined = bracketed_roots(slope_of, np.concatenate(low), np.concatenate(high))
-    here, here_slope = response(refined), response.log_slope(refined)
-    for number, shape in enumerate(RESPONSES):
-        mine = kinds == number
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            height = shape(here[mine], here_slope[mine])[0]
-        candidates[number] += [(float(h), float(w)) for h, w in zip(height, refined[mine], strict=True)]
-    return [max((c for c in mine if np.isfinite(c[0])), key=lambda item: item[0]) for mine in candidates]
+    return _highest(response, np.concatenate([points, refined]))
 
 
 def _end_values(response: Response) -> list[list[tuple[float, float]]]:

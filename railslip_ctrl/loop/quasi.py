@@ -8,7 +8,7 @@ margins come from the same code as those of `DeadTimeLoop`, so that both stand s
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -17,9 +17,10 @@ import numpy as np
 
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
-from .crossings import Response, gain_crossovers, phase_crossovers
+from .crossings import Pieces, Response, phase_crossovers
 from .margins import Margins, compute_margins, gain_limits, stabilizing_range
 from .rational import Rational
+from .rootfinding import bracketed_roots
 from .stability import RootCount
 
 if TYPE_CHECKING:
@@ -271,7 +272,9 @@ class DelayedLoop:
     @cached_property
     def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
-        return gain_crossovers(self._response, self._response.nodes)
+        cut, response = self._response.pieces, self._response
+        at = np.flatnonzero(np.sign(cut.size[0]) * np.sign(cut.size[1]) <= 0)
+        return np.unique(_zeros(response.log_size, cut.low[at], cut.high[at]))
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
@@ -292,11 +295,15 @@ class DelayedLoop:
                 unstable_poles=count,
                 stabilizing_gain_range=self.stabilizing_gain_range,
             )
-        return compute_margins(self._response, self._response.nodes, self.gain_crossovers, self._phase_crossings)
+        half_turns = self._response.angle(self.gain_crossovers) / np.pi
+        rest = half_turns - 2 * np.floor(half_turns / 2) - 1
+        limits = gain_limits(self._response, self._phase_crossings)
+        cut, crossovers = self._response.pieces, self.gain_crossovers
+        return compute_margins(self._response, cut, crossovers, rest, self._phase_crossings, limits)
 
     @cached_property
     def _phase_crossings(self) -> Floats:
-        return phase_crossovers(self._response, self._response.nodes)
+        return phase_crossovers(self._response, self._response.pieces)
 
     @cached_property
     def _response(self) -> _DelayedResponse:
@@ -333,6 +340,25 @@ class _DelayedResponse(Response):
     _values: Complexes
     _phases: Floats
 
+    @cached_property
+    def pieces(self) -> Pieces:
+        """The axis cut at the nodes and at the extrema between them."""
+        edges = self.nodes
+        for slope in (self.angle_slope, self.log_size_slope):
+            value = slope(edges)
+            at = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
+            edges = np.union1d(edges, _zeros(slope, edges[at], edges[at + 1]))
+        values = np.array([self.log_size(edges), self.angle(edges) / np.pi])
+        return Pieces(edges[:-1], edges[1:], *np.stack([values[:, :-1], values[:, 1:]], axis=1))
+
+    def value_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        return self(omega), self.log_slope(omega)
+
+    def bend(self, low: Floats, high: Floats) -> Floats:
+        """Twice the largest change of d ln L/d omega over the halves of each interval: an estimate."""
+        slopes = self.log_slope(np.array([low, 0.5 * (low + high), high]))
+        return np.asarray(4 * np.abs(np.diff(slopes, axis=0)).max(axis=0) / (high - low))
+
     def __call__(self, omega: Floats) -> Complexes:
         return self._ratio(1j * np.asarray(omega))
 
@@ -356,6 +382,10 @@ class _DelayedResponse(Response):
 
     def angle_slope(self, omega: Floats) -> Floats:
         return self.log_slope(omega).imag
+
+
+def _zeros(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
+    return bracketed_roots(lambda w, _: function(w), low, high)
 
 
 def _band(num: QuasiPolynomial, den: QuasiPolynomial) -> tuple[float, float]:

@@ -6,6 +6,10 @@ Along s = j omega the argument of Q is known in closed form wherever |L| != 1: i
 crossover the two differ by 2 pi round(arg L/2 pi). So the gain crossovers, with the continuous phase there,
 decide: no grid, no Pade, and poles on or near the axis need no indentation because where |L| is large only N
 is looked at. This is the direct method of [WaltonMarshall1987] read at one dead time.
+
+The crossovers are algebraic numbers, isolated exactly (`exact`). Where rounding of the phase could matter, balls of
+growing precision decide; with dead time they do so in the end, as exp(-j tau omega) is transcendental there (Lindemann)
+and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
 """
 
 from __future__ import annotations
@@ -14,17 +18,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import ctx
 
-from .crossings import Response, frequency_nodes, gain_crossovers
-from .rational import Rational, angle_sum
+from .crossings import Response, crossover_phases, gain_crossovers
+from .exact import GAIN, MOST_BITS
+from .rational import Rational
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
-# L at a gain crossover this close to -1 (rad) puts a pole on the axis: rounding of the phase itself.
-_ON_AXIS = 1e-12
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
 _SHIFT = 1e-7
@@ -50,82 +54,69 @@ def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> Roo
     """
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # so far left that exp(-tau line) overflows: beyond any use
-    moved = system.shifted(line) * float(np.exp(-dead_time * line)) if line else system
-    count, marginal = _count(moved, dead_time)
+    return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
+
+
+def root_count(response: Response, *, certain: bool = False) -> RootCount:
+    """Count the closed-loop poles right of the imaginary axis, as `count_right_of`; all of it in balls if `certain`."""
+    count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)
-    scale = _shift_scale(moved)
+    scale = _shift_scale(response)
     for attempt in range(1, 8):
         # not a multiple of itself, so that a pole met once by accident is not met again
-        c = -_SHIFT * scale * attempt**1.37
-        count, again = _count(moved.shifted(c) * float(np.exp(-dead_time * c)), dead_time)
+        count, again = _count(_moved(response, -_SHIFT * scale * attempt**1.37))
         if not again:
             break
     return RootCount(count, True)
 
 
-def _shift_scale(system: Rational) -> float:
-    sizes = np.abs(np.concatenate([system.zeros, system.poles]))
-    response = Response(system, 0.0)
-    crossovers = gain_crossovers(response, frequency_nodes(response))
-    sizes = np.concatenate([sizes[sizes > 0], crossovers])
+def _moved(response: Response, c: float) -> Response:
+    """L(s + c) as a function of s."""
+    return Response(response.system.shifted(c) * float(np.exp(-response.dead_time * c)), response.dead_time)
+
+
+def _shift_scale(response: Response) -> float:
+    sizes = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
+    sizes = np.concatenate([sizes[sizes > 0], gain_crossovers(response)])
     return float(sizes.min()) if sizes.size else 1.0
 
 
-def _count(system: Rational, dead_time: float) -> tuple[float, bool]:
+def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     """(closed-loop poles with positive real part, whether one is on the axis)."""
-    order = system.poles.size
+    system, dead_time = response.system, response.dead_time
     axis_zeros, axis_poles = (r[r.real == 0] for r in (system.zeros, system.poles))
     if np.intersect1d(axis_zeros, axis_poles).size:
         return float("nan"), True  # a hidden mode on the axis is a closed-loop pole there
+    right = [int(np.count_nonzero(roots.real > 0)) for roots in (system.zeros, system.poles)]
     if system.gain == 0:
-        return float(np.count_nonzero(system.poles.real > 0)), bool(axis_poles.size)
-    limit = abs(system.feedthrough)
-    if dead_time > 0 and limit >= 1.0:
+        return float(right[1]), bool(axis_poles.size)
+    if dead_time > 0 and abs(system.feedthrough) >= 1.0:
         return float("inf"), False  # neutral: a chain of poles tends to Re s = ln|G(inf)|/tau >= 0
     if system.feedthrough == -1.0:
         return float("inf"), False  # 1 + L(inf) = 0: not well posed
-    dc = system.dc_gain
-    if dc == -1.0:
-        return float("nan"), True  # a pole at the origin
-    response = Response(system, dead_time)
-    nodes = frequency_nodes(response)
-    crossovers = gain_crossovers(response, nodes)
-    if crossovers.size == 0 and abs(response.log_size(nodes[:1])[0]) < 1e-12:
-        return _count_all_pass(system)
-    phase = response.angle(crossovers)
-    turns = np.round(phase / (2 * np.pi))
-    distance = np.pi - np.abs(phase - 2 * np.pi * turns)
-    if np.any(distance <= _ON_AXIS * (1 + np.abs(phase))):
+    if response.exact.pole_at_origin:
         return float("nan"), True
-    return float(round(order / 2 - _rotation(response, nodes, crossovers, turns) / np.pi)), False
-
-
-def _rotation(response: Response, nodes: Floats, crossovers: Floats, turns: Floats) -> float:
-    """Change of arg Q(j omega) from omega = 0 to infinity, rad."""
-    system = response.system
-    origin = np.array([0.0])
-    large = response.log_size(_between(nodes, crossovers)) > 0  # |L| > 1, interval by interval
-    # the branch of arg Q follows the form in use; at a touch of |L| = 1 the form does not change
-    jump = 2 * np.pi * float(np.sum(turns * (large[:-1].astype(float) - large[1:].astype(float))))
-    negative = np.pi if system.gain < 0 else 0.0
-    start = angle_sum(system.zeros, origin)[0] + negative if large[0] else angle_sum(system.poles, origin)[0]
+    if response.exact.all_pass:
+        return _count_polynomial(response)
+    # half turns of arg Q from omega = 0 to infinity: the branch follows the form in use, that of N where |L| > 1
+    large, turned = response.exact.large_at_zero, int(system.gain < 0)
+    change = -(right[0] + turned) if large else -right[1]
+    odd, rest = crossover_phases(response, certain=certain)
+    if not rest.all():
+        return float("nan"), True
+    for n, (_, multiplicity) in zip(odd + np.sign(rest), response.exact.frequencies(GAIN), strict=True):
+        if multiplicity % 2:  # at a touch of |L| = 1 the form does not change
+            change += int(n) if large else -int(n)
+            large = not large
     # far up the axis every continuous angle is 90 deg, left and right roots alike
-    end = np.pi / 2 * system.zeros.size + negative if large[-1] else np.pi / 2 * system.poles.size
-    return float(end + jump - start)
+    end = system.zeros.size + 2 * turned if large else system.poles.size
+    return float(system.poles.size / 2 - end / 2 - change), False
 
 
-def _between(nodes: Floats, crossovers: Floats) -> Floats:
-    """A frequency in each interval that the crossovers divide omega > 0 into."""
-    if crossovers.size == 0:
-        return nodes[:1]
-    return np.concatenate([crossovers[:1] / 2, np.sqrt(crossovers[:-1] * crossovers[1:]), crossovers[-1:] * 2])
-
-
-def _count_all_pass(system: Rational) -> tuple[float, bool]:
+def _count_polynomial(response: Response) -> tuple[float, bool]:
     """|L| = 1 at every frequency, no dead time: the polynomial D + N itself."""
-    den, num = (np.atleast_1d(np.real(np.poly(roots))) for roots in (system.poles, system.zeros))
-    characteristic = den + system.gain * num
-    roots = np.roots(characteristic)
-    near = np.abs(roots.real) <= 1e-10 * np.abs(roots)
-    return float(np.count_nonzero((roots.real > 0) & ~near)), bool(near.any())
+    characteristic = response.exact.numerator + response.exact.denominator
+    with ctx.workprec(MOST_BITS):
+        roots = characteristic.complex_roots()
+    return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)

@@ -1,0 +1,380 @@
+"""Certificates: the stability and the margins of a dead-time loop as enclosures by ball arithmetic.
+
+Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`exact`). For Ms and Mt the
+axis is covered by parts, on each of which a bound lies below the upper end of the enclosure; the lower end is attained.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from flint import acb, arb, ctx
+
+from railslip_ctrl.errors import RailslipError
+
+from .crossings import Pieces, Response, limits, located
+from .exact import GAIN, PHASE, SIZE
+from .stability import root_count
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .margins import Margins
+
+    Enclosure = tuple[float, float]
+
+WIDTH = 1e-9
+"""Largest relative width of an enclosure."""
+
+_BITS = (80, 320, 1280, 4000)
+_ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained
+_NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is cut first
+_MOST_PARTS = 50_000
+_STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
+_NEWTON_STEPS = 12  # with a slope good to double precision each step adds fifty bits or more
+
+
+class CertificateError(RailslipError, ArithmeticError):
+    """A margin could not be enclosed as narrowly as a certificate asks."""
+
+
+class _TooWideError(Exception):
+    """At this precision a ball does not decide."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is certain of a loop; each enclosure is (lowest, highest), at most 1e-9 wide relatively.
+
+    Attributes
+    ----------
+    stable : bool
+        Whether every closed-loop pole lies left of the imaginary axis.
+    unstable_poles : float
+        Closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
+    gain_crossovers : tuple of tuple
+        Enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root count.
+    bits : int
+        Precision of the balls, bits.
+    parts : int
+        Parts of the axis on each of which |S| and |T| were bounded.
+    gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
+        Enclosures of the margins of `Margins`: factors, deg, s, peaks of |S| and |T|; both ends inf where a margin has
+        no bound. None for a loop that is not stable.
+    """
+
+    stable: bool
+    unstable_poles: float
+    gain_crossovers: tuple[Enclosure, ...]
+    bits: int
+    parts: int = 0
+    gain_increase: Enclosure | None = None
+    gain_decrease: Enclosure | None = None
+    phase_deg: Enclosure | None = None
+    delay_s: Enclosure | None = None
+    ms: Enclosure | None = None
+    mt: Enclosure | None = None
+
+
+def certify(response: Response, margins: Margins | None) -> Certificate:
+    """The certificate of a loop; `margins` are those of a stable one, None for another.
+
+    Raises CertificateError where `_BITS` do not do, which means a loop on the boundary for all that a double can tell.
+    """
+    count = root_count(response, certain=True)
+    crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
+    if margins is None:
+        return Certificate(count.stable, count.right, crossovers, _BITS[0])
+    for bits in _BITS:
+        with ctx.workprec(bits):
+            try:
+                up, down = _gain_margins(response, bits)
+                phase, delay = _crossover_margins(response, bits)
+                cover = _Cover(response, margins, bits)
+                ms, mt = cover.peaks()
+                found = [_narrow(one) for one in (up, down, phase, delay, ms, mt)]
+                return Certificate(True, 0.0, crossovers, bits, cover.parts, *found)
+            except _TooWideError:
+                continue
+    raise CertificateError(
+        f"certificate: {_BITS[-1]} bits do not enclose every margin to {WIDTH:g}; the loop is as near to the boundary "
+        "of stability as a double can tell; change the gain"
+    )
+
+
+def _ends(ball: arb) -> Enclosure:
+    """The ends of a ball as doubles, outward."""
+    if not ball.is_finite():
+        return math.inf, math.inf
+    low, high = float(ball.lower()), float(ball.upper())
+    return (
+        (low, high)
+        if ball.is_exact() and low == high
+        else (math.nextafter(low, -math.inf), math.nextafter(high, math.inf))
+    )
+
+
+def _narrow(ball: arb) -> Enclosure:
+    low, high = _ends(ball)
+    if high - low > WIDTH * abs(high):
+        raise _TooWideError
+    return low, high
+
+
+def _least(balls: Sequence[arb]) -> arb:
+    """A ball that holds the least of numbers, each in one of the balls; infinity for none."""
+    if not balls:
+        return arb.pos_inf()
+    found = balls[0]
+    for ball in balls[1:]:
+        found = found.min(ball)
+    return found
+
+
+# -- gain, phase and delay ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _End:
+    """An end of a piece: frequency (None at 0 and infinity), ln|L| as a double, arg L/pi (None: minus infinity)."""
+
+    omega: arb | None
+    size: float
+    half_turns: arb | None
+
+
+def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
+    """Both ends of each piece of the axis on which |L| and the phase are monotone, and whether |L| > 1 on it."""
+    exact, roots = response.exact, np.concatenate([response.system.zeros, response.system.poles])
+    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
+    nodes = [(w, kind == GAIN and n % 2 == 1) for kind in (GAIN, SIZE, PHASE) for w, n in exact.frequencies(kind, bits)]
+    nodes = sorted([*nodes, *((arb(w), False) for w in on_axis)], key=lambda node: float(node[0].mid()))
+    (first_size, first), (last_size, last) = limits(response)
+    start, large = _End(None, first_size, arb(first)), exact.large_at_zero
+    for omega, crosses in nodes:
+        below, above = (exact.argument(omega, side) / arb.pi() for side in (-1, 1))
+        size = float(response.log_size(np.array([float(omega.mid())]))[0])
+        yield start, _End(omega, size, below), large
+        start, large = _End(omega, size, above), large != crosses
+    yield start, _End(None, last_size, None if math.isinf(last) else arb(last)), large
+
+
+def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
+    """The least factor > 1 and the largest < 1 on the gain that put a pole on the axis. Of each piece the phase
+    crossover nearest to |L| = 1 counts, as |L| is monotone there."""
+    if response.system.gain == 0:
+        return arb.pos_inf(), arb(0)
+    up: list[arb] = []  # 1/|L|, and |L| below: all > 1
+    down: list[arb] = []
+    for start, end, large in _pieces(response, bits):
+        near, far = (start, end) if abs(start.size) <= abs(end.size) else (end, start)
+        odd = _first_odd(near, far)
+        if odd is not None:
+            size = abs(_loop(response, _phase_crossover(response, start, end, odd))[0])
+            (down if large else up).append(size if large else 1 / size)
+    num, den, through = response.exact.numerator, response.exact.denominator, response.system.feedthrough
+    at_zero = arb(num[0] / den[0]) if den[0] != 0 else arb(0)
+    at_infinity = arb(-abs(through) if response.dead_time > 0 else through)
+    for value in (at_zero, at_infinity):
+        if value < 0:
+            (down if value < -1 else up).append(-value if value < -1 else -1 / value)
+    return _least(up), 1 / _least(down) if down else arb(0)
+
+
+def _first_odd(near: _End, far: _End) -> int | None:
+    """The first odd number that arg L/pi meets strictly inside a piece, from its near end on; None without one."""
+    if near.half_turns is None:
+        return None  # the crossovers accumulate at infinity, where |L| has a limit that counts by itself
+    rising = far.half_turns is not None and float(far.half_turns.mid()) > float(near.half_turns.mid())
+    half = (near.half_turns - 1) / 2
+    below = (half.floor() if rising else half.ceil()).unique_fmpz()
+    if below is None:
+        raise _TooWideError
+    odd = 2 * (int(below) + (1 if rising else -1)) + 1
+    if far.half_turns is None:
+        return odd
+    rest = far.half_turns - odd if rising else odd - far.half_turns
+    if not (rest > 0 or rest < 0 or rest.is_zero()):
+        raise _TooWideError
+    return odd if rest > 0 else None
+
+
+def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
+    """The frequency inside a piece at which arg L is `odd` times pi: Newton's method, then the signs on either side."""
+    ends = [
+        np.array([default if one.omega is None else float(one.omega.mid())])
+        for one, default in ((start, 0.0), (end, np.inf))
+    ]
+    turns = [-np.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end)]
+    piece = Pieces(ends[0], ends[1], np.zeros((2, 1)), np.array(turns)[:, None])
+    found = located(response, piece, np.array([0]), np.array([float(odd)]))
+    slope, omega = float(response.angle_slope(found)[0]), arb(float(found[0]))
+    target = odd * arb.pi()
+    for _ in range(_NEWTON_STEPS):
+        omega = (omega - (response.exact.argument(omega) - target) / slope).mid()
+    away = omega * arb(2) ** (-ctx.prec // 2)
+    below, above = (response.exact.argument(omega + step) - target for step in (-away, away))
+    if not (below * above < 0):
+        raise _TooWideError
+    return (omega - away).union(omega + away)
+
+
+def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
+    """The least |phase margin|, deg, and the least delay margin, s, over all gain crossovers."""
+    phases, delays = [], []
+    for omega, _ in response.exact.frequencies(GAIN, bits):
+        half = response.exact.argument(omega) / arb.pi()
+        rest = half - (2 * int((half.mid() / 2).floor().unique_fmpz()) + 1)
+        if not (rest > 0 or rest < 0):
+            raise _TooWideError
+        phases.append(180 * abs(rest))
+        delays.append((rest if rest > 0 else rest + 2) * arb.pi() / omega)
+    if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
+        delays.append(arb(0))
+    return _least(phases), _least(delays)
+
+
+# -- peaks ------------------------------------------------------------------------------------------------------------
+
+
+def _loop(response: Response, omega: arb) -> tuple[acb, acb]:
+    """L(j omega) and d ln L/d omega."""
+    s = acb(0, omega)
+    value, slope = acb(response.system.gain), acb(0)
+    for zero in response.system.zeros:
+        value, slope = value * (s - acb(zero)), slope + 1 / (s - acb(zero))
+    for pole in response.system.poles:
+        value, slope = value / (s - acb(pole)), slope - 1 / (s - acb(pole))
+    return value * (s * -response.dead_time).exp(), acb(0, 1) * (slope - response.dead_time)
+
+
+class _Cover:
+    """The axis in parts, and the bounds of |S| and |T| on them."""
+
+    def __init__(self, response: Response, margins: Margins, bits: int) -> None:
+        self._response, self._bits = response, bits
+        self._roots = np.concatenate([response.system.zeros, response.system.poles]).tolist()
+        self._frequencies = margins.ms_frequency, margins.mt_frequency
+        self.parts = 0
+
+    def peaks(self) -> tuple[arb, arb]:
+        """Ms and Mt: a value that is attained, and what no part exceeds."""
+        attained = [self._values(omega)[i] for i, omega in enumerate(self._frequencies)]
+        self._most = [value.upper() * (1 + _ABOVE) for value in attained]
+        for start, end, _ in _pieces(self._response, self._bits):
+            self._cover(start, end)
+        return attained[0].union(self._most[0]), attained[1].union(self._most[1])
+
+    def _values(self, omega: float) -> tuple[arb, arb]:
+        """|S| and |T| at a frequency, or in the limit to 0 or infinity."""
+        if 0 < omega < math.inf:
+            loop, _ = _loop(self._response, arb(omega))
+            return 1 / abs(1 + loop), abs(loop / (1 + loop))
+        num, den = self._fraction_at(omega)
+        return abs(den / (num + den)), abs(num / (num + den))
+
+    def _fraction_at(self, omega: float) -> tuple[arb, arb]:
+        """L as a fraction in the limit to frequency 0 or infinity; with dead time its phase there is any."""
+        if omega == 0:
+            return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
+        through = self._response.system.feedthrough
+        return arb(-abs(through) if self._response.dead_time > 0 else through), arb(1)
+
+    def _cover(self, start: _End, end: _End) -> None:
+        """See that |S| and |T| stay below on a piece, dividing it until they do."""
+        ends = [
+            default if one.omega is None else float(one.omega.mid()) for one, default in ((start, 0.0), (end, math.inf))
+        ]
+        near = [w * (1 + side * _NEAR_PEAK) for w in self._frequencies if 0 < w < math.inf for side in (-1, 1)]
+        points = np.unique(np.concatenate([*near, np.zeros(0)]))
+        inside = points[(points > ends[0]) & (points < ends[1])]
+        edges = [start, *(self._end(w) for w in inside.tolist()), end]
+        left = list(pairwise(edges))
+        while left:
+            low, high = left.pop()
+            self.parts += 1
+            if self.parts > _MOST_PARTS:
+                raise _TooWideError
+            if not (self._below_to_second_order(low.omega, high.omega) or self._below_in_box(low, high)):
+                middle = self._end(_between(low, high))
+                left += [(low, middle), (middle, high)]
+
+    def _end(self, omega: float) -> _End:
+        return _End(arb(omega), math.nan, self._response.exact.argument(arb(omega)) / arb.pi())
+
+    def _below_to_second_order(self, low: arb | None, high: arb | None) -> bool:
+        """As `margins` bounds it, in balls: value and slope in the middle, and the most of the second derivative."""
+        if low is None or high is None:
+            return False
+        middle = ((low + high) / 2).mid()
+        half = (high - middle).max(middle - low)
+        bend = arb(0)
+        for root in self._roots:
+            offset = (low - root.imag).max(root.imag - high).max(arb(0))
+            distance = offset * offset + arb(root.real) * root.real
+            if not distance > 0:
+                return False
+            bend += 1 / distance
+        loop, slope = _loop(self._response, middle)
+        size, rate = abs(loop), abs(slope)
+        growth = (half * rate + half * half * bend / 2).expm1()
+        least = abs(1 + loop) - size * growth
+        if not least > 0:
+            return False
+        s_most, t_most = 1 / least, size * (1 + growth) / least
+        curved = half * half / 2 * s_most * t_most * (bend + (rate + half * bend) ** 2 * (s_most + t_most))
+        s = 1 / (1 + loop)
+        change = half * slope * loop * s * s
+        return all(
+            abs(value - change) + curved < most and abs(value + change) + curved < most
+            for value, most in zip((s, loop * s), self._most, strict=True)
+        )
+
+    def _below_in_box(self, low: _End, high: _End) -> bool:
+        """With |L| from m1 to m2 and cos(arg L) >= -c: |1 + L|^2 >= 1 + m^2 - 2 m c, and the same of 1/L."""
+        sizes = [self._size_at(low, 0.0), self._size_at(high, math.inf)]
+        c = _towards_minus_one(low.half_turns, high.half_turns)
+        inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
+        squares = _least_square(sizes, c), _least_square(inverses, c)
+        return all(square > 0 and 1 / square.sqrt() < most for square, most in zip(squares, self._most, strict=True))
+
+    def _size_at(self, end: _End, default: float) -> arb:
+        """|L| at an end of a part, or in the limit to 0 or infinity."""
+        if end.omega is not None:
+            return abs(_loop(self._response, end.omega)[0])
+        num, den = self._fraction_at(default)
+        return arb.pos_inf() if den.is_zero() else abs(num / den)
+
+
+def _towards_minus_one(first: arb | None, second: arb | None) -> arb:
+    """The most of -cos(arg L) between two phases, over pi."""
+    if first is None or second is None:
+        return arb(1)
+    lowest, highest = ((first.min(second) - 1) / 2).ceil(), ((first.max(second) - 1) / 2).floor()
+    return (-first.cos_pi()).max(-second.cos_pi()) if highest < lowest else arb(1)
+
+
+def _least_square(sizes: Sequence[arb], c: arb) -> arb:
+    """At most the least of 1 + m^2 - 2 m c over m between the sizes."""
+    low, high = sizes[0].min(sizes[1]), sizes[0].max(sizes[1])
+    candidates = [1 + m * (m - 2 * c) for m in (low, high) if m.is_finite()]
+    if not (c <= low or c >= high):
+        candidates.append(1 - c * c)
+    return _least(candidates)
+
+
+def _between(low: _End, high: _End) -> float:
+    """A frequency, rad/s, that divides a part."""
+    if low.omega is None:
+        return 1.0 if high.omega is None else float(high.omega.mid()) / _STEP_OUT
+    if high.omega is None:
+        return float(low.omega.mid()) * _STEP_OUT
+    found = float((low.omega * high.omega).sqrt().mid())
+    if not float(low.omega.upper()) < found < float(high.omega.lower()):
+        raise _TooWideError
+    return found
