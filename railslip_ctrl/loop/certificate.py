@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from flint import acb, arb, ctx
+from flint import arb, ctx
 
 from railslip_ctrl.errors import RailslipError
 
@@ -175,7 +175,7 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
         near, far = (start, end) if abs(start.size) <= abs(end.size) else (end, start)
         odd = _first_odd(near, far)
         if odd is not None:
-            size = abs(_loop(response, _phase_crossover(response, start, end, odd))[0])
+            size = abs(response.exact.value(_phase_crossover(response, start, end, odd))[0])
             (down if large else up).append(size if large else 1 / size)
     num, den, through = response.exact.numerator, response.exact.denominator, response.system.feedthrough
     at_zero = arb(num[0] / den[0]) if den[0] != 0 else arb(0)
@@ -242,23 +242,13 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 # -- peaks ------------------------------------------------------------------------------------------------------------
 
 
-def _loop(response: Response, omega: arb) -> tuple[acb, acb]:
-    """L(j omega) and d ln L/d omega."""
-    s = acb(0, omega)
-    value, slope = acb(response.system.gain), acb(0)
-    for zero in response.system.zeros:
-        value, slope = value * (s - acb(zero)), slope + 1 / (s - acb(zero))
-    for pole in response.system.poles:
-        value, slope = value / (s - acb(pole)), slope - 1 / (s - acb(pole))
-    return value * (s * -response.dead_time).exp(), acb(0, 1) * (slope - response.dead_time)
-
-
 class _Cover:
     """The axis in parts, and the bounds of |S| and |T| on them."""
 
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
         self._roots = np.concatenate([response.system.zeros, response.system.poles]).tolist()
+        self._poles_on_axis = [pole.imag for pole in response.system.poles.tolist() if pole.real == 0]
         self._frequencies = margins.ms_frequency, margins.mt_frequency
         self.parts = 0
 
@@ -273,7 +263,7 @@ class _Cover:
     def _values(self, omega: float) -> tuple[arb, arb]:
         """|S| and |T| at a frequency, or in the limit to 0 or infinity."""
         if 0 < omega < math.inf:
-            loop, _ = _loop(self._response, arb(omega))
+            loop, _ = self._response.exact.value(arb(omega))
             return 1 / abs(1 + loop), abs(loop / (1 + loop))
         num, den = self._fraction_at(omega)
         return abs(den / (num + den)), abs(num / (num + den))
@@ -320,7 +310,7 @@ class _Cover:
             if not distance > 0:
                 return False
             bend += 1 / distance
-        loop, slope = _loop(self._response, middle)
+        loop, slope = self._response.exact.value(middle)
         size, rate = abs(loop), abs(slope)
         growth = (half * rate + half * half * bend / 2).expm1()
         least = abs(1 + loop) - size * growth
@@ -346,7 +336,8 @@ class _Cover:
     def _size_at(self, end: _End, default: float) -> arb:
         """|L| at an end of a part, or in the limit to 0 or infinity."""
         if end.omega is not None:
-            return abs(_loop(self._response, end.omega)[0])
+            on_pole = end.omega.is_exact() and float(end.omega) in self._poles_on_axis
+            return arb.pos_inf() if on_pole else abs(self._response.exact.value(end.omega)[0])
         num, den = self._fraction_at(default)
         return arb.pos_inf() if den.is_zero() else abs(num / den)
 

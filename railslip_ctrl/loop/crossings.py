@@ -16,7 +16,7 @@ import numpy as np
 
 from .exact import GAIN, PHASE, SIZE, ExactLoop
 from .rational import Rational
-from .rootfinding import bracketed_roots
+from .rootfinding import monotone_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,6 @@ _LISTED_ALWAYS = 20
 _MOST_LISTED = 5_000
 # Of a phase over pi, for each root's angle and for tau omega; nearer to an odd number balls decide the side.
 _ROUNDING = 1e-15
-_STEP_OUT = 16.0  # factor by which an end at 0 or infinity is replaced until the phase there is beyond the level
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,21 @@ class Response:
     def exact(self) -> ExactLoop:
         """Its polynomials."""
         return ExactLoop(self.system, self.dead_time)
+
+    @cached_property
+    def gain_crossovers(self) -> Floats:
+        """As the function of this name."""
+        return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
+
+    @cached_property
+    def crossover_phases(self) -> tuple[Floats, Floats]:
+        """As the function of this name, balls where rounding could matter."""
+        return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())])
+
+    def phase_error(self, omega: Floats) -> Floats:
+        """Bound on the rounding of `angle` over pi: of each angle and of tau omega."""
+        half_turns = self.dead_time * omega + self.system.poles.size
+        return np.asarray(_ROUNDING * (8 + self.system.poles.size + half_turns))
 
     def phase(self, omega: Floats) -> tuple[Floats, Floats]:
         """Continuous phase of L, rad, and its derivative."""
@@ -72,20 +86,38 @@ class Response:
 
     def value_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
         """L(j omega) and d ln L/d omega, complex, at omega > 0 off the axis roots, 1-D: in one go, for searches."""
-        zeros, poles = self.system.zeros, self.system.poles
-        s = 1j * omega
-        with np.errstate(all="ignore"):
-            from_zeros, from_poles = s[:, None] - zeros, s[:, None] - poles
-            value = np.exp(-self.dead_time * s) * self.system.gain
-            value *= np.prod(from_zeros / from_poles[:, : zeros.size], axis=1) / np.prod(
-                from_poles[:, zeros.size :], axis=1
-            )
-            slope = 1j * (np.sum(1 / from_zeros, axis=1) - np.sum(1 / from_poles, axis=1) - self.dead_time)
+        value, slope, _ = self._value_and_slopes(omega)
         return value, slope
+
+    def value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
+        """As `value_and_slope`, with d^2 ln L/d omega^2."""
+        value, slope, inverse = self._value_and_slopes(omega)
+        return value, slope, (inverse * inverse) @ self._signs
+
+    def _value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
+        zeros = self.system.zeros.size
+        with np.errstate(all="ignore"):
+            s = 1j * omega
+            away = s[:, None] - self._both
+            inverse = 1 / away
+            value = np.exp(-self.dead_time * s) * self.system.gain
+            paired = away[:, :zeros] * inverse[:, zeros : 2 * zeros]
+            value *= paired.prod(axis=1) * inverse[:, 2 * zeros :].prod(axis=1)
+            slope = 1j * (inverse @ self._signs - self.dead_time)
+        return value, slope, inverse
+
+    @cached_property
+    def _both(self) -> Complexes:
+        """Zeros and then poles."""
+        return np.concatenate([self.system.zeros, self.system.poles])
+
+    @cached_property
+    def _signs(self) -> Floats:
+        return np.repeat([1.0, -1.0], [self.system.zeros.size, self.system.poles.size])
 
     def bend(self, low: Floats, high: Floats) -> Floats:
         """A bound on |d^2 ln L/d omega^2| between two frequencies."""
-        roots = np.concatenate([self.system.zeros, self.system.poles])
+        roots = self._both
         offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
@@ -165,13 +197,17 @@ def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]
     )
     at_zero = (level if integrators == 0 else math.copysign(math.inf, integrators), turned + right - integrators / 2)
     small = -math.inf if response.system.relative_degree else math.log(abs(gain))
-    end = -math.inf if response.dead_time > 0 else turned - response.system.relative_degree / 2
-    return at_zero, (small, end)
+    return at_zero, (small, -math.inf if response.dead_time > 0 else _turned_at_infinity(response))
+
+
+def _turned_at_infinity(response: Response) -> float:
+    """arg G/pi as omega tends to infinity."""
+    return float(response.system.gain < 0) - response.system.relative_degree / 2
 
 
 def gain_crossovers(response: Response) -> Floats:
     """All omega > 0 with |L(j omega)| = 1, ascending, rad/s; a touch is among them. None if |L| is 1 everywhere."""
-    return np.array([float(omega.mid()) for omega, _ in response.exact.frequencies(GAIN)])
+    return response.gain_crossovers
 
 
 def frequency_nodes(response: Response) -> Floats:
@@ -194,8 +230,9 @@ def crossover_phases(response: Response, *, certain: bool = False) -> tuple[Floa
 
     Balls decide where rounding could matter, or everywhere, if that is to be `certain`.
     """
-    crossovers = gain_crossovers(response)
-    return _phases(response, [(omega, GAIN, i) for i, omega in enumerate(crossovers)], certain)
+    if not certain:
+        return response.crossover_phases
+    return _phases(response, [(omega, GAIN, i) for i, omega in enumerate(response.gain_crossovers.tolist())], certain)
 
 
 def _phases(response: Response, found: list[tuple[float, str, int]], certain: bool = False) -> tuple[Floats, Floats]:
@@ -204,9 +241,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
     half = response.angle(omega) / np.pi
     odd = 2 * np.floor(half / 2) + 1
     rest = half - odd
-    # the continuous phase is a sum of angles and of tau omega, each with its rounding
-    error = _ROUNDING * (8 + response.system.poles.size + np.abs(half) + response.dead_time * omega)
-    for i in np.flatnonzero((np.abs(rest) <= error) | certain).tolist():
+    for i in np.flatnonzero((np.abs(rest) <= response.phase_error(omega)) | certain).tolist():
         odd[i], rest[i] = response.exact.offset(*found[i][1:])
     return odd, rest
 
@@ -231,22 +266,21 @@ def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALL
 
 def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) -> Floats:
     """Frequencies, rad/s, inside the pieces number `at` where arg L is `odd` times pi."""
-    target = np.pi * odd
-    above = np.where(cut.half_turns[1, at] > cut.half_turns[0, at], -1.0, 1.0)  # side on which the piece begins
-    low = _outward(response, cut.low[at], cut.high[at], target, above)
-    high = _outward(response, cut.high[at], low, target, -above)
-    return bracketed_roots(lambda w, i: response.angle(w) - target[i], low, high)
+    low, high, target = cut.low[at], cut.high[at], np.pi * odd
+    first, last = cut.half_turns[0, at], cut.half_turns[1, at]
+    with np.errstate(all="ignore"):
+        start = low + (high - low) * ((odd - first) / (last - first))
+        start = np.where(high > 4 * low, np.sqrt(low * high), start)
+        if response.dead_time > 0:  # in the last piece the dead time turns the most
+            start = np.where(np.isinf(high), (_turned_at_infinity(response) - odd) * np.pi / response.dead_time, start)
+    scale = np.where(low > 0, 2 * low, np.where(np.isinf(high), 1 / (response.dead_time or 1.0), 0.5 * high))
+    start = np.where((start > low) & (start < high) & np.isfinite(start), start, scale)
 
+    def away(omega: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        angle, slope = response.phase(omega)
+        return angle - target[index], slope
 
-def _outward(response: Response, end: Floats, other: Floats, target: Floats, side: Floats) -> Floats:
-    """The ends of pieces; for 0 and infinity a frequency with its phase on their side of the target."""
-    scale = 1 / response.dead_time if response.dead_time > 0 else 1.0
-    found = np.where(end == 0, np.where(np.isinf(other), scale, other / _STEP_OUT), end)
-    found = np.where(np.isinf(end), np.maximum(other, scale) * _STEP_OUT, found)
-    factor = np.where(end == 0, 1 / _STEP_OUT, _STEP_OUT)
-    while (wrong := ((end == 0) | np.isinf(end)) & (side * (response.angle(found) - target) < 0)).any():
-        found = np.where(wrong, found * factor, found)
-    return found
+    return monotone_roots(away, start, low, high, np.where(last > first, -1.0, 1.0))
 
 
 def _listed(response: Response, cut: Pieces, count: Floats, smallest: float) -> list[Floats]:

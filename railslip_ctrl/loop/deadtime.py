@@ -14,7 +14,8 @@ from railslip_ctrl.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
-from .margins import GainLimit, Margins, compute_margins, gain_limits, stabilizing_range
+from .exact import GAIN
+from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
 from .pade import pade
 from .rational import Rational
 from .spectrum import rightmost_poles
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
+# Relative errors and sizes of peaks beyond which balls refine what doubles gave, and for how many gain limits
+_SHARP, _BLUNT, _MOST_SHARPENED = 1e-12, 100.0, 20
 _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
 
 MOST_POLES = 1000
@@ -209,10 +212,17 @@ class DeadTimeLoop:
 
     @cached_property
     def _margins(self) -> Margins:
-        _, rest = crossover_phases(self._response)
-        return compute_margins(
-            self._response, self._pieces, self.gain_crossovers, rest, self._phase_crossings, self._gain_limits
-        )
+        response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
+        rest = crossover_phases(response)[1].copy()
+        for i in smallest_at(rest, crossovers) if rest.size else ():
+            if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
+                rest[i] = response.exact.offset(GAIN, i)[1]
+        found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
+        frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
+        if found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
+            return found
+        ms, mt, centred = response.exact.peaks(frequencies)
+        return replace(found, ms=ms, mt=mt, disk=1 / centred)
 
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
@@ -272,7 +282,24 @@ class DeadTimeLoop:
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:
-        return [self._decided(limit) for limit in gain_limits(self._response, self._phase_crossings)]
+        limits = gain_limits(self._response, self._phase_crossings)
+        inner = [limit for limit in limits if 0 < limit.frequency < math.inf]
+        inner = sorted(inner, key=lambda limit: abs(math.log(limit.factor or math.ulp(0.0))))[:_MOST_SHARPENED]
+        sharp = self._sharpened(inner)
+        limits = [self._decided(sharp.get(limit, limit)) for limit in limits]
+        return sorted(limits, key=lambda limit: limit.factor)
+
+    def _sharpened(self, limits: list[GainLimit]) -> dict[GainLimit, GainLimit]:
+        """Those of some limits that rounding of the phase blurs, refined in balls."""
+        omega, response = np.array([limit.frequency for limit in limits]), self._response
+        slope = response.angle_slope(omega)
+        error = np.abs(response.log_size_slope(omega)) * np.pi * response.phase_error(omega)
+        found = {}
+        for i in np.flatnonzero(error > _SHARP * np.abs(slope)).tolist():
+            if slope[i] != 0:
+                frequency, factor = response.exact.phase_crossover(float(omega[i]), float(slope[i]))
+                found[limits[i]] = replace(limits[i], factor=factor, frequency=frequency)
+        return found
 
     def _decided(self, limit: GainLimit) -> GainLimit:
         """A limit that rounding does not tell from 1, moved to the side of 1 on which the exact root count changes."""

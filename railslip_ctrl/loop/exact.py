@@ -12,7 +12,7 @@ import math
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from flint import arb, ctx, fmpq, fmpq_poly
+from flint import acb, arb, ctx, fmpq, fmpq_poly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .rational import Rational
 
 _BITS = 64  # of the frequencies that are then taken as doubles
+_REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
 """Precision at which a sign that is still open is given up as zero."""
 
@@ -67,6 +68,36 @@ class ExactLoop:
             with ctx.workprec(bits):
                 self._found[kind, bits] = _positive_square_roots(self._polynomials[kind])
         return self._found[kind, bits]
+
+    def value(self, omega: arb) -> tuple[acb, acb]:
+        """L(j omega) and d ln L/d omega, at the precision of the context."""
+        s, value, slope = acb(0, omega), acb(self._system.gain), acb(0)
+        for root in self._system.zeros.tolist():
+            away = s - acb(root)
+            value, slope = value * away, slope + 1 / away
+        for root in self._system.poles.tolist():
+            away = 1 / (s - acb(root))
+            value, slope = value * away, slope - away
+        delay = arb(self._dead_time)
+        return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
+
+    def phase_crossover(self, omega: float, slope: float) -> tuple[float, float]:
+        """A phase crossover near `omega`, rad/s, and 1/|L| there, refined; `slope` is d(arg L)/d omega."""
+        with ctx.workprec(_REFINED_BITS):
+            refined, found = arb(omega), self.argument(arb(omega)) / arb.pi()
+            odd = 2 * round((float(found) - 1) / 2) + 1
+            for _ in range(2):
+                refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
+            return float(refined), float((1 / abs(self.value(refined)[0])).mid())
+
+    def peaks(self, omegas: Iterable[float]) -> list[float]:
+        """|S|, |T| and |S - 1/2| at one frequency each, rad/s."""
+        found = []
+        with ctx.workprec(_REFINED_BITS):
+            for omega, (a, b) in zip(omegas, ((1, 0), (0, 1), (0.5, -0.5)), strict=True):
+                loop, _ = self.value(arb(omega))
+                found.append(float(abs((a + b * loop) / (1 + loop)).mid()))
+        return found
 
     def argument(self, omega: arb, side: int = 1) -> arb:
         """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the precision of the context; with a root

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .crossings import Pieces, Response
-from .rootfinding import bracketed_roots
+from .rootfinding import monotone_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,10 +21,13 @@ _SMALL = 0.02  # |L| below which the phase does not matter there
 _PER_DECADE, _BEYOND = 8, 100.0  # of these points, and how far they reach beyond the features
 _PEAK = 1e-11  # relative: no peak exceeds the one reported by more
 _ROUNDING = 1e-15  # relative, of L: for each root and for the phase of the dead time
-# Around a peak the axis is cut at these relative distances from it: a bound good to second order shows each part to be
-# lower if it is short against its distance.
-_NEAR_PEAK = 1e-9 * 1.4 ** np.arange(56)
+# Around a peak the axis is cut at distances from it that grow by this factor: a bound good to second order shows each
+# part to be lower if it is short against its distance.
+_NEAR_PEAK = 1.5
+_FAR_FROM_PEAK = 0.2  # relative to its frequency
+_NEARLY_HIGHEST = 0.8  # of the highest point: lower ones are refined only if a bound does not exclude them
 _NARROWEST = 1e-15  # relative: a part that no double divides
+_FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
 _MOST_PARTS = 64
 _A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
 _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
@@ -158,8 +161,7 @@ def compute_margins(
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
     smallest_phase, phase_frequency = _smallest_of(180 * np.abs(rest), crossovers)
-    room = np.pi * np.where(rest > 0, rest, rest + 2) / crossovers
-    smallest_delay, delay_frequency = _smallest_of(room, crossovers)
+    smallest_delay, delay_frequency = _smallest_of(_room(rest, crossovers), crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
         smallest_delay, delay_frequency = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
     (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(response, cut, crossings)
@@ -187,6 +189,16 @@ def compute_margins(
     )
 
 
+def smallest_at(rest: Floats, crossovers: Floats) -> tuple[int, int]:
+    """Which gain crossovers, at least one, limit the phase and the added dead time; see `compute_margins`."""
+    return int(np.argmin(np.abs(rest))), int(np.argmin(_room(rest, crossovers)))
+
+
+def _room(rest: Floats, crossovers: Floats) -> Floats:
+    """Dead time, s, that may be added at each gain crossover."""
+    return np.pi * np.where(rest > 0, rest, rest + 2) / crossovers
+
+
 def _smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
     if values.size == 0:
         return float("inf"), float("nan")
@@ -206,6 +218,9 @@ def _disk(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     return np.abs((1 - loop) / (1 + loop)) / 2, -2 * (slope * loop / ((1 - loop) * (1 + loop))).real
 
 
+# (a + b L)/(1 + L) is S, T and 1/2 - S
+_A, _B = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5]])[:, :, None]
+
 # Each takes L and d ln L/d omega, and gives the response's magnitude and the logarithmic slope of that.
 RESPONSES = (_sensitivity, _complementary, _disk)
 
@@ -220,9 +235,9 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[flo
     if response.system.gain == 0:
         return best
     points = _first_points(response, cut, crossings)
-    _raise(best, _local_peaks(response, points))
-    near = [w * (1 + side * _NEAR_PEAK) for _, w in best if 0 < w < np.inf for side in (-1, 1)]
-    edges = np.unique(np.concatenate([cut.low, cut.high, points, *near]))
+    if points.size:
+        _raise(best, _local_peaks(response, points))
+    edges = np.unique(np.concatenate([cut.low, cut.high, points, _around(response, best)]))
     edges = edges[(edges >= cut.low[0]) & (edges <= cut.high[-1])]
     low, high = edges[:-1], edges[1:]
     while (open_ones := _may_exceed(response, cut, low, high, best)).any():
@@ -230,6 +245,23 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[flo
         if _raise(best, _highest(response, low)):
             _raise(best, _local_peaks(response, np.unique(np.concatenate([low, high[np.isfinite(high)]]))))
     return best
+
+
+def _around(response: Response, best: list[tuple[float, float]]) -> Floats:
+    """Frequencies, rad/s, on either side of the peaks: from so near that the curvature is below `_PEAK`."""
+    peaks = np.array([w for _, w in best if 0 < w < np.inf])
+    if peaks.size == 0:
+        return peaks
+    loop, slope, second = response.value_and_slopes(peaks)
+    with np.errstate(all="ignore"):
+        s, t = 1 / np.abs(1 + loop), np.abs(loop / (1 + loop))
+        curvature = (s + t) * (np.abs(second) + np.abs(slope) ** 2 * (s + t))
+        nearest = np.sqrt(_PEAK / curvature)
+    nearest = np.clip(nearest, _NARROWEST * peaks, _FAR_FROM_PEAK * peaks)
+    number = np.ceil(np.log(_FAR_FROM_PEAK * peaks / nearest) / np.log(_NEAR_PEAK)).astype(int) + 1
+    away = np.concatenate([d * _NEAR_PEAK ** np.arange(n) for d, n in zip(nearest, number, strict=True)])
+    centre = np.repeat(peaks, number)
+    return np.concatenate([centre - away, centre + away])
 
 
 def _raise(best: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
@@ -283,14 +315,17 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
 
 def _highest(response: Response, points: Floats) -> list[tuple[float, float]]:
     """The largest |S|, |T| and |S - 1/2| at the points, and where."""
-    loop, slope = response.value_and_slope(points)
-    found = []
-    for shape in RESPONSES:
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            value = np.nan_to_num(shape(loop, slope)[0], nan=0.0, posinf=0.0)
-        at = int(np.argmax(value)) if value.size else 0
-        found.append((float(value[at]), float(points[at])) if value.size else (0.0, 0.0))
-    return found
+    return _top_of(_sizes(response.value_and_slope(points)[0]), points)
+
+
+def _top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
+    return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
+
+
+def _sizes(loop: Complexes) -> Floats:
+    """|S|, |T| and |S - 1/2|, shape (3, n); 0 where L is not finite."""
+    with np.errstate(all="ignore"):
+        return np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0)
 
 
 def _may_exceed(
@@ -299,18 +334,25 @@ def _may_exceed(
     """Which parts may hold a value of |S|, |T| or |S - 1/2| above the best: no bound excludes it."""
     most = np.array([[peak * (1 + _PEAK)] for peak, _ in best])
     with np.errstate(all="ignore"):
-        second, rounding = _second_order_bounds(response, low, high)
-        exceed = ~np.all(second <= most + rounding, axis=0)
-        exceed &= high > low * (1 + _NARROWEST)
+        exceed = ~np.all(_second_order_bounds(response, low, high) <= most, axis=0)
+        exceed &= (high > low * (1 + _NARROWEST)) & (high > 1 / _FARTHEST) & (low < _FARTHEST)
         at = np.flatnonzero(exceed)
         boxes = box_bounds(*cut.ends(response, low[at], high[at]))
-    exceed[at] = ~np.all(np.minimum(boxes, second[:, at]) <= most + rounding[at], axis=0)
+        # less the rounding of L, which |S| and |T| amplify
+        boxes -= np.minimum(boxes, _rounding(response, 0.0) * boxes[:2].prod(axis=0))
+    exceed[at] = ~np.all(boxes <= most, axis=0)
     return np.asarray(exceed)
 
 
-def _second_order_bounds(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def _rounding(response: Response, omega: Floats | float) -> Floats:
+    """Relative, of L at `omega`, rad/s."""
+    roots = response.system.zeros.size + response.system.poles.size
+    return np.asarray(_ROUNDING * (8 + roots + response.dead_time * omega))
+
+
+def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Floats:
     """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from value and slope in the middle of each part and a bound on
-    the second derivative, common to all three as T = 1 - S; inf where the part is too long. And their rounding."""
+    the second derivative, common to all three as T = 1 - S; inf where the part is too long. Less their rounding."""
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     (loop, slope), bend = response.value_and_slope(middle), response.bend(low, high)
     size, speed = np.abs(loop), np.abs(slope) + half * bend
@@ -322,71 +364,72 @@ def _second_order_bounds(response: Response, low: Floats, high: Floats) -> tuple
     rate = half * slope * loop * s * s
     middles = np.array([s, loop * s, s - 0.5])
     most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
-    roots = response.system.zeros.size + response.system.poles.size
-    rounding = _ROUNDING * (8 + roots + response.dead_time * high) * s_most * t_most
-    usable = (least > 0) & np.isfinite(most).all(axis=0)
-    return np.where(usable, most, np.inf), np.where(usable, rounding, 0.0)
+    most -= _rounding(response, high) * s_most * t_most
+    return np.where((least > 0) & np.isfinite(most).all(axis=0), most, np.inf)
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
     """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from ln|L| and arg L/pi, both monotone, at the ends, (2, n).
 
-    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= 1 + m^2 - 2 m cos d; the bound is
-    attained if both ends of the intervals meet, so that it tightens with the part.
+    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d); the
+    bound is attained if both ends of the intervals meet, so that it tightens with the part.
     """
     lowest, highest = half_turns.min(axis=0), half_turns.max(axis=0)
     passes = np.floor((highest - 1) / 2) >= np.ceil((lowest - 1) / 2)
     with np.errstate(invalid="ignore"):
-        c = np.where(passes, 1.0, -np.cos(np.pi * half_turns).min(axis=0))
-    ends = np.exp(np.clip(size, -300, 300))
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    m, u = np.clip(c, low, high), np.clip(c, 1 / high, 1 / low)
-    # |S - 1/2| is largest for |L| nearest to 1 in the left half plane, farthest from 1 in the right one
-    v = np.where(c > 0, np.clip(1.0, low, high), np.where(low * high > 1, high, low))
+        e = np.where(passes, 0.0, 2 * (np.cos(0.5 * np.pi * half_turns) ** 2).min(axis=0))  # 1 - cos d
+    size = np.clip(size, -300, 300)
+    low, high = -np.expm1(size.max(axis=0)), -np.expm1(size.min(axis=0))  # of 1 - m
+    # |S| and |T| are largest where m or 1/m is next to cos d; |S - 1/2| for |L| nearest to 1 in the left half plane,
+    # farthest from it in the right one
+    near_s, near_t = np.clip(e, low, high), np.clip(e, -np.expm1(-size.min(axis=0)), -np.expm1(-size.max(axis=0)))
+    near_disk = np.where(e < 1, np.clip(0.0, low, high), np.where(size.sum(axis=0) > 0, low, high))
+    near = np.array([near_s, near_t, near_disk])
+    m = 1 - near
+    top = np.array([np.ones_like(e), np.ones_like(e), ((1 + m[2]) ** 2 - 2 * m[2] * e) / 4])
     with np.errstate(divide="ignore"):
-        parts = [
-            1 / (1 + m * (m - 2 * c)),
-            1 / (1 + u * (u - 2 * c)),
-            (1 + v * (v + 2 * c)) / (1 + v * (v - 2 * c)) / 4,
-        ]
-    return np.sqrt(np.where(np.array(parts) >= 0, parts, np.inf))  # rounding at L = -1 itself
+        return np.asarray(np.sqrt(top / (near**2 + 2 * m * e)))
 
 
 def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
     """The highest of |S|, |T| and |S - 1/2| at the points and at the peaks between them, and where, rad/s."""
-    loop, loop_slope = response.value_and_slope(points)
-    low, high, kind = [], [], []
-    for number, shape in enumerate(RESPONSES):
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            value, slope = shape(loop, loop_slope)
-        value = np.where(np.isfinite(value), value, 0.0)
-        top = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
-        # the peak lies on the side to which the response still rises
-        rising = slope[top] > 0
-        low.append(np.where(rising, points[top], points[top - 1]))
-        high.append(np.where(rising, points[top + 1], points[top]))
-        kind.append(np.full(top.size, number))
-    kinds = np.concatenate(kind)
+    loop, slope = response.value_and_slope(points)
+    sizes = _sizes(loop)
+    inner = sizes[:, 1:-1]
+    tops = (inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]) & (inner >= _NEARLY_HIGHEST * sizes.max(axis=1)[:, None])
+    kinds, top = np.nonzero(tops)
+    if top.size == 0:
+        return _top_of(sizes, points)
+    top += 1
+    a, b = _A[kinds, 0], _B[kinds, 0]
 
-    def slope_of(omega: Floats, index: NDArray[np.intp]) -> Floats:
-        here, here_slope = response.value_and_slope(omega)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return np.choose(kinds[index], [shape(here, here_slope)[1] for shape in RESPONSES])
+    def slopes(omega: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """d/d omega of ln|(a + b L)/(1 + L)|, and its derivative."""
+        loop, slope, second = response.value_and_slopes(omega)
+        first, rest = a[index] + b[index] * loop, 1 + loop
+        factor = (b - a)[index] * loop / (first * rest)
+        change = slope * factor
+        return change.real, (second * factor + slope * change * (a[index] / first - loop / rest)).real
 
-    refined = bracketed_roots(slope_of, np.concatenate(low), np.concatenate(high))
-    return _highest(response, np.concatenate([points, refined]))
+    with np.errstate(all="ignore"):
+        here = loop[top]
+        rising = (slope[top] * (b - a) * here / ((a + b * here) * (1 + here))).real > 0
+    low = np.where(rising, points[top], points[top - 1])  # the peak lies where the response still rises
+    high = np.where(rising, points[top + 1], points[top])
+    refined = monotone_roots(slopes, points[top], low, high, np.ones(top.size))
+    return [max(pair) for pair in zip(_top_of(sizes, points), _highest(response, refined), strict=True)]
 
 
 def _end_values(response: Response) -> list[list[tuple[float, float]]]:
     """Each response at omega = 0 and its supremum as omega tends to infinity."""
-    dc, through = response.system.dc_gain, response.system.feedthrough
+    n, d = response.exact.numerator[0], response.exact.denominator[0]
+    through = response.system.feedthrough
     if response.dead_time > 0:
         through = -abs(through)  # the dead time turns it through every phase, -1 included
-    # an integrator: any |L| far beyond 1 gives the limit, and does not overflow
-    ends = np.array([1e100 if np.isinf(dc) else dc, through], dtype=complex)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = [shape(ends, np.zeros(2, dtype=complex))[0] for shape in RESPONSES]
-    return [[(float(v[0]), 0.0), (float(v[1]), float("inf"))] for v in values]
+    far = [abs((a + b * through) / (1 + through)) for a, b in zip(_A[:, 0], _B[:, 0], strict=True)]
+    # exact, as D + N may be far smaller than both
+    near = [abs(one / (2 * (n + d))) for one in (2 * d, 2 * n, d - n)]
+    return [[(int(x.p) / int(x.q), 0.0), (float(y), float("inf"))] for x, y in zip(near, far, strict=True)]
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+_HALF_OF_THE_DIGITS = 1e-9
 _MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
 
 
@@ -80,3 +81,46 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
         trusted = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi) & np.isfinite(quadratic)
     edge = np.minimum(least, 0.5)
     return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))
+
+
+def monotone_roots(
+    function: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]],
+    start: Floats,
+    low: Floats,
+    high: Floats,
+    side: Floats,
+) -> Floats:
+    """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
+
+    Parameters
+    ----------
+    function : callable
+        (f, df/dx) of (x, index), as for `bracketed_roots`.
+    start, low, high : arrays, shape (n,)
+        First guesses and brackets, >= 0; `low` may be 0 and `high` infinite.
+    side : array, shape (n,)
+        Sign of f at the lower end.
+    """
+    root, low, high = start.astype(float), low.astype(float), high.astype(float)
+    index = np.arange(root.size)
+    x, width = root, np.full(root.size, np.inf)
+    for _ in range(_MOST_STEPS):
+        if index.size == 0:
+            break
+        with np.errstate(all="ignore"):
+            f, slope = function(x, index)
+            below = f * side > 0
+            low, high = np.where(below, x, low), np.where(below, high, x)
+            new = x - f / slope
+            inside = (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
+            wide = high > 4 * low
+            middle = np.where(wide, np.sqrt(np.maximum(low, x / 64) * np.minimum(high, x * 64)), 0.5 * (low + high))
+            new = np.where(f == 0, x, np.where(inside, new, middle))
+            width = np.abs(new - x)
+            # Newton's method doubles the digits, so that half of them before the step are all after it
+            done = (f == 0) | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 2e-16 * x)
+        root[index] = new
+        left = ~done
+        x, index, width = new[left], index[left], width[left]
+        low, high, side = low[left], high[left], side[left]
+    return root
