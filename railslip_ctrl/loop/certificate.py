@@ -153,6 +153,7 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
     exact, roots = response.exact, np.concatenate([response.system.zeros, response.system.poles])
     on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
     nodes = [(w, kind == GAIN and n % 2 == 1) for kind in (GAIN, SIZE, PHASE) for w, n in exact.frequencies(kind, bits)]
+    nodes = [node for node in nodes if not any(node[0].contains(w) for w in on_axis)]
     nodes = sorted([*nodes, *((arb(w), False) for w in on_axis)], key=lambda node: float(node[0].mid()))
     (first_size, first), (last_size, last) = limits(response)
     start, large = _End(None, first_size, arb(first)), exact.large_at_zero

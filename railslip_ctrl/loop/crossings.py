@@ -74,11 +74,24 @@ class Response:
 
     def angle(self, omega: Floats) -> Floats:
         """Continuous phase of L, rad."""
-        return self.system.angle(omega) - self.dead_time * omega
+        _, size, imag, turns, at_zero = self._angles
+        return np.asarray(np.arctan2(omega[..., None] - imag, size) @ turns + (at_zero - self.dead_time * omega))
 
     def angle_slope(self, omega: Floats) -> Floats:
         """Its derivative."""
-        return self.system.angle_slope(omega) - self.dead_time
+        weight, size, imag, _, _ = self._angles
+        distance = np.hypot(size, omega[..., None] - imag)
+        return np.asarray((weight / distance / distance).sum(axis=-1) - self.dead_time)
+
+    @cached_property
+    def _angles(self) -> tuple[Floats, Floats, Floats, Floats, float]:
+        """Of each root off the axis or on it what `angle` and `angle_slope` sum up; a right one turns the other way."""
+        real, imag = self._both.real, self._both.imag
+        right = real > 0
+        turned = float(self.system.gain < 0) + float(self._signs[right].sum())
+        size = np.abs(real)
+        turns = np.where(right, -self._signs, self._signs)
+        return size * turns, size, imag.copy(), turns, np.pi * turned
 
     def log_slope(self, omega: Floats) -> NDArray[np.complex128]:
         """d ln L(j omega)/d omega, complex."""

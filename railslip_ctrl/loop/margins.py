@@ -276,10 +276,10 @@ def _first_points(response: Response, cut: Pieces, crossings: Floats) -> Floats:
     """Frequencies, rad/s, that separate the peaks of most loops."""
     inner = np.concatenate([cut.low[1:], crossings, [1 / response.dead_time] if response.dead_time > 0 else []])
     roots = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
-    inner = np.unique(np.concatenate([inner, roots[roots > 0]]))
+    inner = np.concatenate([inner, roots[roots > 0]])
     if inner.size == 0:
         return inner
-    low, high = inner[0] / _BEYOND, inner[-1] * _BEYOND
+    low, high = inner.min() / _BEYOND, inner.max() * _BEYOND
     wide = np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)
     points = np.unique(np.concatenate([inner, wide]))
     phase, size = response.angle(points), response.log_size(points)
