@@ -19,6 +19,7 @@ from railslip_ctrl.errors import RailslipError
 
 from .crossings import Pieces, Response, limits, located
 from .exact import GAIN, PHASE, SIZE
+from .margins import SHAPES
 from .stability import root_count
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ _BITS = (80, 320, 1280, 4000)
 _ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is cut first
 _MOST_PARTS = 50_000
+_FARTHEST = arb(2) ** 1000  # rad/s
 _STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
 _NEWTON_STEPS = 12  # with a slope good to double precision each step adds fifty bits or more
 
@@ -251,23 +253,25 @@ class _Cover:
         self._roots = np.concatenate([response.system.zeros, response.system.poles]).tolist()
         self._poles_on_axis = [pole.imag for pole in response.system.poles.tolist() if pole.real == 0]
         self._frequencies = margins.ms_frequency, margins.mt_frequency
+        self._near: list[arb] = []
         self.parts = 0
 
     def peaks(self) -> tuple[arb, arb]:
         """Ms and Mt: a value that is attained, and what no part exceeds."""
-        attained = [self._values(omega)[i] for i, omega in enumerate(self._frequencies)]
+        attained = [self._peak(shape, omega) for shape, omega in zip(SHAPES[:2], self._frequencies, strict=True)]
         self._most = [value.upper() * (1 + _ABOVE) for value in attained]
         for start, end, _ in _pieces(self._response, self._bits):
             self._cover(start, end)
         return attained[0].union(self._most[0]), attained[1].union(self._most[1])
 
-    def _values(self, omega: float) -> tuple[arb, arb]:
-        """|S| and |T| at a frequency, or in the limit to 0 or infinity."""
+    def _peak(self, shape: tuple[float, float], omega: float) -> arb:
+        """|S| or |T| where it is largest, near a frequency, or in the limit to 0 or infinity."""
         if 0 < omega < math.inf:
-            loop, _ = self._response.exact.value(arb(omega))
-            return 1 / abs(1 + loop), abs(loop / (1 + loop))
+            found, peak = self._response.exact.peak(*shape, omega)
+            self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
+            return peak
         num, den = self._fraction_at(omega)
-        return abs(den / (num + den)), abs(num / (num + den))
+        return abs((shape[0] * den + shape[1] * num) / (num + den))
 
     def _fraction_at(self, omega: float) -> tuple[arb, arb]:
         """L as a fraction in the limit to frequency 0 or infinity; with dead time its phase there is any."""
@@ -278,13 +282,9 @@ class _Cover:
 
     def _cover(self, start: _End, end: _End) -> None:
         """See that |S| and |T| stay below on a piece, dividing it until they do."""
-        ends = [
-            default if one.omega is None else float(one.omega.mid()) for one, default in ((start, 0.0), (end, math.inf))
-        ]
-        near = [w * (1 + side * _NEAR_PEAK) for w in self._frequencies if 0 < w < math.inf for side in (-1, 1)]
-        points = np.unique(np.concatenate([*near, np.zeros(0)]))
-        inside = points[(points > ends[0]) & (points < ends[1])]
-        edges = [start, *(self._end(w) for w in inside.tolist()), end]
+        low, high = start.omega or arb(0), end.omega or arb.pos_inf()
+        inside = sorted((w.mid() for w in self._near if low < w < high), key=float)
+        edges = [start, *(self._end(w) for w in inside), end]
         left = list(pairwise(edges))
         while left:
             low, high = left.pop()
@@ -295,8 +295,8 @@ class _Cover:
                 middle = self._end(_between(low, high))
                 left += [(low, middle), (middle, high)]
 
-    def _end(self, omega: float) -> _End:
-        return _End(arb(omega), math.nan, self._response.exact.argument(arb(omega)) / arb.pi())
+    def _end(self, omega: arb) -> _End:
+        return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
     def _below_to_second_order(self, low: arb | None, high: arb | None) -> bool:
         """As `margins` bounds it, in balls: value and slope in the middle, and the most of the second derivative."""
@@ -360,13 +360,16 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
     return _least(candidates)
 
 
-def _between(low: _End, high: _End) -> float:
+def _between(low: _End, high: _End) -> arb:
     """A frequency, rad/s, that divides a part."""
     if low.omega is None:
-        return 1.0 if high.omega is None else float(high.omega.mid()) / _STEP_OUT
-    if high.omega is None:
-        return float(low.omega.mid()) * _STEP_OUT
-    found = float((low.omega * high.omega).sqrt().mid())
-    if not float(low.omega.upper()) < found < float(high.omega.lower()):
+        found = arb(1) if high.omega is None else high.omega.mid() / _STEP_OUT
+    elif high.omega is None:
+        found = low.omega.mid() * _STEP_OUT
+    else:
+        found = (low.omega * high.omega).sqrt().mid()
+        if not (low.omega < found < high.omega):
+            raise _TooWideError
+    if not _FARTHEST > found > 1 / _FARTHEST:
         raise _TooWideError
     return found

@@ -8,14 +8,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from flint import ctx
 
 from railslip_ctrl.arguments import checked, number, numbers
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
-from .exact import GAIN
-from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
+from .exact import GAIN, REFINED_BITS
+from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
 from .pade import pade
 from .rational import Rational
 from .spectrum import rightmost_poles
@@ -221,7 +222,9 @@ class DeadTimeLoop:
         frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
         if found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
             return found
-        ms, mt, centred = response.exact.peaks(frequencies)
+        with ctx.workprec(REFINED_BITS):
+            peaks = [response.exact.peak(*ab, omega)[1] for ab, omega in zip(SHAPES, frequencies, strict=True)]
+        ms, mt, centred = (float(peak.mid()) for peak in peaks)
         return replace(found, ms=ms, mt=mt, disk=1 / centred)
 
     def certificate(self) -> Certificate:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from .rational import Rational
 
 _BITS = 64  # of the frequencies that are then taken as doubles
-_REFINED_BITS = 160  # of margins that doubles would give with fewer digits
+_NEWTON_STEPS = 4  # from a double
+_NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
+REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
 """Precision at which a sign that is still open is given up as zero."""
 
@@ -83,21 +85,30 @@ class ExactLoop:
 
     def phase_crossover(self, omega: float, slope: float) -> tuple[float, float]:
         """A phase crossover near `omega`, rad/s, and 1/|L| there, refined; `slope` is d(arg L)/d omega."""
-        with ctx.workprec(_REFINED_BITS):
+        with ctx.workprec(REFINED_BITS):
             refined, found = arb(omega), self.argument(arb(omega)) / arb.pi()
             odd = 2 * round((float(found) - 1) / 2) + 1
             for _ in range(2):
                 refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
             return float(refined), float((1 / abs(self.value(refined)[0])).mid())
 
-    def peaks(self, omegas: Iterable[float]) -> list[float]:
-        """|S|, |T| and |S - 1/2| at one frequency each, rad/s."""
-        found = []
-        with ctx.workprec(_REFINED_BITS):
-            for omega, (a, b) in zip(omegas, ((1, 0), (0, 1), (0.5, -0.5)), strict=True):
-                loop, _ = self.value(arb(omega))
-                found.append(float(abs((a + b * loop) / (1 + loop)).mid()))
-        return found
+    def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
+        """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
+
+        def slope(at: arb) -> arb:
+            loop, rate = self.value(at)
+            return ((b - a) * rate * loop / ((a + b * loop) * (1 + loop))).real
+
+        found = arb(omega)
+        for _ in range(_NEWTON_STEPS):
+            step = found * arb(2) ** (-ctx.prec // 3)
+            here = slope(found)
+            change = here * step / (slope(found + step) - here)
+            if not abs(change) < found * _NEAR:
+                break  # no peak so near: a resonance beside it, or the precision does not tell
+            found = (found - change).mid()
+        loop, _ = self.value(found)
+        return found, abs((a + b * loop) / (1 + loop))
 
     def argument(self, omega: arb, side: int = 1) -> arb:
         """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the precision of the context; with a root

@@ -218,8 +218,9 @@ def _disk(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     return np.abs((1 - loop) / (1 + loop)) / 2, -2 * (slope * loop / ((1 - loop) * (1 + loop))).real
 
 
-# (a + b L)/(1 + L) is S, T and 1/2 - S
-_A, _B = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5]])[:, :, None]
+SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))
+"""(a, b): (a + b L)/(1 + L) is S, T and 1/2 - S."""
+_A, _B = np.array(SHAPES).T[:, :, None]
 
 # Each takes L and d ln L/d omega, and gives the response's magnitude and the logarithmic slope of that.
 RESPONSES = (_sensitivity, _complementary, _disk)
