@@ -1,4 +1,4 @@
-"""An independent check of loops L = G exp(-tau s): balls and bisection of the axis (python-flint), no code of the package.
+"""An independent check of loops L = G exp(-tau s) by balls and bisection of the axis: python-flint alone.
 
 G is zeros, poles (doubles, taken as exact) and gain. The axis is divided until on each part |L| is certainly below 1,
 or above 1, or 1 + L (or what else is asked) certainly is not 0.
@@ -90,7 +90,9 @@ def _square_on_axis(roots):
     for r in roots:
         a, b = r.real, r.imag
         # |j w - a|^2 = x + a^2; the pair's |a^2 + b^2 - x - 2 a j w|^2 = x^2 + 2 (a^2 - b^2) x + (a^2 + b^2)^2
-        factor = [a * a, arb(1)] if b == 0 else [(a * a + b * b) ** 2, 2 * (a * a - b * b), arb(1)] if b > 0 else [arb(1)]
+        factor = (
+            [a * a, arb(1)] if b == 0 else [(a * a + b * b) ** 2, 2 * (a * a - b * b), arb(1)] if b > 0 else [arb(1)]
+        )
         found = [
             sum((found[i] * factor[k - i] for i in range(len(found)) if 0 <= k - i < len(factor)), arb(0))
             for k in range(len(found) + len(factor) - 1)
@@ -192,11 +194,13 @@ def keeps_gain(zeros, poles, gain, tau, low, high):
         omega = a.union(b)
         if abs(loop.without_delay(J * omega)) * high < 1 or abs(loop.without_delay(J * omega, True)) < low:
             return True
-        value, inverse = loop.at(omega), loop.at(omega, True)
-        return any(
-            one.is_finite() and (not one.imag.contains(0) or one.real > most or one.real < least)
-            for one, least, most in ((value, -1 / arb(low), -1 / arb(high)), (inverse, -arb(high), -arb(low)))
-        )
+        for inverse, least, most in ((False, -1 / arb(low), -1 / arb(high)), (True, -arb(high), -arb(low))):
+            middle = arb(omega.mid())
+            tangent = loop.at(middle, inverse) + loop.slope(omega, inverse) * (omega - middle)
+            for value in (loop.at(omega, inverse), tangent):
+                if value.is_finite() and (not value.imag.contains(0) or value.real > most or value.real < least):
+                    return True
+        return False
 
     def far(radius):
         value = loop.beyond(radius)
@@ -308,9 +312,7 @@ def refused(zeros, poles, gain, tau, c):
             "gain_increase": lambda: math.isinf(c.gain_increase[1]) or lost(c.gain_increase[1] * outside),
             "gain_decrease": lambda: c.gain_decrease[0] == 0 or lost(c.gain_decrease[0] / outside),
             "gain": lambda: kept(lambda *_: gain_kept()),
-            "phase": lambda: kept(
-                keeps_crossovers, lambda t, _: t > phase[0] and 2 * arb.pi() - t > phase[0]
-            ),
+            "phase": lambda: kept(keeps_crossovers, lambda t, _: t > phase[0] and 2 * arb.pi() - t > phase[0]),
             "phase_deg": lambda: math.isinf(c.phase_deg[1]) or lost(phase=phase[1] * outside),
             "delay": lambda: delay[0] == 0 or kept(keeps_crossovers, lambda t, w: t > delay[0] * w),
             "delay_s": lambda: math.isinf(delay[1]) or lost(delay=max(delay[1] * outside, 1e-300)),

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
+_ALL_LISTED = 1000  # unstable poles up to which surely every gain limit that makes them is listed
 # Relative errors and sizes of peaks beyond which balls refine what doubles gave, and for how many gain limits
 _SHARP, _BLUNT, _MOST_SHARPENED = 1e-12, 100.0, 20
 _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
@@ -191,7 +192,7 @@ class DeadTimeLoop:
 
     def _range_within(self, limits: list[GainLimit]) -> tuple[float, float] | None:
         count = self.root_count
-        if not count.marginal and count.right <= 2 * len(limits):
+        if not count.marginal and count.right <= min(2 * len(limits), _ALL_LISTED):
             return stabilizing_range(limits, count.right)
         # on a limit, beyond the neutral one, or beyond more limits than are listed: count from below the smallest one
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)

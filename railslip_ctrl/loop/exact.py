@@ -96,8 +96,10 @@ class ExactLoop:
         """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
 
         def slope(at: arb) -> arb:
+            """Of half the square of the inverse, which is nearly a parabola however sharp the peak is."""
             loop, rate = self.value(at)
-            return ((b - a) * rate * loop / ((a + b * loop) * (1 + loop))).real
+            inverse = (1 + loop) / (a + b * loop)
+            return (inverse.conjugate() * (a - b) * rate * loop / (a + b * loop) ** 2).real
 
         found = arb(omega)
         for _ in range(_NEWTON_STEPS):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from .crossings import Pieces, Response
 from .rootfinding import monotone_roots
+from .stability import count_right_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,6 +32,7 @@ _NARROWEST = 1e-15  # relative: a part that no double divides
 _FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
 _MOST_PARTS = 64
 _A_CHAIN = 10**9  # unstable poles of a neutral loop beyond its limit: whatever crossed before, it is not stable
+_BESIDE = 1e-6  # relative: how far from a gain limit the poles are counted on both sides
 _GAINS_EQUAL = 1e-9  # two phase crossovers whose gains agree this well are one limit
 
 
@@ -147,7 +150,10 @@ def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
     if response.dead_time > 0:
         return GainLimit(factor, float("inf"), _A_CHAIN)
     # (1 + k through) s^n + c s^(n-1) + ...: a real pole -c/(1 + k through) passes through infinity
-    c = float((response.system.zeros.sum() - response.system.poles.sum()).real)
+    c = math.fsum([*response.system.zeros.real, *-response.system.poles.real])
+    if c == 0:  # a pair does, in a direction that the lower powers decide
+        below, above = (count_right_of(response.system * (factor * side), 0.0) for side in (1 - _BESIDE, 1 + _BESIDE))
+        return GainLimit(factor, float("inf"), int(above.right - below.right))
     return GainLimit(factor, float("inf"), 1 if c > 0 else -1)
 
 
