@@ -5,6 +5,10 @@ from __future__ import annotations
 import control as ct
 import numpy as np
 import pytest
+import random_loops
+from loop_checker import UndecidedError, poles_right
+from scipy.optimize import brentq
+from scipy.signal import butter
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.errors import InputError, UnstableLoopError
@@ -139,3 +143,100 @@ def test_poles_with_a_lead_that_cancels_the_lag_exactly(kp):
     found = DeadTimeLoop(Rational(zeros, poles, 0.118 * kp / 229), 0.15).closed_loop_poles(6)
     assert np.count_nonzero(np.abs(found + 1 / 0.6) < 1e-9) <= 1
     assert np.all(np.abs(np.diff(np.sort_complex(found))) > 1e-9)
+
+
+def test_two_crossovers_close_together_make_a_third_order_loop_unstable():
+    poles = [-0.41945180088 + 1.35819739297j, -0.41945180088 - 1.35819739297j, -0.56035926206]
+    loop = DeadTimeLoop(Rational(np.array([]), np.array(poles), 1.51437571629), 1.24338877280)
+    assert loop.unstable_closed_loop_poles == poles_right([], poles, 1.51437571629, 1.24338877280) == 2
+
+
+def test_gain_one_at_frequency_zero_is_no_crossover():
+    margins = DeadTimeLoop(1 / (S + 1), 2.0).margins()
+    crossing = brentq(lambda w: np.arctan(w) + 2 * w - np.pi, 0.1, 3)
+    assert margins.gain_crossovers.size == 0
+    assert (margins.phase_deg, margins.delay_s) == (np.inf, np.inf)
+    assert margins.gain_increase == pytest.approx(np.hypot(1, crossing), rel=1e-13)
+    assert margins.mt >= 0.5
+
+
+@pytest.mark.parametrize("order", [3, 8])
+def test_a_flat_response_has_the_crossovers_of_its_digits_and_no_others(order):
+    _, poles, gain = butter(order, 1.0, analog=True, output="zpk")
+    for rise in (-1e-12, 1e-12):  # |L|^2 = (1 + rise)^2/(1 + w^(2 n)) is 1 at w^(2 n) = 2 rise
+        crossovers = DeadTimeLoop(Rational([], poles, gain * (1 + rise)), 0.1).gain_crossovers
+        expected = [(2 * rise) ** (0.5 / order)] if rise > 0 else []
+        assert crossovers == pytest.approx(expected, rel=1e-3 / order)  # rounding of the poles is 1e-15 of 2e-12
+
+
+@pytest.mark.parametrize("velocity", [2.0, 1e6, 3e16, 1e18])
+def test_any_velocity_constant(velocity):
+    # s + k exp(-s): a pair crosses at each k = pi/2 + 2 pi n
+    loop = DeadTimeLoop(ct.tf([velocity], [1, 0]), 1.0)
+    assert loop.unstable_closed_loop_poles == pytest.approx(2 * ((velocity - np.pi / 2) // (2 * np.pi) + 1), rel=1e-15)
+    margins = DeadTimeLoop(ct.tf([velocity], [1, 0])).margins()
+    assert margins.delay_s == pytest.approx(np.pi / 2 / velocity, rel=1e-15)
+
+
+def test_the_double_beside_half_pi_decides():
+    assert DeadTimeLoop(ct.tf([np.pi / 2], [1, 0]), 1.0).is_stable()
+    assert not DeadTimeLoop(ct.tf([np.nextafter(np.pi / 2, 2)], [1, 0]), 1.0).is_stable()
+
+
+def test_one_rounding_beyond_minus_one_at_zero():
+    above, below = (Rational([], [-1.0, -1.0], -gain) for gain in (1 + 2.3e-16, 1 - 1.2e-16))
+    assert DeadTimeLoop(above).unstable_closed_loop_poles == 1
+    margins = DeadTimeLoop(below, 0.1).margins()
+    assert margins.ms == pytest.approx(2.0**53, rel=1e-15)  # 1/(1 + L(0)) with L(0) one rounding from -1
+    assert margins.gain_increase == pytest.approx(1, abs=1e-15)
+
+
+@pytest.mark.parametrize(("zero", "pole", "gain"), [(1.0, 0.4, -0.5), (0.67, 1.6, -3.2)])
+def test_no_gain_stabilises_a_loop_of_even_powers(zero, pole, gain):
+    # D + k N has even powers alone: its roots lie mirrored about the axis, whatever k
+    assert DeadTimeLoop(Rational([zero * 1j, -zero * 1j], [pole * 1j, -pole * 1j], gain)).stabilizing_gain_range is None
+
+
+@pytest.mark.parametrize("through", [0.9999991634577146, -0.9999999993])
+def test_peaks_beside_the_limit_of_neutral_loops(through):
+    # |L| rises to its limit, so that the peak is the limit too
+    margins = DeadTimeLoop(Rational([-0.1], [-0.1 - 1.0], through), 0.5).margins()
+    assert margins.ms == pytest.approx(1 / (1 - abs(through)), rel=1e-14)
+    assert margins.ms_frequency == np.inf
+
+
+def test_a_gain_range_below_thousands_of_crossovers():
+    loop = ([-5.9465556010803935], [-4.604331054949167], 0.9999999981107192, 0.6370033780826049)
+    low, high = DeadTimeLoop(Rational(*loop[:3]), loop[3]).stabilizing_gain_range
+    assert low == 0
+    assert poles_right(*loop[:2], loop[2] * high * (1 - 1e-9), loop[3]) == 0
+    assert poles_right(*loop[:2], loop[2] * high * (1 + 1e-9), loop[3]) > 0
+
+
+def test_margins_that_rounding_of_the_phase_would_blur():
+    # arg L + 180 deg = w/a - tau w to first order, from numbers near 90 deg: w = sqrt(a/tau) at the phase crossover
+    pole, dead_time, gain = 34.71239946735765, 1.5378576654320126e-16, 1.2966870873929182e16
+    margins = DeadTimeLoop(Rational([], [0.0, -pole], gain), dead_time).margins()
+    crossing = brentq(lambda w: np.arctan2(pole, w) - dead_time * w, 1e7, 1e12, xtol=1e-9, rtol=1e-15)
+    assert margins.gain_increase == pytest.approx(crossing * np.hypot(crossing, pole) / gain, rel=1e-13)
+    omega = margins.phase_frequency
+    assert margins.phase_deg == pytest.approx(np.degrees(np.arctan2(pole, omega) - dead_time * omega), rel=1e-13)
+
+
+@pytest.mark.parametrize("kind", random_loops.KINDS)
+def test_root_counts_and_gain_ranges_of_random_loops(kind):
+    for zeros, poles, gain, dead_time in random_loops.loops(kind, 20):
+        loop = DeadTimeLoop(Rational(zeros, poles, gain), dead_time)
+        told, usable = loop.root_count, loop.stabilizing_gain_range
+        try:
+            assert poles_right(zeros, poles, gain, dead_time) == told.right
+            assert not told.marginal
+        except UndecidedError:
+            assert told.marginal
+        if usable is None:
+            continue
+        low, high = usable
+        for factor in {low * (1 + 1e-9), high * (1 - 1e-9)} - {0.0, np.inf}:
+            assert poles_right(zeros, poles, gain * factor, dead_time) == 0
+        for factor in {low * (1 - 1e-9), high * (1 + 1e-9)} - {0.0, np.inf}:
+            assert poles_right(zeros, poles, gain * factor, dead_time) > 0

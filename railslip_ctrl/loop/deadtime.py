@@ -188,7 +188,13 @@ class DeadTimeLoop:
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
         """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
         the nearest to 1 in ratio; None if there is none. (0, hi) means stable however small; hi may be inf."""
-        return self._range_within(self._gain_limits)
+        found = self._range_within(self._gain_limits)
+        if found is None or self.is_stable():
+            return found
+        # a loop of even powers alone has poles on the axis on either side of a limit
+        low, high = found
+        inside = min(1.0, high / 2) if low == 0 else math.sqrt(low * high) if high < math.inf else 2 * low
+        return found if self.scaled(inside).is_stable() else None
 
     def _range_within(self, limits: list[GainLimit]) -> tuple[float, float] | None:
         count = self.root_count

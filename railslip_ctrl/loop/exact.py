@@ -176,8 +176,9 @@ def _positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
         return []
     while polynomial[0] == 0:
         polynomial = polynomial.right_shift(1)
-    if polynomial.degree() < 1:
-        return []
+    signs = [c > 0 for c in polynomial.coeffs() if c != 0]
+    if all(signs) or not any(signs):
+        return []  # Descartes: no change of sign, no positive root
     found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
     return [(root.sqrt(), count) for root, count in sorted(found, key=lambda pair: pair[0].mid())]
 

@@ -332,7 +332,7 @@ def _top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
 def _sizes(loop: Complexes) -> Floats:
     """|S|, |T| and |S - 1/2|, shape (3, n); 0 where L is not finite."""
     with np.errstate(all="ignore"):
-        return np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0)
+        return np.asarray(np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0))
 
 
 def _may_exceed(
