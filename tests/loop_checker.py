@@ -13,6 +13,7 @@ from flint import acb, arb, ctx
 
 J = acb(0, 1)
 MOST_PARTS = 20_000
+_CLIMBS = 12  # parts of the axis from which a peak is looked for
 OUTSIDE = 1e-12  # relative: how far beyond its enclosure a margin is certainly used up
 
 
@@ -227,7 +228,7 @@ def keeps_crossovers(zeros, poles, gain, tau, allowed):
 
 def peak_within(zeros, poles, gain, tau, a, b, low, high):
     """Whether the peak of |a + b L|/|1 + L| over the axis is at least `low` and at most `high`."""
-    loop, most, best = Loop(zeros, poles, gain, tau), arb(high), [arb(-1), None, None]
+    loop, most, parts = Loop(zeros, poles, gain, tau), arb(high), []
     through = loop.gain * (1 if len(zeros) == len(poles) else 0)
     through = -abs(through) if tau > 0 else through
     limit = abs(a + b * through) / abs(1 + through)
@@ -250,13 +251,16 @@ def peak_within(zeros, poles, gain, tau, a, b, low, high):
         omega, middle = low_end.union(high_end), ((low_end + high_end) / 2).mid()
         for inverse, c, d in ((False, a, b), (True, b, a)):
             size = abs(loop.without_delay(J * omega, inverse))
-            if size < 1 and (abs(c) + abs(d) * size) / (1 - size) < most:
+            bound = (abs(c) + abs(d) * size) / (1 - size)
+            if size < 1 and bound < most:
+                if not bound < low:
+                    parts.append((value_at(middle), low_end, high_end))
                 return True
             value, slope, here = loop.at(omega, inverse), loop.slope(omega, inverse), loop.at(middle, inverse)
             rate = 2 * (most**2 * (1 + value).conjugate() * slope - (c + d * value).conjugate() * d * slope).real
             gap = most**2 * abs(1 + here) ** 2 - abs(c + d * here) ** 2
             if gap.is_finite() and rate.is_finite() and gap - abs(rate) * (high_end - low_end) / 2 > 0:
-                _keep(best, value_at(middle), low_end, high_end)
+                parts.append((value_at(middle), low_end, high_end))
                 return True
         at_middle = value_at(middle)
         if at_middle > most:
@@ -264,13 +268,10 @@ def peak_within(zeros, poles, gain, tau, a, b, low, high):
         return False
 
     cover(below, radius_where(far, loop))
-    at_zero = value_at(arb(0))
-    return at_zero >= low or limit >= low or (best[1] is not None and not _climbed(value_at, *best[1:]) < low)
-
-
-def _keep(best, value, low, high):
-    if value > best[0]:
-        best[:] = [value, low, high]
+    if value_at(arb(0)) >= low or limit >= low:
+        return True
+    highest = sorted(parts, key=lambda part: float(part[0]))[-_CLIMBS:]
+    return any(_climbed(value_at, *ends) >= low for _, *ends in reversed(highest))
 
 
 def _climbed(value_at, low, high):

@@ -269,17 +269,22 @@ class DeadTimeLoop:
     def _pieces(self) -> Pieces:
         return pieces(self._response)
 
-    @cached_property
+    @property
     def _phase_crossings(self) -> NDArray[np.float64]:
-        """Phase crossovers, listed down to an |L| below which none can matter to the stabilising gains."""
+        return self._listed[0]
+
+    @cached_property
+    def _listed(self) -> tuple[NDArray[np.float64], list[GainLimit]]:
+        """Phase crossovers, down to an |L| below which none can matter to the stabilising gains, and their limits."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
             found = phase_crossovers(self._response, self._pieces, smallest=smallest)
-            usable = self._range_within(gain_limits(self._response, found))
+            limits = gain_limits(self._response, found)
+            usable = self._range_within(limits)
             if usable is None or math.isinf(usable[1]) or usable[1] * smallest <= 1:
                 break
             smallest = 0.9 / usable[1]  # crossovers of larger |L| would limit the gain first: list them too
-        return found
+        return found, limits
 
     def _size_at_unstable_poles(self) -> float:
         """Largest |L| from the slowest unstable open-loop pole on: what a stabilising gain has to bring to 1."""
@@ -292,7 +297,7 @@ class DeadTimeLoop:
 
     @cached_property
     def _gain_limits(self) -> list[GainLimit]:
-        limits = gain_limits(self._response, self._phase_crossings)
+        limits = self._listed[1]
         inner = [limit for limit in limits if 0 < limit.frequency < math.inf]
         inner = sorted(inner, key=lambda limit: abs(math.log(limit.factor or math.ulp(0.0))))[:_MOST_SHARPENED]
         sharp = self._sharpened(inner)
