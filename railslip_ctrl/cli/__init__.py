@@ -47,7 +47,13 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command, after a look at its options for one that is given twice."""
+        """The command, after a look at its options for one that is given twice; InputError for one there is not."""
+        if args[0] not in _COMMANDS and not ctx.resilient_parsing:
+            from railslip_ctrl.parameters.validation import close_match
+            from railslip_ctrl.units import shown
+
+            near = close_match(args[0].lower(), _COMMANDS).rstrip()
+            raise InputError(f"{shown(args[0])} is no command; {near or 'choose one of ' + ', '.join(_COMMANDS)}")
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None and not ctx.resilient_parsing:
             _check_repeated(ctx, command, rest)
