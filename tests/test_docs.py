@@ -30,7 +30,7 @@ import railslip_ctrl
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import beam, law_names, published_law
 from railslip_ctrl.adhesion.beam import integrated_force
-from railslip_ctrl.cli import _COMMANDS
+from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.identification.cells import BINS
 from railslip_ctrl.identification.record import MOST_ROWS
 from railslip_ctrl.linearization import linearize, operating_point
