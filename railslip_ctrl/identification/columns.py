@@ -115,7 +115,7 @@ def find_columns(
         for quantity in given:
             if quantity not in UNITS:
                 raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
-    found = {}
+    found: dict[str, Column] = {}
     for quantity in UNITS:
         index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
         if index is not None:
