@@ -201,10 +201,10 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Flags]:
 
 
 def _may_cross_unseen(loops: Loops, points: Points, at: Indices) -> Flags:
-    """On which of the pieces number `at` no bound shows that |L| is 1 just once if it is > 1 at one end alone, else never.
+    """On which of the pieces number `at` |L| may cross 1 other than its ends show: neither of two bounds excludes it.
 
-    With |d^2 ln|L|/d omega^2| <= m a slope of one sign at both ends keeps it if |s1| + |s2| > m h, and ln|L| keeps its own
-    if |y1| + |y2| > h max|slope|.
+    With |d^2 ln|L|/d omega^2| <= m the slope keeps the sign of both ends if |s1| + |s2| > m h, and ln|L| its own if
+    |y1| + |y2| > h max|slope|.
     """
     one, low, high = points.row[at], points.omega[at], points.omega[at + 1]
     real, imag = loops.real[:, one], loops.imag[:, one]

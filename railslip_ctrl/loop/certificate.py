@@ -175,7 +175,7 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
         near, far = (start, end) if abs(start.size) <= abs(end.size) else (end, start)
         odd = _first_odd(near, far)
         if odd is not None:
-            size = abs(_loop(response, _phase_crossover(response, start, end, odd))[0])
+            size = abs(ball_response(response, _phase_crossover(response, start, end, odd))[0])
             (down if large else up).append(size if large else 1 / size)
     num, den, through = response.exact.numerator, response.exact.denominator, response.system.feedthrough
     at_zero = arb(num[0] / den[0]) if den[0] != 0 else arb(0)
@@ -242,7 +242,7 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 # -- peaks ------------------------------------------------------------------------------------------------------------
 
 
-def _loop(response: Response, omega: arb) -> tuple[acb, acb]:
+def ball_response(response: Response, omega: arb) -> tuple[acb, acb]:
     """L(j omega) and d ln L/d omega."""
     s = acb(0, omega)
     value, slope = acb(response.system.gain), acb(0)
@@ -273,7 +273,7 @@ class _Cover:
     def _values(self, omega: float) -> tuple[arb, arb]:
         """|S| and |T| at a frequency, or in the limit to 0 or infinity."""
         if 0 < omega < math.inf:
-            loop, _ = _loop(self._response, arb(omega))
+            loop, _ = ball_response(self._response, arb(omega))
             return 1 / abs(1 + loop), abs(loop / (1 + loop))
         num, den = self._fraction_at(omega)
         return abs(den / (num + den)), abs(num / (num + den))
@@ -320,7 +320,7 @@ class _Cover:
             if not distance > 0:
                 return False
             bend += 1 / distance
-        loop, slope = _loop(self._response, middle)
+        loop, slope = ball_response(self._response, middle)
         size, rate = abs(loop), abs(slope)
         growth = (half * rate + half * half * bend / 2).expm1()
         least = abs(1 + loop) - size * growth
@@ -346,7 +346,7 @@ class _Cover:
     def _size_at(self, end: _End, default: float) -> arb:
         """|L| at an end of a part, or in the limit to 0 or infinity."""
         if end.omega is not None:
-            return abs(_loop(self._response, end.omega)[0])
+            return abs(ball_response(self._response, end.omega)[0])
         num, den = self._fraction_at(default)
         return arb.pos_inf() if den.is_zero() else abs(num / den)
 
