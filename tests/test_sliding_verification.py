@@ -13,6 +13,7 @@ from project import ROOT
 from railslip_ctrl.adhesion import load_law, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail, load_vehicle
+from railslip_ctrl.sliding.code_head import NOT_HOLDING
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding.verdict import Condition, Verification
 from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
@@ -75,6 +76,7 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     conditions, (dry, wet), _ = published
     # the relay's cycle alone takes the slip to 0.233 on dry rail, less than twice the reference; the law does not stop
     assert [conditions[name].holds for name in ACTUATOR_CONDITIONS] == [False, True, False, False]
+    assert {name for name in NOT_HOLDING if "actuator" in name} == {SLIDING, WHOLE, ADAPTIVE}
     assert [conditions[name].claimed for name in ACTUATOR_CONDITIONS] == [True, False, True, True]
     assert "Without adaptation, at frozen speed" in conditions[CYCLE].statement
     assert "k = 2.1e-08" in conditions[WHOLE].evidence
