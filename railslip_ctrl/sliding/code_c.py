@@ -9,7 +9,7 @@ from sympy.printing.c import C99CodePrinter
 
 from .code_head import HOLD_TIME, KEPT, WIDTH, commented, head_lines, short
 from .code_python import HELPERS, ProductPowers, common_parts, started
-from .sampled_law import LARGEST, LIMITED, OPTIONS, SampledLaw
+from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, Assignment, SampledLaw
 
 
 class _Printer(ProductPowers, C99CodePrinter):  # type: ignore[misc]
@@ -238,11 +238,11 @@ def _prepared(law: SampledLaw, carried: list[str]) -> list[str]:
     return lines
 
 
-def _assignments(targets: list[tuple[str, sp.Expr]], law: SampledLaw, *, declare: bool = True) -> list[str]:
+def _assignments(targets: list[Assignment], law: SampledLaw, *, declare: bool = True) -> list[str]:
     printer = _Printer({"user_functions": {name: f"railslip_asmc_{name}" for name in HELPERS}})
     own = {name for name, _ in targets}
     again = {name for name, value in law.prepare if value.func is LIMITED}
-    lines = []
+    lines = [f"    /* {law.meaning(name)} */" for name, _ in targets if name in EXPLAINED]
     for name, value in common_parts(targets, {parameter: f"p->{parameter}" for parameter in law.parameters}):
         kind = "" if name in own and not declare else "double " if name in again else "const double "
         text = " ".join(printer.doprint(value).split())  # a case distinction is printed in several lines

@@ -7,7 +7,7 @@ from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.pycode import PythonCodePrinter
 
 from .code_head import HOLD_TIME, KEPT, WIDTH, commented, head_lines, short
-from .sampled_law import LARGEST, LIMITED, OPTIONS, SampledLaw
+from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, Assignment, SampledLaw
 
 HELPERS = ("reciprocal", "exponential", "limited")
 """Functions of the generated code: x^-1 and exp where an argument may be anything, and a number held to limits."""
@@ -54,7 +54,9 @@ def switching(s, boundary):
     """sgn s, or s/boundary held to -1 .. 1."""
     if boundary > 0.0:
         return min(max(s / boundary, -1.0), 1.0)
-    return float((s > 0.0) - (s < 0.0))
+    if s > 0.0:
+        return 1.0
+    return -1.0 if s < 0.0 else 0.0
 '''
 
 _BOUNDED = f'''
@@ -145,9 +147,9 @@ def _control(law: SampledLaw) -> str:
         f"def control({', '.join(law.control_arguments)}, p):",
         '    """The continuous law: (torque, s, theta1_hat_rate, theta2_hat_rate); a pure function."""',
         *(f"    {name} = bounded({name})" for name in law.control_arguments),
-        *assignments([("s", law.surface)], law.parameters),
+        *assignments([("s", law.surface)], law),
         "    switching_ = switching(s, p.boundary)",
-        *(line for one in law.control for line in assignments([one], law.parameters)),
+        *(line for one in law.control for line in assignments([one], law)),
         f"    return {', '.join(f'bounded({name})' for name in results)}",
     ]
     return "\n" + "\n".join(lines) + "\n"
@@ -195,17 +197,17 @@ def _step(law: SampledLaw) -> str:
 def _prepared(law: SampledLaw) -> list[str]:
     lines = []
     for name, value in law.prepare:
-        lines += assignments([(name, value)], law.parameters)
+        lines += assignments([(name, value)], law)
         if name in law.states and value.func is not LIMITED:
             lines.append(f"    {name} = bounded({name})")
     return lines
 
 
-def assignments(targets: list[tuple[str, sp.Expr]], parameters: tuple[str, ...]) -> list[str]:
+def assignments(targets: list[Assignment], law: SampledLaw) -> list[str]:
     """Lines that assign the targets, common parts first; parameters are read from `p`."""
     printer = _Printer({"fully_qualified_modules": True, "user_functions": {name: name for name in HELPERS}})
-    lines = []
-    for name, expression in common_parts(targets, {name: f"p.{name}" for name in parameters}):
+    lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
+    for name, expression in common_parts(targets, {name: f"p.{name}" for name in law.parameters}):
         text = printer.doprint(expression)
         if len(line := f"    {name} = {text}") <= WIDTH:
             lines.append(line)
@@ -214,7 +216,7 @@ def assignments(targets: list[tuple[str, sp.Expr]], parameters: tuple[str, ...])
     return lines
 
 
-def common_parts(targets: list[tuple[str, sp.Expr]], names: dict[str, str]) -> list[tuple[str, sp.Expr]]:
+def common_parts(targets: list[Assignment], names: dict[str, str]) -> list[Assignment]:
     """Targets after `cse`, temporaries before them, parameters renamed by `names`; the same for every language.
 
     Divided by and exponentiated with the `HELPERS`, so that a parameter of 0 does in every language the same.

@@ -86,6 +86,9 @@ _OWN_MEANINGS = {
     "z_decay": ("1/s", "rate at which z is forgotten"),
     "z_limit": ("m", "largest deflection that slip builds up"),
 }
+EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
+"""Intermediate values that have a comment in the code."""
+
 _LIMITS = ("boundary", "torque_min", "torque_max", "period")
 OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta2_max", "anti_windup")
 """Parameters that have a default, 0: with it the law is the paper's."""
@@ -144,7 +147,7 @@ class SampledLaw:
     note: tuple[str, ...]
 
     def meaning(self, name: str) -> str:
-        """Unit and meaning of a parameter or state."""
+        """Unit and meaning of a parameter, a state or one of `EXPLAINED`."""
         if name in _OWN_MEANINGS:
             unit, text = _OWN_MEANINGS[name]
             return f"{text}, {unit}"
