@@ -7,8 +7,7 @@ the next sample on. Each update is solved from its differential equation. sgn s 
 
 A wheel that locks leaves the domain of the bristle law, whose state would diverge: the slip velocity that an adhesion
 state is driven with is held to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`, Fs/alpha,
-on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way. A locked wheel is
-then taken as one without adhesion, which asks for no torque.
+on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way.
 
 The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gains.gain_parameters`) and anti-windup; at
 their default 0 the law is the paper's:
