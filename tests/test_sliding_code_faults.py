@@ -87,6 +87,7 @@ def test_a_wheel_that_has_locked_is_released_and_braked_again(tmp_path) -> None:
         torques.append(law.step(V0, math.nan if 200 <= i < 350 else 0.0))  # the sensor fails as well
         assert 0.0 <= law.state.z <= largest
     assert max(torques) == 0.0  # from the first sample on
+    assert law.state.z == pytest.approx((1.0 - DOMAIN_SHARE) * largest, rel=1e-6)  # at rest at the end of the domain
     # z relaxes to (gamma - sigma)/(alpha beta) with the rate alpha beta sigma/(gamma - sigma), 6.6 1/s here
     sigma = V0 - 0.43 * turning
     rate = law.adhesion.alpha * law.adhesion.beta * sigma / (law.adhesion.gamma - sigma)
