@@ -289,6 +289,99 @@ def test_simulation_grows_beyond_the_delay_margin_and_decays_before_it(plant, pe
     assert not loop.delayed(margin * (1 + 1e-9)).is_stable()
 
 
+class FractionalModel:
+    """PI control kp + ki h/(z - 1) of k (zero - s)/zero/(lag s + 1)^2 behind any dead time, with NumPy and SciPy alone.
+
+    The period is 1 s; states: the lag's two, the integral, and the commands that are under way.
+    """
+
+    def __init__(self, zero: float, lag: float, kp: float, ki: float) -> None:
+        self.a = np.array([[0.0, 1.0], [-(lag**-2), -2 / lag]])
+        self.c = np.array([1.0, -1 / zero]) / lag**2
+        self.kp, self.ki = kp, ki
+        self.loop = SampledLoop(
+            Rational(np.array([1 - ki / kp]), np.array([1.0]), kp),
+            Rational(np.array([zero]), np.full(2, -1 / lag), -1 / (zero * lag**2)),
+            0.0,
+            1.0,
+        )
+
+    def driven(self, times: np.ndarray) -> np.ndarray:
+        block = np.zeros((times.size, 3, 3))
+        block[:, :2, :2], block[:, 1, 2] = self.a * times[:, None, None], times
+        return expm(block)[:, :2, 2]
+
+    def radius(self, dead_times: np.ndarray) -> np.ndarray:
+        """Spectral radius at each dead time, s; all in one period."""
+        whole = int(dead_times[0])
+        now = self.driven(1 - (dead_times - whole))
+        before = self.driven(np.ones(1)) - now
+        command = np.zeros(4 + whole)
+        command[:2], command[2] = -self.kp * self.c, 1.0
+        matrix = np.zeros((dead_times.size, 4 + whole, 4 + whole))
+        matrix[:, :2, :2], matrix[:, 2, 2], matrix[:, 2, :2] = expm(self.a), 1.0, -self.ki * self.c
+        matrix[:, :2, 3 + whole] = before
+        if whole:
+            matrix[:, :2, 2 + whole] += now
+            matrix[:, 4:, 3:-1] = np.eye(whole)
+        else:
+            matrix[:, :2] += now[:, :, None] * command
+        matrix[:, 3] = command
+        return np.abs(np.linalg.eigvals(matrix)).max(axis=1)
+
+    def first_loss(self, dead_time: float, periods: int) -> float:
+        """Least added dead time at which a scan in 64ths of a period, then bisected, finds the loop unstable, s."""
+        for whole in range(int(dead_time), int(dead_time) + periods):
+            times = whole + np.arange(64) / 64
+            times = times[times > dead_time]
+            unstable = np.flatnonzero(self.radius(times) >= 1) if times.size else times
+            if unstable.size:
+                high = times[unstable[0]]
+                low = max(dead_time, high - 1 / 64)
+                for _ in range(40):
+                    middle = (low + high) / 2
+                    low, high = (low, middle) if self.radius(np.array([middle]))[0] >= 1 else (middle, high)
+                return high - dead_time
+        return math.inf
+
+
+def test_delay_margin_of_the_reproduced_case():
+    # stable up to 0.52481 s more, and again later: crossovers at the old dead time promised 177.9 s
+    controller = SampledController(PIController(PIGains(kp=0.4, ki=0.01)), 1.0)
+    plant = Rational(np.array([0.75]), np.array([-5.0, -5.0]), -25 / 0.75)
+    m = SampledLoop(controller.transfer_function, plant, 1.0, 1.0).margins()
+    assert m.delay_s == pytest.approx(0.52481, abs=5e-6)
+    assert m.delay_frequency == pytest.approx(math.pi, rel=1e-12)
+    assert m.mt == 1.0
+
+
+def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_finds():
+    rng, beyond, checked = np.random.default_rng(15), 0, 0
+    while checked < 40:
+        zero, lag = 10 ** rng.uniform(-0.5, 0.7), 10 ** rng.uniform(-1, 0.3)
+        model = FractionalModel(zero, lag, rng.uniform(0.05, 1.2), rng.uniform(0.005, 0.4))
+        dead_time = rng.uniform(0.2, 2.5)
+        if model.radius(np.array([dead_time]))[0] >= 1:
+            continue
+        checked += 1
+        margin, expected = model.loop.delayed(dead_time).margins().delay_s, model.first_loss(dead_time, 8)
+        if math.isinf(expected):
+            beyond += 1
+            assert margin > 7
+        else:
+            # the eigenvalues are good to some 1e-15, and the radius grows by more than 1e-5 of the added share
+            assert margin == pytest.approx(expected, rel=1e-9)
+    assert beyond < 10  # most are decided by the scan
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9])
+def test_delay_margin_does_not_hang_on_where_the_search_begins(fraction):
+    # windows of stability: what is left of one and the same margin as dead time is added
+    model = FractionalModel(0.75, 0.2, 0.4, 0.01)
+    whole = model.loop.delayed(1.0).margins().delay_s
+    assert model.loop.delayed(1 + fraction * whole).margins().delay_s == pytest.approx((1 - fraction) * whole, rel=1e-9)
+
+
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.09])
 def test_gain_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):

@@ -2,9 +2,7 @@
 
 Crossovers are bracketed on frequencies between which L turns and grows by little, and refined to rounding, as are
 the peaks. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself
-(what the hold lets through between samples), so it is the least added dead time at which an eigenvalue of the
-exact closed loop reaches the unit circle. Over many periods, where eigenvalues are dear, the same pole is found from
-L = -1 on the exact response.
+(what the hold lets through between samples); see `sampled_delay`.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ import numpy as np
 
 from .margins import RESPONSES, Margins
 from .rootfinding import bracketed_roots
+from .sampled_delay import added_delay
 from .sampled_system import SampledSystem
 
 if TYPE_CHECKING:
@@ -31,12 +30,6 @@ _BELOW_FEATURES = 1e-3  # of the slowest pole or zero; slower than that L is its
 _STEP = 0.1  # largest change of arg L, rad, and of ln|L| between nodes
 _REFINEMENTS = 12
 _GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
-# Added dead time is looked at in steps of this share of the one that the crossovers promise, or of the period if that
-# is longer, up to twice the one and four of the other: near pi/h a crossover says little.
-_DELAY_STEP = 1 / 8
-# Up to so many periods of dead time eigenvalues are cheap, and the time within one period matters.
-_FEW_PERIODS = 64
-_CORRECTIONS = 30
 
 
 def compute_sampled_margins(loop: SampledSystem) -> Margins:
@@ -47,10 +40,9 @@ def compute_sampled_margins(loop: SampledSystem) -> Margins:
     limits = _gain_limits(loop, nodes, response)
     up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
     down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
-    phase = np.angle(-loop.frequency_response(crossovers))  # of -L: 0 at the critical point
-    signed = np.degrees(phase)
+    signed = np.angle(-loop.frequency_response(crossovers), deg=True)  # of -L: 0 at the critical point
     smallest = int(np.argmin(np.abs(signed))) if signed.size else None
-    delay, delay_frequency = _delay_margin(loop, crossovers, phase)
+    delay, delay_frequency = added_delay(loop)
     (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
     return Margins(
         gain_increase=up[0],
@@ -132,62 +124,13 @@ def _gain_limits(loop: SampledSystem, nodes: Floats, response: Complexes) -> lis
     return limits
 
 
-def _delay_margin(loop: SampledSystem, crossovers: Floats, phase: Floats) -> tuple[float, float]:
-    """Least added continuous dead time that destabilises, s, and the frequency of the pole that does, rad/s.
-
-    `phase` is arg(-L) at the crossovers, rad.
-    """
-    room = np.mod(phase, 2 * np.pi) / crossovers
-    promised = float(room.min()) if room.size else 0.0
-    if loop.dead_time + 2 * promised > _FEW_PERIODS * loop.period:
-        found = [_pole_on_circle(loop, float(w), float(extra)) for w, extra in zip(crossovers, room, strict=True)]
-        return min(found, default=(math.inf, math.nan))
-    return _first_loss(loop, promised)
-
-
-def _pole_on_circle(loop: SampledSystem, omega: float, extra: float) -> tuple[float, float]:
-    """Added dead time and frequency near these at which L = -1, on the exact response.
-
-    Over many periods more dead time turns L as exp(-j omega extra) and changes little else, so that correcting
-    crossover and phase in turn converges at once.
-    """
-    for _ in range(_CORRECTIONS):
-        delayed = loop.delayed(extra)
-        response, slope = delayed.response_and_slope(np.array([omega]))
-        omega -= float(np.log(np.abs(response[0])) / slope[0].real)
-        correction = float(np.angle(-delayed.frequency_response(np.array([omega]))[0])) / omega
-        extra += correction
-        if abs(correction) <= 1e-13 * extra:
-            break
-    return extra, omega
-
-
-def _first_loss(loop: SampledSystem, promised: float) -> tuple[float, float]:
-    """As `_delay_margin`, by the eigenvalues of the closed loop along a growing dead time."""
-    from scipy.optimize import brentq
-
-    def excess(extra: float) -> float:
-        return loop.delayed(extra).spectral_radius - 1
-
-    step, last = _DELAY_STEP * max(promised, loop.period), 2 * promised + 4 * loop.period
-    before = 0.0
-    while before < last:
-        after = before + step
-        if excess(after) >= 0:
-            margin = float(brentq(excess, before, after, xtol=1e-13 * step, rtol=1e-12))
-            pole = loop.delayed(margin).closed_loop_poles[0]
-            return margin, float(abs(np.angle(pole)) / loop.period)
-        before = after
-    return math.inf, math.nan
-
-
 def _peaks(loop: SampledSystem, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
     """Largest |S|, |T| and |S - 1/2| over 0 <= omega <= pi/h, and where, rad/s."""
     peaks = [_peak(loop, shape, nodes, *shape(response, slope)) for shape in RESPONSES]
-    if math.isfinite(loop.dc_gain):
-        at_zero = [shape(np.array([loop.dc_gain + 0j]), np.zeros(1, dtype=complex))[0] for shape in RESPONSES]
-        peaks = [max(peak, (float(value[0]), 0.0)) for peak, value in zip(peaks, at_zero, strict=True)]
-    return peaks
+    # with an integrator any |L| far beyond 1 gives the limit at 0
+    start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
+    at_zero = [float(shape(start, np.zeros(1, dtype=complex))[0][0]) for shape in RESPONSES]
+    return [max(peak, (value, 0.0)) for peak, value in zip(peaks, at_zero, strict=True)]
 
 
 def _peak(
