@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
 
 _ROUNDING = 1e-12  # of ln L, many times what is seen
+# Slower than this share of the slowest pole or zero L is its asymptote, and a crossover is rounding of |L(0)| = 1.
+_BELOW_FEATURES = 1e-5
+_CELL_RATIO = 1.5
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,12 @@ class BoxedResponse:
         self._bound = np.zeros((2 * n, 2 * n))
         self._bound[:n, :n], self._bound[:n, n:] = np.abs(held.a), np.eye(n)
         self._whole = self._reached(np.ones(1))[0]
+        self._slowest = min(np.pi, float(loop.feature_frequencies.min(initial=np.inf)) * loop.period)
+
+    def first_edges(self) -> Floats:
+        """Values of theta from which to part further, from far below the slowest pole or zero to pi."""
+        low = _BELOW_FEATURES * self._slowest
+        return np.geomspace(low, np.pi, 2 + int(np.log(np.pi / low) / np.log(_CELL_RATIO)))
 
     def _reached(self, m: Floats) -> Floats:
         """G(m), (n, order)."""

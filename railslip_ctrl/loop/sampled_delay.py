@@ -19,9 +19,6 @@ from .sampled_system import SampledSystem
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# A crossover slower than this share of the slowest pole or zero is rounding of |L(0)| = 1.
-_BELOW_FEATURES = 1e-5
-_CELL_RATIO = 1.5  # of the frequencies of the first boxes
 _AT_ONCE = 64  # boxes looked at together, those first in line
 _TURNS_TRIED = 50  # at a time
 _SHARP = 1.5e-12  # bound on ln L at which the rest of it is rounding
@@ -52,7 +49,8 @@ def added_delay(loop: SampledSystem) -> tuple[float, float]:
     longer dead time that these stand for.
     """
     response, begin = BoxedResponse(loop), loop.dead_time / loop.period
-    boxes, last = _first_boxes(loop)
+    edges = response.first_edges()
+    boxes, last = _first_boxes(edges, loop.held.periods, loop.held.fraction), math.pi / 2 / edges[0]
     found = math.inf, math.nan
     while boxes.least.size:
         order = np.argsort(boxes.least, kind="stable")
@@ -65,18 +63,14 @@ def added_delay(loop: SampledSystem) -> tuple[float, float]:
     return (found[0] - begin) * loop.period, found[1] / loop.period
 
 
-def _first_boxes(loop: SampledSystem) -> tuple[Boxes, float]:
-    """All frequencies by all fractions, those before the loop's own a turn later; and the last dead time, periods."""
-    periods = loop.held.periods
-    own = max(0.0, loop.dead_time / loop.period - periods)
-    low = _BELOW_FEATURES * min(math.pi, float(loop.feature_frequencies.min(initial=np.inf)) * loop.period)
-    edges = np.geomspace(low, math.pi, 2 + int(math.log(math.pi / low) / math.log(_CELL_RATIO)))
+def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
+    """All frequencies by all fractions, those before the loop's own a turn later."""
     half, boxes = np.diff(edges) / 2, []
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
         if late > early:
             constants = (early + late) / 2, (late - early) / 2, turns, False, turns - 1 + early
             boxes.append(Boxes(edges[:-1] + half, half, *(np.full(half.size, each) for each in constants)))
-    return Boxes(*(np.concatenate(each) for each in zip(*boxes, strict=True))), math.pi / 2 / low
+    return Boxes(*(np.concatenate(each) for each in zip(*boxes, strict=True)))
 
 
 class Step(NamedTuple):

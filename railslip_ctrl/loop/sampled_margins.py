@@ -1,7 +1,6 @@
 """Stability margins of a sampled loop, read off its exact frequency response on the unit circle.
 
-Crossovers are bracketed on frequencies between which L turns and grows by little, and refined to rounding, as are
-the peaks. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself
+Crossovers and peaks are bracketed by frequencies between which bounds show that none is hidden, and refined to rounding. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself
 (what the hold lets through between samples); see `sampled_delay`.
 """
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from .margins import RESPONSES, Margins
 from .rootfinding import bracketed_roots
+from .sampled_boxes import BoxedResponse
 from .sampled_delay import added_delay
 from .sampled_system import SampledSystem
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
-_NODES_PER_DECADE = 40
-_BELOW_FEATURES = 1e-3  # of the slowest pole or zero; slower than that L is its asymptote
-_STEP = 0.1  # largest change of arg L, rad, and of ln|L| between nodes
-_REFINEMENTS = 12
+_ONE = 1e-9  # ln|L| that counts as 0 all along an interval
+_SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
+_PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
+_NARROWEST = 1e-7  # half of an interval over its frequency: a zero or pole of L on the circle is not looked into further
 _GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
 
 
@@ -68,7 +68,7 @@ def compute_sampled_margins(loop: SampledSystem) -> Margins:
 
 def stabilizing_range(loop: SampledSystem) -> tuple[float, float] | None:
     """The interval of loop-gain factors that stabilises and holds 1, else the nearest to 1 in ratio."""
-    nodes = _nodes(loop)
+    nodes = _nodes(loop, peaks=False)
     limits = _gain_limits(loop, nodes, loop.frequency_response(nodes))
     edges = [0.0, *sorted(factor for factor, _ in limits), math.inf]
     found = []
@@ -83,23 +83,72 @@ def stabilizing_range(loop: SampledSystem) -> tuple[float, float] | None:
     return min(found)[1] if found else None
 
 
-def _nodes(loop: SampledSystem) -> Floats:
-    """Frequencies up to pi/h, rad/s, ascending, between which L turns and grows by little."""
-    top = loop.nyquist_frequency
-    low = _BELOW_FEATURES * min(top, float(loop.feature_frequencies.min(initial=top)))
-    slow = np.geomspace(low, top, int(_NODES_PER_DECADE * math.log10(top / low)) + 2)
-    # the dead time turns L by at most a quarter of a turn between these
-    fast = np.linspace(0.0, top, 3 + 2 * math.ceil(loop.dead_time / loop.period))[1:]
-    nodes = np.union1d(slow[:-1], fast)
-    for _ in range(_REFINEMENTS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.log(loop.frequency_response(nodes))
-        turned = np.abs(np.angle(np.exp(1j * np.diff(change.imag))))
-        coarse = (turned > _STEP) | (np.abs(np.diff(change.real)) > _STEP * 3)
-        if not coarse.any():
-            break
-        nodes = np.union1d(nodes, 0.5 * (nodes[:-1] + nodes[1:])[coarse])
-    return nodes
+def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
+    """Frequencies up to pi/h, rad/s, ascending, between any two of which nothing is hidden.
+
+    |L| - 1 and the phase less 180 deg each cross 0 at most once, and |S|, |T| and |S - 1/2| rise or fall, or stay
+    below what they are at one of the nodes; halves of an interval are looked at until their bounds show it.
+    """
+    response, turns = BoxedResponse(loop), loop.held.periods + 1
+    edges = response.first_edges()
+    nodes, best = [edges], np.log(_at_zero(loop))
+    theta, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
+    while theta.size:
+        expansion = response.expand(theta, np.full(theta.size, loop.held.fraction))
+        slope = expansion.slope - 1j * turns
+        (top, rest), (_, twice) = expansion.bounds(half), expansion.bounds(2 * half)
+        slack = twice / half  # of the slope, by Cauchy's estimate
+        apart, change = np.abs(expansion.value.real), np.abs(slope.real) * half + rest
+        sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE) | (top < 0)
+        off = np.remainder(expansion.value.imag - turns * theta, 2 * np.pi) - np.pi
+        sway = np.abs(slope.imag) * half + rest
+        sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
+        if peaks:
+            value = np.exp(expansion.value - 1j * turns * theta)
+            heights, slopes = (np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True))
+            best = np.maximum(best, np.log(heights.max(axis=1)))
+            rests = _shape_rests(value, np.abs(slope) * half, rest)
+            bound = np.minimum(np.log(heights) + np.abs(slopes) * half + rests, _shape_tops(top))
+            slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
+            sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
+        parted = ~sure & (half > _NARROWEST * theta)
+        theta, half = theta[parted], half[parted] / 2
+        nodes.append(theta)
+        theta, half = np.concatenate([theta - half, theta + half]), np.concatenate([half, half])
+    return np.sort(np.concatenate(nodes)) / loop.period
+
+
+def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
+    """How far ln of S, T and S - 1/2 can be from linear, (3, n), where ln L changes by `linear` and at most `rest`."""
+    grown = np.expm1(linear + rest)
+
+    def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))
+        moved = np.abs(part) * grown
+        return np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved
+
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # 1 + L by L, or L times 1 + 1/L by 1/L: whichever is less
+        plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
+        minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
+        found = [
+            np.fmin(plus, rest + plus_inverse),
+            np.fmin(rest + plus, plus_inverse),
+            np.fmin(plus + minus, plus_inverse + minus_inverse),
+        ]
+    return np.where(np.isnan(found), np.inf, found)
+
+
+def _shape_tops(top: Floats) -> Floats:
+    """The largest ln of |S|, |T| and |S - 1/2|, (3, n), where ln|L| <= top."""
+    size = np.exp(np.minimum(top, 0.0))
+    with np.errstate(divide="ignore"):
+        return -np.log1p(-size) + np.array([np.zeros(size.size), np.minimum(top, 0.0), np.log((1 + size) / 2)])
+
+
+def _at_zero(loop: SampledSystem) -> Floats:
+    """|S|, |T| and |S - 1/2| at frequency 0; with an integrator any |L| far beyond 1 gives the limit."""
+    start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
+    return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
 
 
 def _roots(loop: SampledSystem, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
@@ -127,10 +176,7 @@ def _gain_limits(loop: SampledSystem, nodes: Floats, response: Complexes) -> lis
 def _peaks(loop: SampledSystem, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
     """Largest |S|, |T| and |S - 1/2| over 0 <= omega <= pi/h, and where, rad/s."""
     peaks = [_peak(loop, shape, nodes, *shape(response, slope)) for shape in RESPONSES]
-    # with an integrator any |L| far beyond 1 gives the limit at 0
-    start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
-    at_zero = [float(shape(start, np.zeros(1, dtype=complex))[0][0]) for shape in RESPONSES]
-    return [max(peak, (value, 0.0)) for peak, value in zip(peaks, at_zero, strict=True)]
+    return [max(peak, (float(value), 0.0)) for peak, value in zip(peaks, _at_zero(loop), strict=True)]
 
 
 def _peak(

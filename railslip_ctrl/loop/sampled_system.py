@@ -43,6 +43,7 @@ class HeldPlant:
     gamma1: Floats
     c: Floats
     periods: int
+    fraction: float
     a: Floats
     b: Floats
 
@@ -227,7 +228,7 @@ class SampledSystem:
         # the command of a sample acts late into the period, until then the one before it
         remaining = integral(h - late)
         gamma1 = (np.eye(p.order) + p.a @ remaining) @ (integral(late) @ p.b)
-        return HeldPlant(p.a @ integral(h), remaining @ p.b, gamma1, p.c, periods, p.a * h, p.b * h)
+        return HeldPlant(p.a @ integral(h), remaining @ p.b, gamma1, p.c, periods, late / h, p.a * h, p.b * h)
 
 
 def check_period(period: float) -> float:
