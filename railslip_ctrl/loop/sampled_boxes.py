@@ -39,6 +39,8 @@ class Expansion:
     fraction, `bends` how each is moved by the components of G, (n, order + 1, order).
     """
 
+    of: BoxedResponse
+    fraction: Floats
     value: Complexes
     slope: Complexes
     drift: Complexes
@@ -47,8 +49,6 @@ class Expansion:
     sizes: Floats
     drifts: Floats
     bends: Floats
-    speed: Floats
-    second: BoxedResponse
 
     def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats]:
         """The largest ln|L| in the boxes, and the largest distance of ln L from its linear part; inf if not found.
@@ -60,8 +60,8 @@ class Expansion:
         change[:, 0] = 0.0
         linear = change[:, 1] * half
         if half_fraction is not None:
-            bend = (self.second.bend(half_fraction) @ self.speed[:, :, None])[:, :, 0]
-            change += self.drifts * half_fraction[:, None] + (self.bends @ bend[:, :, None])[:, :, 0]
+            bend = self.of.bend(self.fraction, half_fraction)[:, :, None]
+            change += self.drifts * half_fraction[:, None] + (self.bends @ bend)[:, :, 0]
             linear = linear + self.drifts[:, 0] * half_fraction
         moved = (change * reach ** np.arange(change.shape[1])).sum(axis=1)
         apart = np.minimum(self.near * reach, 1)
@@ -87,8 +87,9 @@ class BoxedResponse:
         self._signs = np.repeat([-1.0, 1.0], [poles.size, loop.controller.zeros.size])
         self._driven = np.zeros((n + 1, n + 1))
         self._driven[:n, :n], self._driven[:n, n] = held.a, held.b
-        self._bound = np.zeros((2 * n, 2 * n))
-        self._bound[:n, :n], self._bound[:n, n:] = np.abs(held.a), np.eye(n)
+        # [[bound, 1, 0], [0, 0, 1], [0, 0, 0]] with |exp(a m)| <= exp(bound m): its exponential holds the integrals
+        self._bound = np.diag(np.ones(2 * n), n)
+        self._bound[:n, :n] = np.where(np.eye(n) > 0, held.a, np.abs(held.a))
         self._whole = self._reached(np.ones(1))[0]
         self._slowest = min(np.pi, float(loop.feature_frequencies.min(initial=np.inf)) * loop.period)
 
@@ -103,13 +104,19 @@ class BoxedResponse:
 
         return np.asarray(expm(self._driven * m[:, None, None])[:, :-1, -1])
 
-    def bend(self, half: Floats) -> Floats:
-        """Sum over k > 1 of |a|^(k-1) half^k/k!, (n, order, order): times |G'|, what G is from linear within `half`."""
+    def bend(self, fraction: Floats, half: Floats) -> Floats:
+        """Bound on what G is from linear about `fraction` within `half`, by components, (n, order)."""
         from scipy.linalg import expm
 
-        halves, at = np.unique(half, return_inverse=True)
-        n, by = self._c.size, halves[:, None, None]
-        return np.asarray((expm(self._bound * by)[:, :n, n:] - by * np.eye(n))[at])
+        n, (halves, at) = self._c.size, np.unique(half, return_inverse=True)
+        with np.errstate(over="ignore", invalid="ignore"):
+            powers = expm(self._bound * halves[:, None, None])[at]
+        once, twice = powers[:, :n, n : 2 * n], powers[:, :n, 2 * n :]
+        ends, at = np.unique(1 - np.stack([fraction, fraction + half]), return_inverse=True)
+        # |G''| at the middle, and where m is least: from each on exp(a m) is less than exp of the bounding matrix
+        curved = np.abs((self._reached(ends) @ self._a.T + self._b) @ self._a.T)[at.reshape(2, -1)][..., None]
+        after, before = twice @ curved[0], (half[:, None, None] * once - twice) @ curved[1]
+        return np.asarray(np.maximum(after, before)[:, :, 0])
 
     def expand(self, theta: Floats, fraction: Floats) -> Expansion:
         """The expansion about points, theta in rad per period and the fraction, (n,) each."""
@@ -133,6 +140,8 @@ class BoxedResponse:
         drift = (through @ speed[:, :, None])[:, :, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             return Expansion(
+                of=self,
+                fraction=fraction,
                 value=np.log(self._controller(np.exp(1j * theta)) * numerator[:, 0]),
                 slope=1j * np.exp(1j * theta) * (numerator[:, 1] / numerator[:, 0] + near @ self._signs),
                 drift=-drift[:, 0] / numerator[:, 0],
@@ -141,6 +150,4 @@ class BoxedResponse:
                 sizes=np.abs(numerator),
                 drifts=np.abs(drift),
                 bends=np.abs(through),
-                speed=np.abs(speed),
-                second=self,
             )

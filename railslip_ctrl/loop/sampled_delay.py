@@ -19,7 +19,10 @@ from .sampled_system import SampledSystem
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+# What the phase counts against ln|L| when a box is parted: by ln|L| a box can go for good, by the phase for one turn.
+_OF_PHASE = 0.01
 _AT_ONCE = 64  # boxes looked at together, those first in line
+_MOST_BOXES = 20_000  # seconds; the loop then has |L| = 1 nearly everywhere
 _TURNS_TRIED = 50  # at a time
 _SHARP = 1.5e-12  # bound on ln L at which the rest of it is rounding
 _TINY = 1e-9  # a box this small that still may hold a root does: two poles touch the circle there, or nearly
@@ -45,21 +48,24 @@ class Boxes(NamedTuple):
 def added_delay(loop: SampledSystem) -> tuple[float, float]:
     """Least added dead time at which stability is lost, s, and the frequency of the pole, rad/s; inf and NaN if never.
 
-    Never: |L| < 1 but for frequencies below 1e-5 of the slowest pole or zero, or not within the 1e5 times
-    longer dead time that these stand for.
+    Never: |L| < 1 at all fractions but for frequencies below 1e-5 of the slowest pole or zero; or not within the dead
+    time that turns those by a quarter. Where 20 000 boxes decide nothing, the dead time up to which no loss is certain.
     """
     response, begin = BoxedResponse(loop), loop.dead_time / loop.period
     edges = response.first_edges()
     boxes, last = _first_boxes(edges, loop.held.periods, loop.held.fraction), math.pi / 2 / edges[0]
-    found = math.inf, math.nan
-    while boxes.least.size:
+    found, looked_at = (math.inf, math.nan), 0
+    while boxes.least.size and looked_at < _MOST_BOXES:
         order = np.argsort(boxes.least, kind="stable")
         now, later = boxes.at(order[:_AT_ONCE]), boxes.at(order[_AT_ONCE:])
+        looked_at += now.least.size
         parts, roots = _part(response, now, begin)
         found = min([found, *roots])
         last = min(last, found[0] - _SAME * (found[0] - begin))
         boxes = Boxes(*(np.concatenate(each) for each in zip(later, *parts, strict=True)))
         boxes = boxes.at(boxes.least < last)
+    # what is left, if anything, may hold an earlier one
+    found = min([found, *zip(boxes.least.tolist(), boxes.theta.tolist(), strict=True)])
     return (found[0] - begin) * loop.period, found[1] / loop.period
 
 
@@ -91,8 +97,9 @@ def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Box
         across = np.abs(expansion.drift.real) * boxes.half_fraction + rest
         alive = (top >= 0) & ~(np.abs(expansion.value.real) > np.abs(expansion.slope.real) * boxes.half + across)
         boxes, step, alive = _next_turns(expansion, boxes, rest, across, alive)
-        turning = np.abs(expansion.slope - 1j * boxes.turns) * boxes.half + still
-        drifting = np.abs(expansion.drift) * boxes.half_fraction + (rest - still)
+        lag = np.minimum(np.abs(expansion.slope.imag - boxes.turns) * boxes.half, math.pi)
+        turning = np.abs(expansion.slope.real) * boxes.half + still + _OF_PHASE * lag
+        drifting = across - still + _OF_PHASE * np.abs(expansion.drift.imag) * boxes.half_fraction
     tiny = (boxes.half < _TINY * boxes.theta) & (boxes.half_fraction < _TINY)
     done = alive & ((rest < _SHARP) & np.isfinite(step.fraction_room) | tiny)
     dead_time = np.where(np.isfinite(step.fraction_room), boxes.turns - 1 + boxes.fraction + step.fraction, boxes.least)

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 _ONE = 1e-9  # ln|L| that counts as 0 all along an interval
 _SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
 _PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
-_NARROWEST = 1e-7  # half of an interval over its frequency: a zero or pole of L on the circle is not looked into further
+_NARROWEST = (
+    1e-7  # half of an interval over its frequency: a zero or pole of L on the circle is not looked into further
+)
 _GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
 
 
@@ -105,7 +107,9 @@ def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
         sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
         if peaks:
             value = np.exp(expansion.value - 1j * turns * theta)
-            heights, slopes = (np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True))
+            heights, slopes = (
+                np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True)
+            )
             best = np.maximum(best, np.log(heights.max(axis=1)))
             rests = _shape_rests(value, np.abs(slope) * half, rest)
             bound = np.minimum(np.log(heights) + np.abs(slopes) * half + rests, _shape_tops(top))
