@@ -55,6 +55,7 @@ CONTROLLERS = {
     "P": SampledController(PIController(PIGains(kp=190.0, ki=0.0)), 0.02),
     "I": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02),
     "I, backward": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02, rule=Rule.BACKWARD),
+    "no direct path": SampledController(PIController(PIGains(kp=-0.05, ki=5.0)), 0.02),  # kp + ki h/2 = 0
     "filtered P": SampledController(PIController(PIGains(kp=190.0, ki=0.0), lead_filter=0.1), 0.02),
     "filtered PI, backward": SampledController(PIController(PLAIN.gains, lead_filter=0.1), 0.02, rule=Rule.BACKWARD),
 }
@@ -372,6 +373,39 @@ def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_
             # the eigenvalues are good to some 1e-15, and the radius grows by more than 1e-5 of the added share
             assert margin == pytest.approx(expected, rel=1e-9)
     assert beyond < 10  # most are decided by the scan
+
+
+RESONANT = {
+    # resonance, its damping, the dip beside it, its damping, gain, dead time; period 0.1 s; with a lag of 1 s
+    "peak": (15.806749, 4.306e-6, 15.804366, 8.014e-5, 0.441226, 0.146655),
+    "crossovers": (0.39231810, 1.0538e-4, 0.39216351, 2.843e-6, 0.742162, 0.08961),
+    "phase crossover above 1": (0.33770287, 7.1609e-5, 0.33804286, 1.0664e-4, 2.012753, 0.131492),
+}
+
+
+@pytest.mark.parametrize("name", RESONANT)
+def test_no_resonance_is_too_narrow_to_be_seen(name):
+    # a grid of 40 points a decade sees none of these: Ms 1.06 for 11.9, gain margin 20.9 for 1.10, no crossover for two
+    resonance, damping, dip, damping_dip, k, dead_time = RESONANT[name]
+    roots = [
+        w * np.exp(1j * (math.pi / 2 + math.asin(z)) * np.array([1, -1]))
+        for w, z in ((resonance, damping), (dip, damping_dip))
+    ]
+    loop = SampledLoop(gain(1.0), Rational(roots[1], np.append(roots[0], -1.0), k), dead_time, 0.1)
+    m = loop.margins()
+    top = loop.nyquist_frequency
+    grid = np.union1d(resonance * (1 + np.linspace(-2e-3, 2e-3, 200_000)), np.geomspace(1e-4, top, 2000))
+    response = loop.frequency_response(grid[grid <= top])
+    assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-4)
+    assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-4)
+    assert 1 / m.disk == pytest.approx(np.max(np.abs(1 / (1 + response) - 0.5)), rel=1e-4)
+    crossings = np.count_nonzero(np.diff(np.abs(response) > 1))
+    assert crossings <= m.gain_crossovers.size <= crossings + 1
+    for limit in (m.gain_increase, m.gain_decrease):
+        if 0 < limit < math.inf:
+            outward = 1e-9 if limit > 1 else -1e-9
+            assert not loop.scaled(limit * (1 + outward)).is_stable()
+            assert loop.scaled(limit * (1 - outward)).is_stable()
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9])

@@ -1,7 +1,8 @@
 """Stability margins of a sampled loop, read off its exact frequency response on the unit circle.
 
-Crossovers and peaks are bracketed by frequencies between which bounds show that none is hidden, and refined to rounding. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself
-(what the hold lets through between samples); see `sampled_delay`.
+Crossovers and peaks are bracketed by frequencies between which bounds show that none is hidden, and refined to
+rounding. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself (what
+the hold lets through between samples); see `sampled_delay`.
 """
 
 from __future__ import annotations
@@ -73,16 +74,17 @@ def stabilizing_range(loop: SampledSystem) -> tuple[float, float] | None:
     nodes = _nodes(loop, peaks=False)
     limits = _gain_limits(loop, nodes, loop.frequency_response(nodes))
     edges = [0.0, *sorted(factor for factor, _ in limits), math.inf]
-    found = []
-    for low, high in pairwise(edges):
-        if high <= low * (1 + _GAINS_EQUAL):
-            continue
+    intervals = [(low, high) for low, high in pairwise(edges) if high > low * (1 + _GAINS_EQUAL)]
+
+    def distance(interval: tuple[float, float]) -> float:
+        low, high = interval
+        return 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
+
+    for low, high in sorted(intervals, key=distance):
         inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
-        inside = 1.0 if math.isinf(inside) else inside
-        if loop.scaled(inside).is_stable():
-            distance = 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
-            found.append((distance, (low, high)))
-    return min(found)[1] if found else None
+        if loop.scaled(1.0 if math.isinf(inside) else inside).is_stable():
+            return low, high
+    return None
 
 
 def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
