@@ -501,6 +501,19 @@ def test_loop_without_crossover_has_unbounded_margins():
     assert m.ms < 2  # |L| <= 1/2
 
 
+@pytest.mark.parametrize("period", [0.003, 0.1, 1.0])
+def test_gain_1_at_frequency_0_and_less_elsewhere_is_no_crossover(period):
+    m = SampledLoop(gain(1.0), Rational(np.array([]), np.array([-1.0]), 1.0), 0.3, period).margins()
+    assert (m.gain_crossovers.size, m.phase_deg, m.delay_s) == (0, math.inf, math.inf)
+
+
+def test_a_flat_gain_of_1_reports_no_false_crossovers():
+    # a Butterworth filter: over a decade |L| - 1 is less than rounding, and its sign no crossover
+    poles = np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
+    m = SampledLoop(gain(1.0), Rational(np.array([]), poles, 1.0), 0.3, 0.003).margins()
+    assert m.gain_crossovers.size == 0
+
+
 def test_proportional_control_of_an_unstable_lag_needs_gain_1_sampled_or_not():
     # 1/(s - 1) with gain K: a pole leaves through z = 1 at K = 1 whatever the period
     m = SampledLoop(gain(3.0), Rational(np.array([]), np.array([1.0]), 1.0), 0.07, 0.02).margins()

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
-_ROUNDING = 1e-12  # of ln L, many times what is seen
+ROUNDING = 1e-12  # of ln L, many times what is seen
 # Slower than this share of the slowest pole or zero L is its asymptote, and a crossover is rounding of |L(0)| = 1.
 _BELOW_FEATURES = 1e-5
 _CELL_RATIO = 1.5
@@ -35,43 +35,53 @@ class Expansion:
     """ln(L z^turns) about the middles of boxes: `value`, and its slopes to theta and to the fraction, complex, (n,).
 
     `near` holds the reciprocal distances to poles and zeros, (n, roots), with `signs` 1 for a zero and -1 for a pole;
-    `sizes` those of the numerator's Taylor coefficients in z, (n, order + 1), `drifts` those of its derivative to the
-    fraction, `bends` how each is moved by the components of G, (n, order + 1, order).
+    `taylor` the numerator's Taylor coefficients in z over its value, (n, order + 1), `drifts` those of its derivative
+    to 1 - fraction, `follows` how each follows the components of G, (n, order + 1, order).
     """
 
     of: BoxedResponse
     fraction: Floats
+    turn: Complexes
     value: Complexes
     slope: Complexes
     drift: Complexes
     near: Floats
     signs: Floats
-    sizes: Floats
-    drifts: Floats
-    bends: Floats
+    taylor: Complexes
+    drifts: Complexes
+    follows: Complexes
 
-    def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats]:
-        """The largest ln|L| in the boxes, and the largest distance of ln L from its linear part; inf if not found.
+    def bounds(self, half: Floats, half_fraction: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+        """The largest ln|L| in the boxes; the largest distances of ln L and of ln|L| from their linear parts; or inf.
 
-        `half` and `half_fraction` are half the widths, (n,). Complex theta in the disk of radius `half` is covered too.
+        `half` and `half_fraction` are half the widths, (n,). The second holds for complex theta in the disk of radius
+        `half` too. The third is far less at low frequency, where a delay turns L and leaves |L| as it is.
         """
-        reach = np.expm1(half)[:, None]  # |z - middle|
-        middle, change = self.sizes[:, 0], self.sizes.copy()
-        change[:, 0] = 0.0
-        linear = change[:, 1] * half
+        # each power of z - middle by its size; in the third the first power by its part along the circle
+        reach = np.expm1(half)  # |z - middle|
+        powers: Floats = reach[:, None] ** np.arange(self.taylor.shape[1])
+        powers[:, 0] = 0.0
+        beyond = powers.copy()
+        beyond[:, 1] = reach - half
+        moved, curved = (np.abs(self.taylor) * powers).sum(axis=1), (np.abs(self.taylor) * beyond).sum(axis=1)
+        linear = np.abs(self.taylor[:, 1]) * half
         if half_fraction is not None:
             bend = self.of.bend(self.fraction, half_fraction)[:, :, None]
-            change += self.drifts * half_fraction[:, None] + (self.bends @ bend)[:, :, 0]
-            linear = linear + self.drifts[:, 0] * half_fraction
-        moved = (change * reach ** np.arange(change.shape[1])).sum(axis=1)
-        apart = np.minimum(self.near * reach, 1)
+            along = np.stack([self.follows[:, 0], self.follows[:, 1] * self.turn[:, None]], axis=1)
+            bent, sideways = (np.abs(self.follows) @ bend)[:, :, 0], (np.abs(along.real) @ bend)[:, :, 0]
+            drifts = np.abs(self.drifts) * half_fraction[:, None]
+            moved += drifts[:, 0] + bent[:, 0] + ((drifts + bent) * powers).sum(axis=1)
+            curved += sideways[:, 0] + ((drifts + bent) * beyond).sum(axis=1)
+            curved += half * (sideways[:, 1] + np.abs((self.drifts[:, 1] * self.turn).real) * half_fraction)
+            linear = linear + drifts[:, 0]
+        apart = np.minimum(self.near * reach[:, None], 1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            roots = -np.log1p(-apart)
-            top = np.where(self.signs > 0, np.log1p(apart), roots).sum(axis=1) + np.log1p(moved / middle)
-            rest = -np.log1p(-np.minimum(moved / middle, 1)) - linear / middle
-            rest += roots.sum(axis=1) - self.near.sum(axis=1) * half
-            top = np.where(middle > 0, self.value.real + top, np.inf)
-        return top + _ROUNDING, np.where(np.isfinite(rest), rest + _ROUNDING, np.inf)
+            roots, log = -np.log1p(-apart), -np.log1p(-np.minimum(moved, 1))
+            top = self.value.real + np.where(self.signs > 0, np.log1p(apart), roots).sum(axis=1) + np.log1p(moved)
+            apart = roots.sum(axis=1) - self.near.sum(axis=1) * half
+            found = np.array([top, log - linear + apart, log - moved + curved + apart]) + ROUNDING
+        top, rest, level = np.where(np.isnan(found), np.inf, found)
+        return top, rest, level
 
 
 class BoxedResponse:
@@ -139,15 +149,18 @@ class BoxedResponse:
         numerator = rows @ self._whole + (through @ reached[:, :, None])[:, :, 0]
         drift = (through @ speed[:, :, None])[:, :, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
+            relative = numerator / numerator[:, :1]
+            drifts = drift / numerator[:, :1]
             return Expansion(
                 of=self,
                 fraction=fraction,
+                turn=1j * np.exp(1j * theta),
                 value=np.log(self._controller(np.exp(1j * theta)) * numerator[:, 0]),
-                slope=1j * np.exp(1j * theta) * (numerator[:, 1] / numerator[:, 0] + near @ self._signs),
-                drift=-drift[:, 0] / numerator[:, 0],
+                slope=1j * np.exp(1j * theta) * (relative[:, 1] + near @ self._signs),
+                drift=-drifts[:, 0],
                 near=np.abs(near),
                 signs=self._signs,
-                sizes=np.abs(numerator),
-                drifts=np.abs(drift),
-                bends=np.abs(through),
+                taylor=relative,
+                drifts=drifts,
+                follows=through / numerator[:, :1, None],
             )

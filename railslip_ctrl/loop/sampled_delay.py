@@ -42,7 +42,7 @@ class Boxes(NamedTuple):
 
     def at(self, index: NDArray[np.intp] | Bools) -> Boxes:
         """Those of an index."""
-        return Boxes(*(each[index] for each in self))
+        return Boxes._make(each[index] for each in self)
 
 
 def added_delay(loop: SampledSystem) -> tuple[float, float]:
@@ -62,7 +62,7 @@ def added_delay(loop: SampledSystem) -> tuple[float, float]:
         parts, roots = _part(response, now, begin)
         found = min([found, *roots])
         last = min(last, found[0] - _SAME * (found[0] - begin))
-        boxes = Boxes(*(np.concatenate(each) for each in zip(later, *parts, strict=True)))
+        boxes = Boxes._make(np.concatenate(each) for each in zip(later, *parts, strict=True))
         boxes = boxes.at(boxes.least < last)
     # what is left, if anything, may hold an earlier one
     found = min([found, *zip(boxes.least.tolist(), boxes.theta.tolist(), strict=True)])
@@ -75,8 +75,8 @@ def _first_boxes(edges: Floats, periods: int, own: float) -> Boxes:
     for early, late, turns in ((0.0, own, periods + 2), (own, 1.0, periods + 1)):
         if late > early:
             constants = (early + late) / 2, (late - early) / 2, turns, False, turns - 1 + early
-            boxes.append(Boxes(edges[:-1] + half, half, *(np.full(half.size, each) for each in constants)))
-    return Boxes(*(np.concatenate(each) for each in zip(*boxes, strict=True)))
+            boxes.append(Boxes._make([edges[:-1] + half, half, *(np.full(half.size, each) for each in constants)]))
+    return Boxes._make(np.concatenate(each) for each in zip(*boxes, strict=True))
 
 
 class Step(NamedTuple):
@@ -91,10 +91,10 @@ class Step(NamedTuple):
 def _part(response: BoxedResponse, boxes: Boxes, begin: float) -> tuple[list[Boxes], list[tuple[float, float]]]:
     """Parts of the boxes that may hold a root after `begin`, and (dead time, theta) of the roots found, in periods."""
     expansion = response.expand(boxes.theta, boxes.fraction)
-    top, rest = expansion.bounds(boxes.half, boxes.half_fraction)
-    still = expansion.bounds(boxes.half)[1]
+    top, rest, level = expansion.bounds(boxes.half, boxes.half_fraction)
+    still = expansion.bounds(boxes.half)[2]
     with np.errstate(invalid="ignore"):
-        across = np.abs(expansion.drift.real) * boxes.half_fraction + rest
+        across = np.abs(expansion.drift.real) * boxes.half_fraction + level
         alive = (top >= 0) & ~(np.abs(expansion.value.real) > np.abs(expansion.slope.real) * boxes.half + across)
         boxes, step, alive = _next_turns(expansion, boxes, rest, across, alive)
         lag = np.minimum(np.abs(expansion.slope.imag - boxes.turns) * boxes.half, math.pi)
@@ -165,11 +165,17 @@ def _next_turns(
 
 def _narrowed(boxes: Boxes, step: Step) -> Boxes:
     """The part of each box that its step leaves, for its turns alone."""
-    ends = []
-    for middle, half, to, room in (
-        (boxes.theta, boxes.half, step.theta, step.theta_room),
-        (boxes.fraction, boxes.half_fraction, step.fraction, step.fraction_room),
-    ):
+
+    def ends(half: Floats, to: Floats, room: Floats) -> tuple[Floats, Floats]:
         low, high = np.clip(to - room, -half, half), np.clip(to + room, -half, half)
-        ends += [middle + (low + high) / 2, (high - low) / 2]
-    return Boxes(*ends, boxes.turns, np.ones_like(boxes.only), boxes.least)
+        return (low + high) / 2, (high - low) / 2
+
+    turned, half = ends(boxes.half, step.theta, step.theta_room)
+    later, half_fraction = ends(boxes.half_fraction, step.fraction, step.fraction_room)
+    return boxes._replace(
+        theta=boxes.theta + turned,
+        half=half,
+        fraction=boxes.fraction + later,
+        half_fraction=half_fraction,
+        only=np.ones_like(boxes.only),
+    )

@@ -16,7 +16,7 @@ import numpy as np
 
 from .margins import RESPONSES, Margins
 from .rootfinding import bracketed_roots
-from .sampled_boxes import BoxedResponse
+from .sampled_boxes import ROUNDING, BoxedResponse
 from .sampled_delay import added_delay
 from .sampled_system import SampledSystem
 
@@ -39,7 +39,9 @@ def compute_sampled_margins(loop: SampledSystem) -> Margins:
     """Margins of a stable sampled loop; frequencies are > 0 and end at pi/h, which stands for infinity here."""
     nodes = _nodes(loop)
     response, slope = loop.response_and_slope(nodes)
-    crossovers = _roots(loop, nodes, np.log(np.abs(response)), lambda value: np.log(np.abs(value)))
+    size = np.log(np.abs(response))
+    told = np.abs(size) > ROUNDING  # else its sign says nothing, as near 0 where L(0) = 1
+    crossovers = _roots(loop, nodes[told], size[told], lambda value: np.log(np.abs(value)))
     limits = _gain_limits(loop, nodes, response)
     up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
     down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
@@ -95,15 +97,15 @@ def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
     """
     response, turns = BoxedResponse(loop), loop.held.periods + 1
     edges = response.first_edges()
-    nodes, best = [edges], np.log(_at_zero(loop))
+    nodes, best = [edges], np.log(np.maximum(_at_zero(loop), 1e-300))
     theta, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
     while theta.size:
         expansion = response.expand(theta, np.full(theta.size, loop.held.fraction))
         slope = expansion.slope - 1j * turns
-        (top, rest), (_, twice) = expansion.bounds(half), expansion.bounds(2 * half)
+        (_, rest, level), (_, twice, _) = expansion.bounds(half), expansion.bounds(2 * half)
         slack = twice / half  # of the slope, by Cauchy's estimate
-        apart, change = np.abs(expansion.value.real), np.abs(slope.real) * half + rest
-        sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE) | (top < 0)
+        apart, change = np.abs(expansion.value.real), np.abs(slope.real) * half + level
+        sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
         off = np.remainder(expansion.value.imag - turns * theta, 2 * np.pi) - np.pi
         sway = np.abs(slope.imag) * half + rest
         sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
@@ -114,7 +116,7 @@ def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
             )
             best = np.maximum(best, np.log(heights.max(axis=1)))
             rests = _shape_rests(value, np.abs(slope) * half, rest)
-            bound = np.minimum(np.log(heights) + np.abs(slopes) * half + rests, _shape_tops(top))
+            bound = np.log(heights) + np.abs(slopes) * half + rests
             slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
             sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
         parted = ~sure & (half > _NARROWEST * theta)
@@ -141,20 +143,14 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
             np.fmin(rest + plus, plus_inverse),
             np.fmin(plus + minus, plus_inverse + minus_inverse),
         ]
-    return np.where(np.isnan(found), np.inf, found)
-
-
-def _shape_tops(top: Floats) -> Floats:
-    """The largest ln of |S|, |T| and |S - 1/2|, (3, n), where ln|L| <= top."""
-    size = np.exp(np.minimum(top, 0.0))
-    with np.errstate(divide="ignore"):
-        return -np.log1p(-size) + np.array([np.zeros(size.size), np.minimum(top, 0.0), np.log((1 + size) / 2)])
+    return np.asarray(np.where(np.isnan(found), np.inf, found))
 
 
 def _at_zero(loop: SampledSystem) -> Floats:
     """|S|, |T| and |S - 1/2| at frequency 0; with an integrator any |L| far beyond 1 gives the limit."""
     start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
-    return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
+    with np.errstate(invalid="ignore"):  # the slope of S - 1/2 where L = 1
+        return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
 
 
 def _roots(loop: SampledSystem, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
