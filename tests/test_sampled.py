@@ -25,6 +25,7 @@ from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.sampled_boxes import BoxedResponse
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 
@@ -407,6 +408,38 @@ def test_no_resonance_is_too_narrow_to_be_seen(name):
             outward = 1e-9 if limit > 1 else -1e-9
             assert not loop.scaled(limit * (1 + outward)).is_stable()
             assert loop.scaled(limit * (1 - outward)).is_stable()
+
+
+def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box():
+    # at random points of random boxes, against the state-space response of the loop with that dead time
+    rng = np.random.default_rng(2)
+    controller = SampledController(LEAD, 0.1).transfer_function
+    plant = Rational(np.array([3.0, -0.2]), np.array([0.5, -40.0, -1 + 3j, -1 - 3j]), 2.0)
+    loop = SampledLoop(controller, plant, 0.0, 0.1)
+    response, n = BoxedResponse(loop), 12
+    theta, fraction = rng.uniform(0.02, 3.1, n), rng.uniform(0.05, 0.95, n)
+    expansion = response.expand(theta, fraction)
+    previous = None
+    for size in (0.04, 0.01, 0.0025):
+        half, half_fraction = size * theta, np.full(n, size)
+        top, rest, level = expansion.bounds(half, half_fraction)
+        assert np.all(level <= rest)
+        for move, late in rng.uniform(-1, 1, (20, 2)):
+            at, at_fraction = theta + move * half, fraction + late * half_fraction
+            exact = [
+                loop.delayed((2 + f) * 0.1).frequency_response(np.array([w]))[0]
+                for w, f in zip(at / 0.1, at_fraction, strict=True)
+            ]
+            found = np.log(exact) + 3j * at - expansion.value
+            found -= move * half * expansion.slope + late * half_fraction * expansion.drift
+            found = found.real + 1j * np.angle(np.exp(1j * found.imag))
+            assert np.all(np.abs(found) <= rest)
+            assert np.all(np.abs(found.real) <= level)
+            assert np.all(np.log(np.abs(exact)) <= top)
+        if previous is not None:
+            # 16 in the limit; less while higher powers count, as near the fast pole and where roots are near
+            assert np.median(previous / rest) > 13
+        previous = rest
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9])

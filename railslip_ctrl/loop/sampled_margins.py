@@ -123,7 +123,7 @@ def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
         theta, half = theta[parted], half[parted] / 2
         nodes.append(theta)
         theta, half = np.concatenate([theta - half, theta + half]), np.concatenate([half, half])
-    return np.sort(np.concatenate(nodes)) / loop.period
+    return np.asarray(np.sort(np.concatenate(nodes)) / loop.period)
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
