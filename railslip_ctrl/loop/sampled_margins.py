@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 _ONE = 1e-9  # ln|L| that counts as 0 all along an interval
 _SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
 _PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
-_NARROWEST = (
-    1e-7  # half of an interval over its frequency: a zero or pole of L on the circle is not looked into further
-)
+_NARROWEST = 1e-7  # half of an interval over its frequency: no further into a zero or pole of L on the circle
 _GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
 
 
@@ -132,7 +130,7 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
 
     def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))
         moved = np.abs(part) * grown
-        return np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved
+        return np.asarray(np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved)
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # 1 + L by L, or L times 1 + 1/L by 1/L: whichever is less
