@@ -140,6 +140,20 @@ def test_as_published_the_wheel_is_spared_but_sliding_does_not_exist(monkeypatch
     assert [one.holds for one in found] == [False, True, True, True]
 
 
+def test_the_published_law_with_the_actuator_of_its_own_proof():
+    """s'' + (r/J) D s' + k |phi|^2 s = 0: stable for every k, and the relay's switch acts on s' at once."""
+    ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
+    conditions, effects, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, ideal)
+    assert [(one.name, one.holds) for one in conditions] == [(name, True) for name in ACTUATOR_CONDITIONS]
+    for effect in effects:
+        assert effect.ideal.damping > 0.0
+        left = effect.survivors
+        assert (left.K, left.k, left.k_any_relay, left.rho, left.D, left.layer) == (*5 * (np.inf,), 0.0)
+        assert effect.loop.is_stable(adaptation=1e3 * effect.loop.gains.k)
+    assert "nothing cycles" in told
+    assert "inf" not in told + " ".join(one.evidence for one in conditions)
+
+
 def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch, published):
     conditions, effects, told = published
     ideal = Verification("paper", 1.0, 70.0, 5.5, 2008, (Condition("first", "What.", True, "symbolic", "Why."),))
