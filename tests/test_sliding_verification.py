@@ -185,17 +185,17 @@ def test_the_conclusion_tells_how_near_the_as_published_adaptation_is_to_unstabl
 
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
     full = verify_with_actuator(law="robust")
-    assert [one.name for one in full.verification.failing] == BEHIND
+    assert [one.name for one in full.verification.failing] == ["robust gain, rail mistaken", *BEHIND]
     assert "dry: UNSTABLE, stable up to K = 3.121 N m" in full.verification[BEHIND[0]].evidence
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     status, out, _ = railslip("verify", "--law", "robust")
     assert status == 1
-    assert "Verdict: 2 of 13 conditions do not hold." in out
+    assert "Verdict: 3 of 14 conditions do not hold." in out
     assert "railslip verify --law layered" in " ".join(out.split())
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), told = variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
-    assert "at most K = 3.121 N m on both rails, while the reaching condition asks more than 979.3 N m" in told
+    assert "at most K = 3.121 N m on both rails, while the reaching condition asks more than 1517 N m" in told
 
 
 def test_the_largest_k_of_the_layer_is_the_edge_of_stability():

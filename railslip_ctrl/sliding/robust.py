@@ -1,9 +1,10 @@
 """Variants of the law whose promises survive disturbances, derived: layer, dead zone, projection, leak, matrix gain.
 
 All start from the derived error dynamics and from V with a gain for each component. With Td = q Tb, Tb acting, they
-are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, with an effective disturbance d in which neither
-s, D nor K is left (`effective_disturbance`). d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of
-(40). Nothing here is about the actuator: the torque acts at once.
+are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, phi = (Ta_hat, omega) as the law has it, with an
+effective disturbance d in which the errors of Ta_hat and v'_hat are, and neither s, D nor K (`effective_disturbance`).
+d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of (40). Nothing here is about the actuator: the
+torque acts at once.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .derivation import Derivation, derive
 from .gains import PUBLISHED_LAW, LawGains
 from .ideal_loop import true_theta
 from .identities import identical
-from .reaching_bound import TORQUE_FRACTION, ReachingSet, least_gain, operating_set
+from .reaching_bound import TORQUE_FRACTION, ReachingSet, effective_rate, least_gain, operating_set
 from .symbols import sliding_symbol
 
 s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
@@ -41,6 +42,9 @@ D0, K0 = plant.r / plant.J * D, plant.r / plant.J * K
 
 SIGMAS = 3.0
 """The random adhesion force is bounded at this many standard deviations in the designs here."""
+
+ESTIMATE_ERROR = 0.1
+"""Share by which Ta_hat and v'_hat may be wrong in the designs here, each."""
 
 GAIN_MARGIN = 1.1
 """K over the least gain of (40)."""
@@ -78,10 +82,8 @@ def effective_disturbance() -> sp.Expr:
     ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
     """
     made = derive()
-    rate = made.error_dynamics.subs(plant.Td, (SHARE - 1) * made.adaptive_law_control)
-    ideal = made.error_dynamics - made.disturbance_perturbed
-    known = ideal.subs(dict.fromkeys(TILDE, 0))
-    effective = sp.factor(sp.expand(rate - (ideal - known) - SHARE * known) / SHARE)
+    free = effective_rate(made, SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))
+    effective = sp.expand(free / SHARE)
     if effective.has(s, D, K, *TILDE):
         raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
     return effective
@@ -241,9 +243,11 @@ def _gain_unit(phi: str) -> str:
 
 
 def robust_set(vehicle: Vehicle) -> ReachingSet:
-    """The published run with the random force at `SIGMAS` deviations and theta_hat anywhere in `parameter_box`."""
+    """The published run with the random force at `SIGMAS` deviations, theta_hat in `parameter_box`, estimates wrong."""
     first, second = parameter_box(vehicle)
-    return replace(operating_set(vehicle, sigmas=SIGMAS), theta_hat1=first, theta_hat2=second)
+    wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
+    box = operating_set(vehicle, sigmas=SIGMAS)
+    return replace(box, theta_hat1=first, theta_hat2=second, torque_error=wrong, rate_error=wrong)
 
 
 def effective_torque(vehicle: Vehicle) -> float:
