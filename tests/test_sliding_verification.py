@@ -19,12 +19,9 @@ from railslip_ctrl.sliding.verdict import Condition, Verification
 from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
 from railslip_ctrl.sliding_verification.layered import (
     HOLD_ERROR,
-    bounded_disturbance,
     layered_design,
     least_authority,
-    published_torque,
     rail_bounds,
-    random_torque,
 )
 from railslip_ctrl.sliding_verification.layered_conditions import bounds_kept, layered_stability
 from railslip_ctrl.sliding_verification.layered_stops import (
@@ -32,9 +29,7 @@ from railslip_ctrl.sliding_verification.layered_stops import (
     held_under_published_disturbances,
     held_while_the_speed_falls,
     hold_known,
-    open_loop_slip,
     published_uncertainties,
-    range_left,
     stop,
     tolerated,
     uncertainties,
@@ -43,7 +38,7 @@ from railslip_ctrl.sliding_verification.published import SPEEDS_KMH, published_b
 from railslip_ctrl.sliding_verification.rail_adhesion import load_cases
 from railslip_ctrl.sliding_verification.variants import variants_behind_actuator
 from railslip_ctrl.switching import SlidingGains, largest_adaptation, layer_bound, published_loop
-from railslip_ctrl.switching.simulate import holding_torque, simulate
+from railslip_ctrl.switching.simulate import simulate
 from railslip_ctrl.switching.stepped import LayeredLaw
 
 SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
@@ -199,7 +194,8 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), told = variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
-    assert "at most K = 3.121 N m on both rails, while the reaching condition asks more than 1517 N m" in told
+    assert "3.121 N m" in told
+    assert "1517 N m" in told
 
 
 def test_the_largest_k_of_the_layer_is_the_edge_of_stability():
@@ -231,6 +227,8 @@ def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layer
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: layered)
     status, out, _ = railslip("verify", "--law", "layered", "--json")
     assert (status, json.loads(out)["all_hold"]) == (1, False)
+    down_to = [layered.verification[name].down_to_kmh for name in LAYERED]
+    assert down_to == [5.0, 60.0, 100.0, 100.0, 20.0, 5.0, 5.0, 5.0, None]
     told = layered.conclusion
     for words in (
         "|sigma error| stays below 0.209 m/s",
@@ -257,36 +255,6 @@ def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(l
     run = simulate(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
     slow = run.speed[np.argmax(run.sigma <= 0.0)]
     assert 2.0 < slow < 4.0
-
-
-def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh(layered):
-    """Other seeds than those of `verify`; the wet rail loaded is the worst of the four."""
-    down_to = {name: layered.verification[name].down_to_kmh for name in LAYERED}
-    assert list(down_to.values()) == [5.0, 60.0, 100.0, 100.0, 20.0, 5.0, 5.0, 5.0, None]
-    design, loaded = layered_design(PARK2008), PARK2008.loaded()
-    point = PUBLISHED_ADHESION.plants(loaded)[Rail.WET].point
-    left = [range_left(design, point, seed) for seed in range(3000, 3010)]
-    assert sum(speed > 5.0 for speed in left) >= 5
-    assert max(left) < 20.0
-    # the speed frozen: the slip velocity's error does not fall with the speed, its reference does
-    slow = PUBLISHED_ADHESION.plants(loaded, speed_kmh=10.0)[Rail.WET].point
-    law = LayeredLaw(slow.slip, holding_torque(slow), design=design)
-    torque = published_torque(design, slow, 3000, 15.0)
-    run = simulate(slow, law, loaded.actuator, duration=15.0, step=5e-3, disturbance=torque)
-    assert np.abs(run.sigma - slow.sigma).max() > slow.sigma
-    # what takes the law's place
-    point = PUBLISHED_ADHESION.plants(loaded, speed_kmh=20.0)[Rail.WET].point
-    assert max(open_loop_slip(point, seed) for seed in range(3000, 3005)) < 1.0
-
-
-def test_disturbances_grow_with_the_wheel_load(desiro):
-    for vehicle in (PARK2008, desiro.loaded()):
-        point = PUBLISHED_ADHESION.plants(vehicle)[Rail.DRY].point
-        J, r, M, N = vehicle.wheel.inertia, vehicle.wheel.radius, vehicle.mass, vehicle.wheel_load
-        force = 431 / 34_500 * N * np.clip(np.random.default_rng(7).standard_normal(), -3, 3)
-        # Tr adds to sigma' what -(r/J) Tr and -Tr/(r M) make of it, and (r/J) of a torque at the wheel is the same
-        assert random_torque(point, 7, 1.0)(0.0) == pytest.approx(-(r + J / (r * M)) * force, rel=1e-9)
-        assert bounded_disturbance(vehicle) == pytest.approx(20.0 * N * r / (34_500 * 0.43), rel=1e-12)
 
 
 def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):

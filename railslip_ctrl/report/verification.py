@@ -88,7 +88,7 @@ def _paragraphs(one: Condition) -> list[RenderableType]:
         heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
         indented(one.statement),
         indented(one.evidence),
-        *([indented(f"Tolerated: {_tolerated(one)}.")] if one.tolerated else []),
+        *([indented(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
         Text(""),
     ]
 
@@ -98,9 +98,8 @@ def _down_to(one: Condition) -> str:
 
 
 def _tolerated(one: Condition) -> str:
-    return "; ".join(
-        f"{name} wrong by any share" if math.isinf(share) else f"{name} wrong by {100 * share:.1f} %"
-        for name, share in one.tolerated.items()
+    return ", ".join(
+        f"{name} {'any' if math.isinf(share) else f'+-{100 * share:.3g} %'}" for name, share in one.tolerated.items()
     )
 
 

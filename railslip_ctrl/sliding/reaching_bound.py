@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
@@ -113,8 +113,8 @@ class ReachingSet:
         """The box in one line."""
         kmh, mass, Ta = ([f"{x:.5g}" for x in pair] for pair in (_in_kmh(self.speed), self.mass, self.adhesion_torque))
         loaded = "" if self.heavier == 1.0 else f" (loaded times {self.heavier:.4g})"
-        errors = (("Ta_hat", max(map(abs, self.torque_error))), ("v'_hat", max(map(abs, self.rate_error))))
-        known = "".join(f", {name} wrong by {100 * size:.3g} %" for name, size in errors if size)
+        errors = (("Ta_hat/Ta", self.torque_error), ("v'_hat/v'", self.rate_error))
+        known = "".join(f", {name} {1 + low:.4g}..{1 + high:.4g}" for name, (low, high) in errors if low < high)
         return (
             f"v {_span(kmh)} km/h, slip {_span([f'{x:.4g}' for x in self.slip])}, M {_span(mass)} kg, Ta {_span(Ta)} "
             f"and |Tr| <= {self.random_torque:.4g} N m{loaded}, |Td| <= {self.torque_fraction:g} |Tb|{known}"
@@ -300,19 +300,28 @@ def _at_corners(
     loads = ((box.mass[0], 1.0), (box.mass[1], box.heavier))
     corners = [
         (1.0 / (vehicle.inertia_scale * mass), factor * Tr, Fr, factor * Ta, *others)
-        for (mass, factor), Tr, Fr, Ta, *others in itertools.product(loads, *axes, *errors, *sides)
+        for mass, factor in loads
+        for Tr, Fr, Ta, *others in itertools.product(*axes, *errors, *sides)
     ]
     parameters = (surface, eta, D, rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
     nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
     return _required_function()(*np.array(corners).T, *parameters, *nominal)
 
 
-def tolerated_error(vehicle: Vehicle, box: ReachingSet, name: str, *, K: float) -> float:
-    """Largest `torque_error` or `rate_error`, a share either way, with which K (N*m) meets (40) over the box.
+def tolerated_error(
+    vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
+) -> float:
+    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
 
     The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
     """
-    exact, wrong = (_at_corners(vehicle, replace(box, **{name: (-x, x)})) for x in (0.0, 1.0))
+    exact, wrong = (
+        _at_corners(
+            vehicle,
+            replace(box, torque_error=(-x, x)) if name == "torque_error" else replace(box, rate_error=(-x, x)),
+        )
+        for x in (0.0, 1.0)
+    )
     if np.max(exact) >= K:
         return 0.0
     grows = wrong > exact

@@ -68,11 +68,11 @@ def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
         "acting Tb = Ueq + D s + K sgn s, |q| <= 0.05; Ta and v' known exactly.",
         asked < gains.K,
         "symbolic",
-        "Td has the law's own torque in it: (1 - c)(K + D|s|) > max[(J/r)|d(Tr, Fr)| + c |Ueq|] with c = 0.05, where "
-        f"(J/r) rho |e| is part of Ueq; the maximum is at a corner of the box. K = {gains.K:g} N m against, at s = 0: "
-        f"{_at_reference(vehicle, gains)}. Over the box ({box.text()}): 1 sigma K_min = {asked:.1f} "
-        f"N m, {_ratio(asked, gains.K)} K, 3 sigma {_least(vehicle, gains, operating_set(vehicle, sigmas=3.0)):.1f} "
-        f"N m; at inertia scale {other:g} (J/r) rho e weighs {other / vehicle.inertia_scale:.3g} times: "
+        "(1 - c)(K + D|s|) > max[(J/r)|d(Tr, Fr)| + c |Ueq|], c = 0.05, at a corner of the box. "
+        f"K = {gains.K:g} N m against, at s = 0: {_at_reference(vehicle, gains)}. Over the box ({box.text()}): 1 sigma "
+        f"K_min = {asked:.1f} N m, {_ratio(asked, gains.K)} K, 3 sigma "
+        f"{_least(vehicle, gains, operating_set(vehicle, sigmas=3.0)):.1f} N m; "
+        f"at inertia scale {other:g} (J/r) rho e weighs {other / vehicle.inertia_scale:.3g} times: "
         f"{again:.1f} N m (1 sigma). {_needed(vehicle, gains)}",
         claimed=True,
     )

@@ -124,8 +124,7 @@ def boundary_layer() -> Variant:
         "boundary layer",
         sp.factor(bound),
         all(map(bool, proved)),
-        "with h = 1 + Td/Tb > 0, outside the layer s'/h = -(spare gain) - (slack of d) - D0 x < 0 at s = Phi + x, "
-        "inside s'/h <= -(D0 + K0/Phi) x at x above the bound; both odd in (s, d)",
+        "s'/h < 0 above the layer, and <= -(D0 + K0/Phi) x within it at x above the bound, h = 1 + Td/Tb > 0",
     )
 
 
@@ -153,8 +152,7 @@ def dead_zone() -> Variant:
         "dead zone",
         -SHARE * D0 * _outside**2,
         all(proved),
-        "theta_hat' solved from the cross term is k_i (s - Phi) phi_i above the layer; there "
-        "-V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
+        "above the layer -V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
     )
 
 
@@ -178,8 +176,8 @@ def projection() -> Variant:
         "projection",
         sp.factor(rate.subs(free)),
         all(signs),
-        "where the free law would leave the box its rate is 0 and the cross term is theta_tilde_i s phi_i = -w g <= 0 "
-        "(w >= 0 the distance of theta from the face, g > 0 the push); else the cross term is 0",
+        "on a face that the free law would pass the cross term is -w g <= 0 (w >= 0 the distance of theta from it, "
+        "g > 0 the push), else it is 0",
     )
 
 
@@ -205,8 +203,7 @@ def leak() -> Variant:
         "sigma-modification",
         LEAK * of_theta / sp.Min(2 * SHARE * D0, LEAK),
         identical(slack, squares + rest),
-        "V' = -h D0 s^2 - ell V_error + ell V_theta - sum ell theta_hat_i^2/(2 k_i) - h |s| (K0 - d sgn s): "
-        "the last two are never positive where K0 >= d_max",
+        "V' is that bound less sum ell theta_hat_i^2/(2 k_i) + h |s| (K0 - d sgn s), not negative where K0 >= d_max",
     )
 
 

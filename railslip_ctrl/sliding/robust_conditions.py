@@ -91,8 +91,10 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
     """(40) over the box of the design, and the errors of the estimates that K bears."""
     box = robust_set(vehicle)
     exact = replace(box, torque_error=_EXACT, rate_error=_EXACT)
-    errors = (("Ta_hat", "torque_error"), ("v_rate_hat", "rate_error"))
-    tolerated = {name: tolerated_error(vehicle, exact, error, K=gains.K) for name, error in errors}
+    tolerated = {
+        "Ta_hat": tolerated_error(vehicle, exact, "torque_error", K=gains.K),
+        "v_rate_hat": tolerated_error(vehicle, exact, "rate_error", K=gains.K),
+    }
     holds = largest < gains.K
     return Condition(
         "robust gain",
@@ -198,8 +200,8 @@ def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds
 
 def _runs_text(vehicle: Vehicle, seeds: tuple[int, ...]) -> str:
     return (
-        f"{len(seeds)} stops from 100 km/h, free rolling, dry, seeds {seeds[0]} to {seeds[-1]}, published disturbances "
-        f"cut at {SIGMAS:g} sigma, exact estimates"
+        f"{len(seeds)} stops, dry, seeds {seeds[0]} to {seeds[-1]}, published disturbances cut at {SIGMAS:g} sigma, "
+        "exact estimates"
     )
 
 
@@ -235,7 +237,7 @@ def dead_zone_condition(gains: LawGains, largest: float) -> Condition:
         holds,
         "symbolic",
         f"Needs (J/r)d_max = {largest:.4g} <= K + D Phi = {gains.K + gains.D * gains.layer:.4g} N m and the projection"
-        f"{'' if gains.box is not None else ', which there is none of'}. {variant.argument}; s_D^2 is integrable and "
+        f"{'' if gains.box is not None else ', which there is none of'}: {variant.argument}; s_D^2 is integrable and "
         "s_D' bounded (Barbalat).",
         down_to_kmh=LOWEST_SPEED_KMH if holds else None,
     )

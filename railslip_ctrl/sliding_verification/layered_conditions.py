@@ -268,12 +268,13 @@ def _promise(design: LayeredDesign, bounds: dict[Rail, RailBounds], where: str, 
     """What the law promises, where all but the condition on what is not known hold."""
     worst = max(one.at_rest.error for one in bounds.values())
     height = next(iter(bounds.values())).at_rest.disturbance
+    below = f"Below {cut_out:g} km/h cut it out: {100 * CUT_OUT_SHARE:g} % of the holding torque, open loop. "
     return (
         f"Use kp = K/layer = {design.kp:.4g} N m/(m/s), rho = {design.rho:.4g} 1/s, a lead of {design.lead:g} s over "
         f"{design.lead_filter:g} s, K = {design.K:.0f} N m about the holding torque at the speed of the moment, from "
-        f"100 to {cut_out:g} km/h {where}, with the holding torque known to {100 * HOLD_ERROR:g} %. Below {cut_out:g} "
-        f"km/h cut it out: {100 * CUT_OUT_SHARE:g} % of the holding torque, open loop. At 100 km/h |sigma error| stays "
-        f"below {worst:.3f} m/s for torque errors up to {height:.3g} N m; disturbed stops are simulated, not proved."
+        f"100 to {cut_out:g} km/h {where}, with the holding torque known to {100 * HOLD_ERROR:g} %. "
+        f"{below if cut_out > SPEEDS_KMH[0] else ''}At 100 km/h |sigma error| stays below {worst:.3f} m/s for torque "
+        f"errors up to {height:.3g} N m; disturbed stops are simulated, not proved."
     )
 
 

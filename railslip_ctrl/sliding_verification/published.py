@@ -85,7 +85,7 @@ def _conditions(effects: tuple[ActuatorEffect, ...]) -> list[Condition]:
             "sampled",
             f"Limit cycles of the nonlinear wheel over: {set_of_points}. "
             + "; ".join(f"{effect.name}: {effect.cycle_text}" for effect in effects)
-            + ". This is not yet the law: the next condition has its adaptation on.",
+            + ".",
         ),
         _spared(effects),
         Condition(
