@@ -247,7 +247,7 @@ def test_the_law_of_the_ideal_loop_is_fed_the_measured_slip() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_the_compiled_ideal_loop_is_the_interpreted_one(monkeypatch, noise) -> None:
     """A relay would drive rounding apart; without it the two arithmetics differ by rounding alone."""
-    options = {"duration": 1.0, "disturbances": Disturbances(random_force=90.0, torque=True, slip_noise=noise)}
+    options = {"duration": 1.0, "disturbances": Disturbances(random_share=90 / 34_500, torque=True, slip_noise=noise)}
     gains = replace(PUBLISHED_LAW, K=0.0)
     compiled = simulate(PARK2008, gains, seeds=(1, 2), **options)
     text = ideal_loop.kernel_text(type(sample_law("bristle")), compiled=False)

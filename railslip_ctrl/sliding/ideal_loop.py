@@ -48,7 +48,7 @@ class Disturbances:
 
     Attributes
     ----------
-    random_force : float
+    random_share : float
         Standard deviation of the random adhesion force over the wheel load, cut at three of them; a value lasts 0.02 s.
     torque : bool
         Td = 0.05 Tb exp(-4t) sin(10 pi t).
@@ -58,14 +58,14 @@ class Disturbances:
         Standard deviation of the noise on the measured slip velocity, m/s, white over the steps.
     """
 
-    random_force: float = 0.0
+    random_share: float = 0.0
     torque: bool = False
     resistance: bool = False
     slip_noise: float = 0.0
 
 
 UNDISTURBED = Disturbances()
-PUBLISHED = Disturbances(random_force=ADHESION_NOISE, torque=True, resistance=True)
+PUBLISHED = Disturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
 """The published run's."""
 
 
@@ -149,7 +149,7 @@ def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tup
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = disturbances.random_force * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        held = disturbances.random_share * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
         force[row] = np.repeat(held, each)[:steps]
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
