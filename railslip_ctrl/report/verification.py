@@ -98,9 +98,8 @@ def _down_to(one: Condition) -> str:
 
 
 def _tolerated(one: Condition) -> str:
-    return ", ".join(
-        f"{name} {'any' if math.isinf(share) else f'+-{100 * share:.3g} %'}" for name, share in one.tolerated.items()
-    )
+    percent = {name: float(f"{100 * share:.3g}") for name, share in one.tolerated.items()}
+    return ", ".join(f"{name} {'any' if math.isinf(x) else f'+-{x:g} %'}" for name, x in percent.items())
 
 
 def _verdict(verification: Verification) -> str:
