@@ -32,7 +32,6 @@ from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.profile import profile_interval
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
 from railslip_ctrl.identification.regimes import Regimes, peak_slip
-from railslip_ctrl.identification.search import search
 from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.units import KMH
@@ -313,21 +312,6 @@ def test_no_interval_is_narrower_than_with_the_others_known():
     low, high = profile_interval(residuals, coordinates, best, 0, stderr=1.0 / own[0], rise=6.6)
     half = math.sqrt(6.6) / own[0]
     assert (low, high) == (pytest.approx(1.0 - half, rel=1e-6), pytest.approx(1.0 + half, rel=1e-6))
-
-
-def test_a_search_has_one_end_where_the_data_tell_a_sum_alone():
-    """Residuals of x0 + x1: both move alike from the centre, and as the normal equations of the pull have it."""
-    coordinates = Coordinates.of(("first", "second"), np.full(2, -np.inf), np.full(2, np.inf), np.array([1.0, 2.0]))
-    centre, weight = np.array([1.0, 2.0]), 0.1
-    matrix, aim = np.ones((3, 2)), 5.0
-    pull = np.diag((weight / centre) ** 2)
-    expected = centre + np.linalg.solve(matrix.T @ matrix + pull, matrix.T @ (aim - matrix @ centre))
-    for begin in (centre, np.array([-30.0, 40.0]), np.array([7.0, -1.0])):
-        squares, x = search(
-            lambda x: matrix @ x - aim, coordinates, begin, weight=weight, centre=centre, tolerance=1e-14, most=100
-        )
-        assert x == pytest.approx(expected, rel=1e-6)  # rounding of 1e-16/1e-4 in the slopes, by a curvature of 0.01
-        assert squares == pytest.approx(3.0 * (x.sum() - aim) ** 2, abs=1e-12)
 
 
 def test_coordinates_there_and_back():
