@@ -14,6 +14,7 @@ import hashlib
 import importlib.util
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
@@ -54,7 +55,7 @@ ROOMS = {
     "design/shaping": "rules small_signals robustness",
     "design/stabilizing": "stabilizing",
     "design/sweeps": "robustness stabilizing",
-    "linearization": "linearization",
+    "linearization": "linearization numeric",
     "loop/": "loop_oracles loop_regressions loop_properties responses",
     "loop/batch": "loop_batch",
     "loop/realisation": "responses",
@@ -67,8 +68,13 @@ ROOMS = {
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 
-EQUIVALENT: dict[tuple[str, str], str] = {}
-"""Faults that change nothing that could be noticed: the lines before and after, and why."""
+EQUIVALENT = {
+    r"(rest_state|force|jacobian)\(.*=> .*\(1\.0\).*, p\)": "these do not depend on Tb, Td, Tr, nor the first on z",
+    r"last = 3 .*=> last = \(4\)": "there are three",
+    r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
+    r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
+}
+"""Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
 
 SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     **{ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Pow: (ast.Mult,)},
@@ -256,6 +262,11 @@ def sample(room: str, size: int, seed: int) -> list[Mutant]:
     return [found[key] for key in sorted(found)[:size]]
 
 
+def explained(before: str, after: str) -> bool:
+    """Whether a fault is known to change nothing."""
+    return any(re.search(pattern, f"{before} => {after}") for pattern in EQUIVALENT)
+
+
 def main() -> None:
     """Print each survivor, and how many were noticed; exit status 1 if these are not enough."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -266,7 +277,7 @@ def main() -> None:
     arguments = parser.parse_args()
     chosen = sample(arguments.room, arguments.sample, arguments.seed)
     contents = {mutant: (ROOT / PACKAGE / mutant.path).read_bytes() for mutant in chosen}
-    asked = [mutant for mutant in chosen if mutant.lines(contents[mutant]) not in EQUIVALENT]
+    asked = [mutant for mutant in chosen if not explained(*mutant.lines(contents[mutant]))]
     survivors = 0
     with (
         tempfile.TemporaryDirectory() as folder,
