@@ -39,8 +39,9 @@ ENOUGH = 0.9  # of the faults that are not equivalent
 
 ROOMS = {
     "": "input_errors",
-    "adhesion/": "adhesion more_laws law_files",
-    "adhesion/table": "adhesion identification",
+    "adhesion/": "adhesion more_laws",
+    "adhesion/files": "adhesion law_files",
+    "adhesion/modules": "law_files",
     "design/": "tuning compensators robustness rules",
     "design/compensators": "compensators",
     "design/controllers": "compensators simulation_controllers",
