@@ -39,7 +39,7 @@ ENOUGH = 0.9  # of the faults that are not equivalent
 
 ROOMS = {
     "": "input_errors",
-    "adhesion/": "adhesion more_laws",
+    "adhesion/": "adhesion more_laws plant linearization",
     "adhesion/files": "adhesion law_files",
     "adhesion/modules": "law_files",
     "design/": "tuning compensators robustness rules",
@@ -69,9 +69,17 @@ ROOMS = {
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 
+LEFT_OUT = " or ".join([
+    "committed",  # any change of a statement makes them fail
+    "no_observer_based_design_beats", "no_pi_beats", "margins_equal_those_of_the_dead", "root_count_equals_that",
+    "gain_margins_of_observer_designs", "a_run_takes_the_law_at_the_speed", "is_told_as_such_at_its_v0",
+])  # fmt: skip
+"""Tests that are not run: they would notice everything, or take long."""
+
 EQUIVALENT = {
     r"(rest_state|force|jacobian)\(.*=> .*\(1\.0\).*, p\)": "these do not depend on Tb, Td, Tr, nor the first on z",
     r"last = 3 .*=> last = \(4\)": "there are three",
+    r"_DEPTH = 42": "as good to 4e-14",
     r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
     r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
@@ -217,10 +225,7 @@ def _write(module: Path, content: bytes) -> None:
 
 
 def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
-    """Whether tests pass in a fork of this process within some seconds of its processor, and how many these were.
-
-    Without those that compare with what is committed, which any change of a statement makes fail.
-    """
+    """Whether tests pass in a fork of this process within some seconds of its processor, and how many these were."""
     child = os.fork()
     if not child:
         try:
@@ -228,7 +233,7 @@ def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
             signal.alarm(20 * limit)
             for stream in (1, 2):
                 os.dup2(os.open("output", os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
-            options = ["-xq", "-n0", "-pno:cacheprovider", "-knot committed"]
+            options = ["-xq", "-n0", "-pno:cacheprovider", f"-knot ({LEFT_OUT})"]
             failed = any(pytest.main([*options, test]) not in (0, 5) for test in tests)  # 5: no test
             sys.stdout.flush()
             os._exit(failed)
