@@ -39,7 +39,7 @@ ENOUGH = 0.9  # of the faults that are not equivalent
 
 ROOMS = {
     "": "input_errors",
-    "adhesion/": "adhesion more_laws plant linearization",
+    "adhesion/": "adhesion more_laws plant linearization numeric",
     "adhesion/files": "adhesion law_files",
     "adhesion/modules": "law_files",
     "design/": "tuning compensators robustness rules",
@@ -64,7 +64,7 @@ ROOMS = {
     "loop/sampled": "sampled",
     "loop/steps": "responses",
     "numeric": "numeric",
-    "plant": "plant linearization",
+    "plant": "plant linearization numeric",
     "simulation/": "simulation_engine simulation_physics simulation simulation_controllers scenarios",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
