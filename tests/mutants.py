@@ -32,6 +32,7 @@ import numba  # noqa: F401
 import pytest
 import scipy.optimize  # noqa: F401
 import sympy  # noqa: F401
+from platformdirs import user_cache_path
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = "railslip_ctrl"
@@ -65,7 +66,12 @@ ROOMS = {
     "loop/steps": "responses",
     "numeric": "numeric",
     "plant": "plant linearization numeric",
-    "simulation/": "simulation_engine simulation_physics simulation simulation_controllers scenarios",
+    "simulation/": "scenarios simulation_controllers",
+    "simulation/happenings": "simulation_engine",
+    "simulation/kernel": "simulation_engine simulation_physics",
+    "simulation/plan": "simulation_engine",
+    "simulation/run": "simulation_engine simulation",
+    "simulation/steps/": "simulation_controllers",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 
@@ -201,6 +207,9 @@ def _with(node: ast.AST, **changed: object) -> ast.AST:
 def prepare(folder: Path) -> None:
     """A worker's own copy of the project, in which it runs."""
     mine = folder / str(os.getpid())
+    kernels = user_cache_path(PACKAGE) / "kernels"  # those of the package as it is need not be compiled again
+    if kernels.is_dir():
+        shutil.copytree(kernels, folder / "kernels", dirs_exist_ok=True)
     shutil.copytree(ROOT, mine, ignore=shutil.ignore_patterns(".*", "__pycache__", "_build"))
     os.chdir(mine)
     os.environ.update(PYTHONPATH=str(mine), RAILSLIP_CACHE=str(folder), HYPOTHESIS_PROFILE="mutants")
