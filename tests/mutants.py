@@ -89,6 +89,8 @@ EQUIVALENT = {
     r"_DEPTH = 42": "as good to 4e-14",
     r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
     r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
+    r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
+    r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
