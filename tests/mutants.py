@@ -89,6 +89,7 @@ EQUIVALENT = {
     r"_DEPTH = 42": "as good to 4e-14",
     r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
     r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
+    r"np.arange\(count // 2 \+ 1\).*=> .*\(count // 2 - 1\)": "two of 10 000 frequencies, where the taper is 0",
     r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",

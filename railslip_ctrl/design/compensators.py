@@ -152,7 +152,8 @@ def filtered_smith_predictor(
 def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
     """Numerator and denominator of F, descending powers: F(0) = 1, F(p) = exp(p tau) at the poles right of the axis."""
     unstable = poles[poles.real >= 0]
-    apart = np.abs(unstable[:, None] - unstable) + np.eye(unstable.size) * (1 + np.abs(unstable))
+    apart = np.abs(unstable[:, None] - unstable)
+    np.fill_diagonal(apart, np.inf)
     if np.any(apart <= 1e-6 * (1e-300 + np.abs(unstable))):
         raise InputError("filtered Smith predictor: unstable poles that coincide are not supported; move one slightly")
     unstable = unstable[unstable != 0]  # at the origin F(0) = 1 is the condition
