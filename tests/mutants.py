@@ -311,9 +311,8 @@ def main() -> None:
                 survivors += 1
                 before, after = mutant.lines(contents[mutant])
                 print(f"{mutant.path}:{mutant.line}\n  - {before}\n  + {after}", flush=True)
-    print(
-        f"{arguments.room}: {len(asked) - survivors} of {len(asked)} noticed, {len(chosen) - len(asked)} more explained"
-    )
+    noticed = f"{len(asked) - survivors} of {len(asked)} noticed"
+    print(f"{' '.join(arguments.rooms)}: {noticed}, {len(chosen) - len(asked)} more explained")
     sys.exit(survivors > (1.0 - ENOUGH) * len(asked))
 
 

@@ -401,8 +401,11 @@ def test_law_from_a_file(tmp_path: Path) -> None:
 
 def test_wet_parameters_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "law.toml"
-    path.write_text('law = "dahl"\ncondition = "wet"\n[parameters]\nalpha = 1e4\nFc = 5e3\n')
+    path.write_text(
+        'law = "dahl"\ncondition = "wet"\n[parameters]\nalpha = 1e4\nFc = 5e3\n[reference_slip]\nwet = 0.05\n'
+    )
     law = load_law(path)
+    assert law.reference_slip(Rail.WET) == 0.05
     assert law.on(Rail.WET).parameters() == (1e4, 5e3)
     with pytest.raises(InputError):
         law.on(Rail.DRY)
@@ -434,6 +437,16 @@ def test_bad_files_get_one_clear_line(tmp_path: Path, old: str, new: str, messag
         load_law(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dry", ["0.13", '["a", "b"]'])
+def test_reference_slips_over_the_initial_speed_are_one_for_each(tmp_path: Path, dry: str) -> None:
+    path = tmp_path / "law.toml"
+    path.write_text(
+        LUGRE_FILE.replace("dry = 0.13\nwet = 0.09", f"initial_speed = [30, 140]\ndry = {dry}\nwet = [1, 1]")
+    )
+    with pytest.raises(InputError, match=r"reference_slip\.dry': give as many slips as speeds, 2"):
+        load_law(path, initial_speed_kmh=100.0)
 
 
 def test_files_that_are_no_text(tmp_path: Path) -> None:
