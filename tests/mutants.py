@@ -92,6 +92,7 @@ EQUIVALENT = {
     r"np.arange\(count // 2 \+ 1\).*=> .*\(count // 2 - 1\)": "two of 10 000 frequencies, where the taper is 0",
     r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
+    r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
