@@ -42,6 +42,7 @@ from railslip_ctrl.simulation.designed import (
 )
 from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.published import published_controller, published_law_gains
+from railslip_ctrl.simulation.steps.slide_protection import command
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
@@ -332,3 +333,17 @@ def test_the_initial_torque_starts_no_slide_on_wet_rail():
     """0.12 of the wheel load is below the wet rail's peak of 0.153: the slip stays at most twice its reference."""
     wet = SCENARIO.with_changes(rail=Rail.WET, events=(), longest_time=10.0)
     assert simulate(wet, recommended_pi_lead(), seed=0).max_slip < 2 * 0.092
+
+
+def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
+    """By hand: 200 N*m a sample down above slip 0.2, 100 N*m up below 0.1, no further than 0 and 9 000 N*m."""
+    c = np.array([0.1, 0.43, 0.2, 0.1, 50.0, 1e4, 2e4, 9000.0, 0.01, 0.05])
+    for torque, slip, expected in (
+        (500.0, 0.3, 300.0),
+        (150.0, 0.3, 0.0),
+        (500.0, 0.15, 500.0),
+        (8950.0, 0.05, 9000.0),
+    ):
+        omega = 20.0 * (1.0 - slip) / 0.43
+        x = np.array([torque, 0.43 * omega, 1.0, 0.0])
+        assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
