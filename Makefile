@@ -7,13 +7,21 @@ READY  := $(VENV)/.ready
 # the tests run in parallel processes on small matrices: threads of the linear algebra only get in each other's way
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: report test lint check benchmark generate docs clean
+# what the linear algebra computes with, by processor, and tests of what a last digit may turn
+KERNELS ?= Haswell Prescott SkylakeX Zen
+DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification log_judgement observer_kalman \
+	compensators limits sampled stabilizing tuning loop_properties limit_cycles lyapunov_runs sliding_verification))
+
+.PHONY: report test test-kernels lint check benchmark generate docs clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail
 	$(BIN)/railslip report --out railslip-report
 
 test: lint                ## linter, formatter, types, import contract, tests
 	$(BIN)/python -m pytest -n auto  # tests/conftest.py has the order, and what shares a process
+
+test-kernels: $(READY)    ## the numerically delicate tests under each of the processors' kernels
+	for kernel in $(KERNELS); do echo $$kernel; OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -n auto -q $(DELICATE) || exit 1; done
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -188,7 +188,7 @@ def commands_text() -> str:
     """The help of every command, as the terminal shows it."""
     import click
 
-    from railslip_ctrl.cli import railslip
+    from railslip_ctrl.cli.program import railslip
     from railslip_ctrl.cli.settings import HELP
 
     shown = HELP | {"max_content_width": 100, "terminal_width": 100}

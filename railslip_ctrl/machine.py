@@ -1,11 +1,87 @@
-"""What this machine gives to compute with."""
+"""What this machine gives to compute with, and what it interrupts."""
 
 from __future__ import annotations
 
 import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+Submit: TypeAlias = "Callable[..., Future[Any]]"
+"""Takes a function and its arguments."""
 
 
 def cores() -> int:
     """Cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Submit]:
+    """What submits work to at most so many processes, each of which is started when there is work for it.
+
+    Interruptions are for this process, with which they end, however it ends; what they work at when an exception leaves
+    the context is given up.
+    """
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import active_children, get_context
+
+    # new ones, not copies: a copy of a process with threads may hang
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_follow)
+    started = set()
+
+    def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        before = set(active_children())
+        with undisturbed():
+            future = pool.submit(function, *arguments)
+            started.update(set(active_children()) - before)
+        return future
+
+    try:
+        yield submit
+    except BaseException:
+        for process in started:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _follow() -> None:
+    """End with the process that started this one: killed, it cannot say so."""
+    from multiprocessing import parent_process
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked by now, as on Windows
+    parent = parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """An interruption (Ctrl-C) waits until this is done, and is never heard of by processes that are started in it."""
+    if threading.current_thread() is not threading.main_thread():  # which alone hears it
+        yield
+        return
+    heard: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    mask: Callable[..., object] = getattr(signal, "pthread_sigmask", lambda *_: None)
+    try:
+        mask(getattr(signal, "SIG_BLOCK", 0), {signal.SIGINT})
+        yield
+    finally:
+        mask(getattr(signal, "SIG_UNBLOCK", 0), {signal.SIGINT})
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        if heard:
+            signal.raise_signal(signal.SIGINT)

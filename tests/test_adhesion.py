@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from railslip_ctrl.adhesion import ReferenceSlip, law_class, law_names, load_law
 from railslip_ctrl.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
 from railslip_ctrl.adhesion.bristle import Bristle
 from railslip_ctrl.adhesion.curve import Curve, curve_force
+from railslip_ctrl.adhesion.table import Table
 from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
 from railslip_ctrl.notation import symbol
-from railslip_ctrl.numeric import adhesion_coefficient, peak
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
+from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.units import KMH
 
 LOAD = 34_500.0
@@ -199,6 +201,62 @@ def test_printed_beam_force_is_half_at_full_slip() -> None:
     assert half / _printed_number(integrated_force(), kink.slip) == pytest.approx(0.5, rel=1e-12)  # rounding
 
 
+# --- the dynamic laws as printed ------------------------------------------------------------------------------------
+
+
+def dahl(p: list[float], s: float) -> tuple[float, ...]:
+    alpha, Fc = p
+    return alpha, 0.0, 0.0, alpha * s / Fc
+
+
+def bristle(p: list[float], s: float) -> tuple[float, ...]:
+    alpha, beta, gamma = p
+    return alpha, 0.0, 0.0, alpha * s * beta / (gamma - s)
+
+
+def lugre(p: list[float], s: float) -> tuple[float, ...]:
+    alpha, alpha1, alpha2, Fs, Fc, vs = p
+    return alpha, alpha1, alpha2, alpha * s / (Fc + (Fs - Fc) * math.exp(-((s / vs) ** 2)))
+
+
+def tyre_lugre(p: list[float], s: float) -> tuple[float, ...]:
+    alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+    decay = alpha * s / (mu_c + (mu_s - mu_c) * math.exp(-math.sqrt(s / vs)))
+    return LOAD * alpha, LOAD * alpha1, LOAD * alpha2, decay
+
+
+@pytest.mark.parametrize("printed", [dahl, bristle, lugre, tyre_lugre], ids=lambda printed: printed.__name__)
+def test_dynamic_laws_as_printed(printed: Callable[[list[float], float], tuple[float, ...]]) -> None:
+    """(11)-(22): Fa = a z + a1 z' + a2 sigma, z' = sigma - d z; at rest z = sigma/d."""
+    law = sample_law(printed.__name__)
+    functions, p = numeric_plant(type(law)), plant_parameters(law, PARK2008)
+    for sigma, z in ((0.7, 0.2), (6.0, -0.3)):
+        a, a1, a2, d = printed(list(law.parameters()), sigma)
+        rate = sigma - d * z
+        assert functions.rates(20.0, sigma, z, 0.0, 0.0, 0.0, p)[2] == pytest.approx(rate, rel=1e-13)
+        force = a * z + a1 * rate + a2 * sigma
+        assert functions.force(20.0, sigma, z, 0.0, 0.0, 0.0, p) == pytest.approx(force, rel=1e-13)
+        assert functions.rest_state(20.0, sigma, 0.0, 0.0, 0.0, 0.0, p) == pytest.approx(sigma / d, rel=1e-13)
+
+
+MAY_BE_NOUGHT = {
+    *(("beam", "a"), ("polach", "Bw"), ("burckhardt", "c3")),
+    *((law, name) for law in ("lugre", "tyre_lugre") for name in ("alpha1", "alpha2")),
+}
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+def test_parameters_are_positive_but_for_some(name: str) -> None:
+    law = sample_law(name)
+    for key in law.parameter_names():
+        for value in (1e-9, 0.0, -1e-9):
+            if value > 0.0 or (value == 0.0 and (name, key) in MAY_BE_NOUGHT):
+                assert getattr(type(law)(**{**dict(law), key: value}), key) == value
+            else:
+                with pytest.raises(ValueError, match=key):
+                    type(law)(**{**dict(law), key: value})
+
+
 # --- wet rail, wheel load ------------------------------------------------------------------------------------------
 
 
@@ -230,6 +288,18 @@ def test_another_wheel_load_keeps_mu(name: str) -> None:
     at_rig = adhesion_coefficient(published_law(name, Rail.DRY), V100, slip, LOAD)
     other = adhesion_coefficient(published_law(name, Rail.DRY, 100.0, 50e3), V100, slip, 50e3)
     np.testing.assert_allclose(other, at_rig, rtol=1e-13)  # rounding
+    light = published_law(name, Rail.DRY).at_wheel_load(0.5 / LOAD)
+    np.testing.assert_allclose(adhesion_coefficient(light, V100, slip, 0.5), at_rig, rtol=1e-13)
+    assert light.parameters() == pytest.approx(published_law(name, Rail.DRY, 100.0, 0.5).parameters(), rel=1e-14)
+
+
+def test_less_adhesion_is_what_halves_it_on_wet_rail_and_a_law_that_does_not_say_what_does_is_refused() -> None:
+    law = sample_law("lugre")
+    once, twice = law.wet(), law.weakened(0.25)
+    for key in law.parameter_names():
+        assert getattr(twice, key) * getattr(law, key) == pytest.approx(getattr(once, key) ** 2)
+    with pytest.raises(InputError, match="with less adhesion"):
+        Table(slip=(0.1, 0.5), mu=(0.2, 0.1)).weakened(0.5)
 
 
 @pytest.mark.parametrize(
@@ -331,8 +401,11 @@ def test_law_from_a_file(tmp_path: Path) -> None:
 
 def test_wet_parameters_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "law.toml"
-    path.write_text('law = "dahl"\ncondition = "wet"\n[parameters]\nalpha = 1e4\nFc = 5e3\n')
+    path.write_text(
+        'law = "dahl"\ncondition = "wet"\n[parameters]\nalpha = 1e4\nFc = 5e3\n[reference_slip]\nwet = 0.05\n'
+    )
     law = load_law(path)
+    assert law.reference_slip(Rail.WET) == 0.05
     assert law.on(Rail.WET).parameters() == (1e4, 5e3)
     with pytest.raises(InputError):
         law.on(Rail.DRY)
@@ -364,6 +437,16 @@ def test_bad_files_get_one_clear_line(tmp_path: Path, old: str, new: str, messag
         load_law(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("dry", ["0.13", '["a", "b"]'])
+def test_reference_slips_over_the_initial_speed_are_one_for_each(tmp_path: Path, dry: str) -> None:
+    path = tmp_path / "law.toml"
+    path.write_text(
+        LUGRE_FILE.replace("dry = 0.13\nwet = 0.09", f"initial_speed = [30, 140]\ndry = {dry}\nwet = [1, 1]")
+    )
+    with pytest.raises(InputError, match=r"reference_slip\.dry': give as many slips as speeds, 2"):
+        load_law(path, initial_speed_kmh=100.0)
 
 
 def test_files_that_are_no_text(tmp_path: Path) -> None:

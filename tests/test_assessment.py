@@ -160,6 +160,8 @@ def test_loop_shaping_puts_the_crossover_where_the_phase_is_largest():
 def test_controller_refuses_what_is_not_proper(lead, lead_filter, match):
     with pytest.raises(InputError, match=match):
         PIController(PIGains(kp=1.0, ki=1.0), lead, lead_filter)
+    with pytest.raises(InputError, match="gains"):
+        PIController((1.0, 1.0))
 
 
 def test_controller_without_one_of_its_gains():

@@ -12,10 +12,12 @@ from scipy.stats import t as student
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.identification.between_runs import LEAST_TESTS, between_runs, whole_tests
+from railslip_ctrl.identification.coordinates import Coordinates
 from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.identification.record import Record
+from railslip_ctrl.identification.search import search
 from railslip_ctrl.parameters import PARK2008, Rail
 
 ROWS = 40  # of a test
@@ -127,3 +129,18 @@ def test_the_bend_of_the_train_s_speed_is_that_of_a_parabola_and_of_a_corner_one
     assert np.flatnonzero(np.abs(steeper) > 1e-9).tolist() == [19, 20, 21]
     two = Record(time, corner.speed, one, one, one, np.repeat([0.0, 1.0], 20))
     assert Intervals.of(two).bent(steeper=True).speed_bend[:19] == pytest.approx(0.0, abs=1e-9)  # not from the next run
+
+
+def test_a_search_has_one_end_where_the_data_tell_a_sum_alone():
+    """Residuals of x0 + x1: both move alike from the centre, and as the normal equations of the pull have it."""
+    coordinates = Coordinates.of(("first", "second"), np.full(2, -np.inf), np.full(2, np.inf), np.array([1.0, 2.0]))
+    centre, weight = np.array([1.0, 2.0]), 0.1
+    matrix, aim = np.ones((3, 2)), 5.0
+    pull = np.diag((weight / centre) ** 2)
+    expected = centre + np.linalg.solve(matrix.T @ matrix + pull, matrix.T @ (aim - matrix @ centre))
+    for begin in (centre, np.array([-30.0, 40.0]), np.array([7.0, -1.0])):
+        squares, x = search(
+            lambda x: matrix @ x - aim, coordinates, begin, weight=weight, centre=centre, tolerance=1e-14, most=100
+        )
+        assert x == pytest.approx(expected, rel=1e-6)  # rounding of 1e-16/1e-4 in the slopes, by a curvature of 0.01
+        assert squares == pytest.approx(3.0 * (x.sum() - aim) ** 2, abs=1e-12)

@@ -186,6 +186,16 @@ def test_bad_input_is_one_clear_line_and_exit_2(railslip, arguments, told):
 
 
 @pytest.mark.parametrize(
+    ("given", "told"),
+    [("margin", "did you mean 'margins'?"), ("Reports", "did you mean 'report'?"), ("xyzzy", "choose one of report, ")],
+)
+def test_a_command_misspelt_is_told_the_nearest(railslip, given, told):
+    status, out, err = railslip(given, "--json")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"railslip: error: {given!r} is no command; {told}")
+
+
+@pytest.mark.parametrize(
     ("content", "told"),
     [
         (b"", "empty"),

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,7 +152,7 @@ def test_the_law_with_numbers_is_the_law(leaves):
 
 def test_the_numbers_are_in_the_code(leaves, tmp_path):
     derivation = derive(law="burckhardt")
-    code = with_numbers(generate(derivation), law_numbers(derivation, load_law(leaves)))
+    code = with_numbers(generate(derivation), law_numbers(derivation, load_law(leaves)), leaves)
     namespace: dict[str, object] = {}
     exec(compile(code.python, "law", "exec"), namespace)
     assert namespace["ADHESION_DRY"] == {f"adhesion_{name}": value for name, value in NUMBERS.items()}
@@ -182,7 +183,7 @@ def test_a_law_without_closed_form_says_so():
     assert numbers[0].torque is None
     assert dict(numbers[0].parameters)["mu_3"] == 0.25
     code = generate(derive(law="burckhardt"))
-    assert with_numbers(code, numbers) == code  # Ta is an argument: nothing to initialise
+    assert with_numbers(code, numbers, Path("table.toml")) == code  # Ta is an argument: nothing to initialise
     assert derivation_json(derivation, (), code, numbers)["law"]["numbers"]["dry"]["latex"] is None
     for text in (
         derivation_text(derivation, (), numbers),

@@ -6,13 +6,15 @@ import math
 from pathlib import Path
 
 import pytest
+from scipy.integrate import quad
 
 from designs import compare_runs as script
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.parameters import PARK2008, Actuator, Resistance
 from railslip_ctrl.plots import run_comparison_figure, save_figure
 from railslip_ctrl.report.runs import run_comparison_text
 from railslip_ctrl.run_comparison import compare_runs
-from railslip_ctrl.simulation import Disturbances, built_in_scenario, published_scenario
+from railslip_ctrl.simulation import BrakeLimits, Disturbances, built_in_scenario, published_scenario
 from railslip_ctrl.simulation.clairvoyant import clairvoyant_stop
 from railslip_ctrl.simulation.published import published_controller
 
@@ -79,6 +81,39 @@ def test_the_dead_time_costs_the_bound_its_way() -> None:
     late = scenario.with_changes(vehicle=scenario.vehicle.model_copy(update={"actuator": slower}))
     added = clairvoyant_stop(late).braking_distance - clairvoyant_stop(scenario).braking_distance
     assert added == pytest.approx(100 / 3.6, abs=1.5)  # less what Fr takes off in that second, 0.14 m/s times 9 s
+
+
+def test_without_a_brake_the_resistance_alone_stops() -> None:
+    """M v' = -(Fr0 + Fr1 v + Fr2 v^2) by quadrature over the speed."""
+    vehicle = PARK2008.model_copy(
+        update={
+            "actuator": Actuator(dead_time=1000.0, lag=0.0),
+            "wheel": PARK2008.wheel.model_copy(update={"viscous_friction": 0.0}),
+            "resistance": Resistance(constant=2000.0, linear=100.0, quadratic=10.0),
+        }
+    )
+    bound = clairvoyant_stop(published_scenario(as_published=False).with_changes(vehicle=vehicle, events=()))
+    for found, power in ((bound.braking_time, 0), (bound.braking_distance, 1)):
+        over_speed = quad(lambda v, n=power: 3517 * v**n / (2000 + 100 * v + 10 * v * v), 5 / 3.6, 100 / 3.6)[0]
+        assert found == pytest.approx(over_speed, rel=1e-6)  # of the integration
+
+
+@pytest.mark.parametrize("lag", [0.0, 3.0])
+def test_a_weak_brake_stops_by_its_torque_behind_dead_time_and_lag(lag: float) -> None:
+    """M (v0 - v) = Tmax/r (s - lag (1 - exp(-s/lag))), s after the dead time, below the adhesion all the time."""
+    vehicle = PARK2008.model_copy(
+        update={
+            "actuator": Actuator(dead_time=0.5, lag=lag),
+            "wheel": PARK2008.wheel.model_copy(update={"viscous_friction": 0.0}),
+            "resistance": Resistance(constant=0.0, linear=0.0, quadratic=0.0),
+        }
+    )
+    scenario = published_scenario(as_published=False).with_changes(
+        vehicle=vehicle, events=(), limits=BrakeLimits(torque_max=1000.0)
+    )
+    since = clairvoyant_stop(scenario).braking_time - 0.5
+    built_up = since - (lag * (1.0 - math.exp(-since / lag)) if lag else 0.0)
+    assert 1000.0 / 0.43 * built_up == pytest.approx(3517 * 95 / 3.6, rel=1e-6)  # of the integration
 
 
 def test_events_of_both_kinds_are_refused() -> None:

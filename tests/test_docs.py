@@ -30,7 +30,7 @@ import railslip_ctrl
 from railslip_ctrl import plant
 from railslip_ctrl.adhesion import beam, law_names, published_law
 from railslip_ctrl.adhesion.beam import integrated_force
-from railslip_ctrl.cli import _COMMANDS
+from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.identification.cells import BINS
 from railslip_ctrl.identification.record import MOST_ROWS
 from railslip_ctrl.linearization import linearize, operating_point
@@ -183,7 +183,7 @@ def test_the_sliding_law_s_program_gives_the_numbers_of_the_python_step(tmp_path
     shown = dict(re.findall(r"\.(\w+) = ([\d.]+)", C_PAGE.partition("{file} main.c")[2].partition("};")[0]))
     p = law.Parameters(**dict.fromkeys(law.Parameters._fields, 0.0) | {k: float(v) for k, v in shown.items()})
     v = 100.0 / 3.6
-    omega, state, expected = v / p.r, law.start(v), []
+    omega, state, expected = v / p.r, law.init(v, p)[1], []
     for _ in range(200):
         torque, s, state = law.step(state, v, omega, 4000.0 * (1.0 - omega * p.r / v), p)
         expected.append([torque, s])

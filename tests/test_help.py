@@ -19,8 +19,9 @@ from rig_logs import rig_rows, write_log
 
 from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.cli import _COMMANDS, main, railslip
+from railslip_ctrl.cli import main
 from railslip_ctrl.cli.options import Quantity
+from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.parameters import Rail
 from railslip_ctrl.units import KMH

@@ -1,10 +1,9 @@
-"""`railslip identify`: the contract, the files it writes, what it says of bad logs, and the lookup-table law."""
+"""`railslip identify`: the contract, the files it writes, and what it says of bad logs."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import subprocess
 import sys
@@ -12,18 +11,12 @@ import sys
 import matplotlib.image
 import numpy as np
 import pytest
-import sympy as sp
 from project import ROOT, refused
 from rig_logs import HEADER, rig_rows, write_log
-from scipy.interpolate import PchipInterpolator
 
-from railslip_ctrl.adhesion import initial_speeds_in, law_class, load_law, published_law
-from railslip_ctrl.adhesion.table import Table, table_force, table_slope
-from railslip_ctrl.errors import DomainError
+from railslip_ctrl.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.identify import Options, identify
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.plots import adhesion_figure, drift_figure
 
@@ -418,94 +411,3 @@ def test_other_commands_start_without_what_identify_needs():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
     assert done.stderr.strip() == "[]"
-
-
-# --- the table law -------------------------------------------------------------------------------------------------
-
-TABLE = Table(slip=(0.02, 0.05, 0.1, 0.2, 0.5), mu=(0.12, 0.22, 0.25, 0.23, 0.19))
-LOAD, V = 34_500.0, 20.0
-
-
-def test_table_is_pchip_through_the_origin_and_odd():
-    slip = np.linspace(0.0, 0.5, 301)
-    expected = PchipInterpolator([0.0, *TABLE.slip], [0.0, *TABLE.mu])(slip)
-    assert adhesion_coefficient(TABLE, V, slip, LOAD) == pytest.approx(expected, rel=1e-14)
-    assert table_force(-slip, LOAD, TABLE.parameters()) == pytest.approx(-LOAD * expected)
-    assert np.isnan(table_force(0.51, LOAD, TABLE.parameters()))
-    assert adhesion_coefficient(TABLE, V, np.array(TABLE.slip), LOAD) == pytest.approx(TABLE.mu, rel=1e-14)
-    assert np.all(np.diff(expected[slip <= 0.1]) > 0.0)  # no overshoot between knots
-    assert np.all(np.diff(expected[slip >= 0.1]) < 0.0)
-    assert peak(TABLE, V, LOAD).slip == pytest.approx(0.1, rel=1e-6)
-
-
-def test_table_slope_against_differences_and_the_jacobian():
-    for slip in (0.0, 0.013, 0.04, 0.13, 0.33):
-        h = 1e-6
-        difference = table_force(slip + h, LOAD, TABLE.parameters()) - table_force(slip - h, LOAD, TABLE.parameters())
-        # at 0 the odd curve has the second derivative's jump, which is 1e-5 of the slope over h
-        assert table_slope(slip, LOAD, TABLE.parameters()) == pytest.approx(difference / (2 * h), rel=1e-5)
-        assert table_slope(-slip, LOAD, TABLE.parameters()) == table_slope(slip, LOAD, TABLE.parameters())
-    functions, p = numeric_plant(Table), plant_parameters(TABLE, PARK2008)
-    assert not functions.generated_in_memory
-    gradient = functions.force_gradient(V, 0.13 * V, 0.0, 0.0, 0.0, 0.0, p)
-    slope = table_slope(0.13, PARK2008.wheel_load, TABLE.parameters())
-    assert gradient[1] == pytest.approx(slope / V)
-    assert gradient[0] == pytest.approx(-slope * 0.13 / V)
-
-
-def test_table_linearizes_like_the_law_it_tabulates():
-    law = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
-    slips = np.linspace(0.0, 1.0, 400) ** 2
-    table = Table(slip=tuple(slips), mu=tuple(np.asarray(adhesion_coefficient(law, V, slips, LOAD))))
-    (pole,), (expected,) = (linearize(operating_point(each, PARK2008, V, 0.2)).poles for each in (table, law))
-    assert pole == pytest.approx(expected, rel=1e-3)  # slopes of PCHIP are of second order in the spacing
-
-
-def test_table_statement_differentiates_to_its_slope():
-    force = Table.statement().force
-    name = type(sp.diff(force, sp.Symbol("sigma", real=True)).atoms(sp.Function).pop()).__name__
-    assert name == "TableSlope"
-
-
-def test_table_on_wet_rail_is_half():
-    wet = TABLE.on(Rail.WET)
-    assert wet.mu == tuple(mu / 2 for mu in TABLE.mu)
-    assert wet.on(Rail.WET) is wet
-
-
-def test_table_ends_with_its_last_knot():
-    with pytest.raises(DomainError, match="its table ends there"):
-        adhesion_coefficient(TABLE, V, 0.500001, LOAD)
-    whole = Table(slip=(0.1, 1.0), mu=(0.2, 0.1))
-    assert adhesion_coefficient(whole, V, 1.0, LOAD) == pytest.approx(0.1)
-    assert math.isinf(whole.domain_limit(V)[0])
-
-
-def test_table_from_a_file(railslip, tmp_path):
-    path = tmp_path / "law.toml"
-    path.write_text('law = "table"\n[parameters]\nslip = [0.02, "10 %", 0.5]\nmu = [0.12, 0.25, 0.19]\n')
-    assert load_law(path).slip == (0.02, 0.1, 0.5)
-    status, out, _ = railslip("linearize", "--adhesion", path, "--slip", "0.05", "--rail", "dry", "--json")
-    assert status == 0
-    assert json.loads(out)["cases"][0]["adhesion"] == "table"
-
-
-@pytest.mark.parametrize(
-    ("slip", "mu", "words"),
-    [
-        ("[0.1, 0.1]", "[0.1, 0.2]", "rise strictly"),
-        ("[0.1, 1.2]", "[0.1, 0.2]", "from 0 to 1"),
-        ("[-0.1, 0.2]", "[0.1, 0.2]", "from 0 to 1"),
-        ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", "2 values for 3 slip ratios"),
-        ("[0.1, 0.2]", "[0.1, -0.2]", ">= 0"),
-        ("[0.0, 0.2]", "[0.1, 0.2]", "no adhesion without slip"),
-        ("[0.1]", "[0.1]", "at least 2"),
-        ('[0.1, "2 kg"]', "[0.1, 0.2]", "dimension"),
-        ('"steep"', "[0.1, 0.2]", "give a list"),
-        ("[0.1, nan]", "[0.1, 0.2]", "finite"),
-    ],
-)
-def test_tables_that_are_refused(railslip, tmp_path, slip, mu, words):
-    path = tmp_path / "law.toml"
-    path.write_text(f'law = "table"\n[parameters]\nslip = {slip}\nmu = {mu}\n')
-    assert words in refused(railslip("linearize", "--adhesion", path, "--slip", "0.05"))

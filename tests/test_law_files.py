@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 from project import refused
@@ -161,8 +162,9 @@ def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
 # --- a law in Python -----------------------------------------------------------------------------------------------
 
 
-def test_a_law_of_one_s_own_in_a_python_file(railslip, file):
+def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     """Its force by hand, and its one pole, which is its slope there: 0 where it has reached mu."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)  # nor is a text taken for one of its length and second
     name = file("mine.py", LAW)
     status, out, err = railslip("linearize", "--adhesion", name, "--rail", "dry", "--json")
     assert (status, err) == (0, "")

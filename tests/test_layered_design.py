@@ -6,11 +6,19 @@ import math
 
 import numpy as np
 import pytest
-from project import script, show
+from project import ROOT, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
 from railslip_ctrl import plots
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.parameters import PARK2008, Rail, load_vehicle
+from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION
+from railslip_ctrl.sliding_verification.layered import (
+    bounded_disturbance,
+    layered_design,
+    published_torque,
+    random_torque,
+)
+from railslip_ctrl.sliding_verification.layered_stops import open_loop_slip, range_left
 from railslip_ctrl.sliding_verification.published import stop_loops
 from railslip_ctrl.switching import (
     TABLE4_SLIDING,
@@ -119,3 +127,32 @@ def test_static_law_has_its_own_remainder():
     # the remainder is of second order, so it grows about four times when the disturbance doubles
     assert 3.0 < large.remainder / small.remainder < 8.0
     assert small.error < large.error
+
+
+def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
+    """Other seeds than those of `verify`; the wet rail loaded is the worst of the four."""
+    design, loaded = layered_design(PARK2008), PARK2008.loaded()
+    point = PUBLISHED_ADHESION.plants(loaded)[Rail.WET].point
+    left = [range_left(design, point, seed) for seed in range(3000, 3010)]
+    assert sum(speed > 5.0 for speed in left) >= 5
+    assert max(left) < 20.0
+    # the speed frozen: the slip velocity's error does not fall with the speed, its reference does
+    slow = PUBLISHED_ADHESION.plants(loaded, speed_kmh=10.0)[Rail.WET].point
+    law = LayeredLaw(slow.slip, holding_torque(slow), design=design)
+    torque = published_torque(design, slow, 3000, 15.0)
+    run = simulate(slow, law, loaded.actuator, duration=15.0, step=5e-3, disturbance=torque)
+    assert np.abs(run.sigma - slow.sigma).max() > slow.sigma
+    # what takes the law's place
+    point = PUBLISHED_ADHESION.plants(loaded, speed_kmh=20.0)[Rail.WET].point
+    assert max(open_loop_slip(point, seed) for seed in range(3000, 3005)) < 1.0
+
+
+def test_disturbances_grow_with_the_wheel_load():
+    desiro = load_vehicle(ROOT / "designs/vehicles/desiro_classic.toml")
+    for vehicle in (PARK2008, desiro.loaded()):
+        point = PUBLISHED_ADHESION.plants(vehicle)[Rail.DRY].point
+        J, r, M, N = vehicle.wheel.inertia, vehicle.wheel.radius, vehicle.mass, vehicle.wheel_load
+        force = 431 / 34_500 * N * np.clip(np.random.default_rng(7).standard_normal(), -3, 3)
+        # Tr adds to sigma' what -(r/J) Tr and -Tr/(r M) make of it, and (r/J) of a torque at the wheel is the same
+        assert random_torque(point, 7, 1.0)(0.0) == pytest.approx(-(r + J / (r * M)) * force, rel=1e-9)
+        assert bounded_disturbance(vehicle) == pytest.approx(20.0 * N * r / (34_500 * 0.43), rel=1e-12)

@@ -141,6 +141,7 @@ def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
     assert fundamental_limits(real([2.0], [0.5, -1.0]), 0.1).pi is None
     assert fundamental_limits(real([], [0.5, 0.2, -1.0]), 0.1).pi is None
     assert fundamental_limits(real([], [0.5]), 0.0).pi is None  # the phase only rises
+    assert fundamental_limits(real([-0.3], [1.0, -0.2]), 0.01).pi is None  # it falls first, and rises then
     assert fundamental_limits(real([], [3.0, 0.4]), 0.9).crossover_range is None  # no crossover is sensible
 
 

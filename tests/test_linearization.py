@@ -14,8 +14,10 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
 import railslip_ctrl.adhesion
 from railslip_ctrl.adhesion import law_class, published_law
+from railslip_ctrl.adhesion.beam import Beam
 from railslip_ctrl.errors import DomainError, KinkError
-from railslip_ctrl.linearization import frozen_speed_plant, linearize, nonlinear_plant, operating_point
+from railslip_ctrl.linearization import _residual, frozen_speed_plant, linearize, nonlinear_plant, operating_point
+from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import PARK2008, Rail
 from railslip_ctrl.units import KMH
 
@@ -43,6 +45,19 @@ def test_trim_torque() -> None:
     assert (point.adhesion, point.rail, point.slip) == ("bristle", Rail.DRY, 0.132)
     assert point.speed_kmh == pytest.approx(100.0, rel=1e-15)
     assert point.residual < 1e-14  # a few roundings
+
+
+def test_residual_is_the_share_of_a_torque_too_much_in_what_cancels() -> None:
+    """Of the terms of lambda': r/J times each torque at the wheel, and v' (here of a train so light that it counts)."""
+    wheel = PARK2008.wheel.model_copy(update={"viscous_friction": 30.0})
+    vehicle = PARK2008.model_copy(update={"mass": 50.0, "wheel": wheel})
+    point = operating_point(published_law("beam", Rail.DRY), vehicle, V100, 0.1)
+    functions, p = numeric_plant(Beam), plant_parameters(point.law, vehicle)
+    state = (V100, point.sigma, 0.0, point.brake_torque)
+    (J, B, r), rate = p[1:4], functions.rates(*state, 0.0, 0.0, p)[0]
+    assert 2.0 * abs(rate) > r / J * point.brake_torque > 0.0
+    terms = r / J * (point.brake_torque + r * point.adhesion_force + B * V100 / r) - rate
+    assert _residual(functions, (*state[:3], state[3] + 1.0), p) == pytest.approx(r / J / terms, rel=1e-3)  # 1 N*m
 
 
 def test_slip_pole_in_steady_state() -> None:
@@ -77,6 +92,9 @@ def test_against_python_control(name: str, rail: Rail, speed_state: bool) -> Non
     # forward differences with step 1e-6: truncation 1e-6 f''/2 and rounding 1e-16 * 1e2/1e-6
     np.testing.assert_allclose(theirs.A, ours.A, rtol=2e-6, atol=2e-6)
     np.testing.assert_allclose(theirs.B[:, :1], ours.B, rtol=2e-6, atol=2e-6)
+    np.testing.assert_allclose(theirs.B[:, 1], theirs.B[:, 0], rtol=2e-6, atol=2e-6)  # Td beside Tb in (3)
+    random = {"v": -1 / (0.43 * 3517), "sigma": -1 / (0.43 * 3517) - 0.43 / 60.35, "z": 0.0}  # Tr in (3) and (4)
+    np.testing.assert_allclose(theirs.B[:, 2], [random[name] for name in ours.states], rtol=2e-6, atol=2e-6)
     np.testing.assert_allclose(theirs.C[:3], ours.C, rtol=2e-6, atol=2e-6)
     np.testing.assert_array_equal(theirs.D[:3, :1], ours.D)
     assert system.state_labels == list(ours.states)
@@ -211,6 +229,7 @@ def test_a_law_with_a_wrong_rest_state_is_found_out(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(railslip_ctrl.adhesion, "__path__", [*railslip_ctrl.adhesion.__path__, str(tmp_path)])
     importlib.invalidate_caches()
     law = law_class("wrong_rest").model_validate({"alpha": 1e4, "Fc": 9e3})
-    with pytest.raises(DomainError, match="not at rest"):
-        operating_point(law, PARK2008, V100, 0.1)
+    for slip in (0.1, 0.01):
+        with pytest.raises(DomainError, match=r"not at rest \(residual 5.0e-01"):  # z'/sigma = 1 - alpha z/Fc, z halved
+            operating_point(law, PARK2008, V100, slip)
     sys.modules.pop("railslip_ctrl.adhesion.wrong_rest")

@@ -123,6 +123,11 @@ def test_a_parameter_on_its_bound_is_told_with_bound_and_cause(dry):
     assert low.startswith("the fitted a of 1e-12 rests on its lower bound, 0: likely this log does not tell it")
     assert "likely by a wrong unit of the brake torque" in fit_doubts(resting, setting, speeds, 3.0, {})[0]
     assert fit_doubts(fit, setting, speeds, 0.25, {}) == ()
+    free = dataclasses.replace(fit.parameters[1], limits=(1e-12, math.inf))
+    (told,) = fit_doubts(
+        dataclasses.replace(fit, parameters=(fit.parameters[0], free, fit.parameters[2])), setting, speeds, 0.25, {}
+    )
+    assert told.startswith(f"the fitted a of {free.value:.4g} may as well be any other by this log")
 
 
 # --- units ---------------------------------------------------------------------------------------------------------

@@ -76,6 +76,23 @@ def test_options_win_over_the_header():
 
 
 @pytest.mark.parametrize(
+    ("wheel", "columns", "units", "factor"),
+    [
+        (["wheel speed [rad/s]"], {}, {}, 1.0),
+        (["Wheel Speed (1/s)"], {}, {}, 1.0),
+        (["vw_rpm"], {}, {}, math.pi / 30),
+        (["vw"], {}, {"wheel_speed": "rad/s"}, 1.0),
+        (["axle 1 [rpm]"], {"wheel_speed": "axle 1"}, {}, math.pi / 30),
+        (["vw [rad/s]", "omega [rpm]"], {"wheel_angular_speed": "omega"}, {}, math.pi / 30),
+    ],
+)
+def test_a_wheel_speed_in_an_angular_unit_is_the_angular_one(wheel, columns, units, factor):
+    found = find_columns(["time", "v", "Tb", *wheel], columns, units)
+    assert "wheel_speed" not in found
+    assert found["wheel_angular_speed"].factor == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(
     ("header", "columns", "units", "message"),
     [
         (["time", "v", "vw"], {}, {}, "no column for brake_torque; call one 'brake torque'"),
@@ -86,6 +103,7 @@ def test_options_win_over_the_header():
         (list(WHOLE.values()), {}, {"load": "N"}, "--unit: 'load' is not a quantity"),
         (list(WHOLE.values()), {}, {"time": "kg"}, "--unit time: 'kg' is not a unit of time"),
         (["time", "v [kN]", "vw", "Tb"], {}, {}, r"column 'v \[kN\]': 'kN' is not a unit of train_speed"),
+        (["time", "v", "vw [rad/s]", "omega", "Tb"], {}, {}, r"angular_speed may be any of 'vw \[rad/s\]', 'omega'"),
         (["time", "v [wombat]", "vw", "Tb"], {}, {}, "'wombat' is not a unit of train_speed"),
     ],
 )

@@ -15,7 +15,7 @@ from railslip_ctrl.units import quantity
 
 v, sigma, Fa, Tb, Td, Tr = (symbol(name) for name in ("v", "sigma", "Fa", "Tb", "Td", "Tr"))
 M, J, B, r = (symbol(name) for name in ("M", "J", "B", "r"))
-RESISTANCE = plant.RESISTANCE.rhs
+RESISTANCE = sum(symbol(f"Fr{power}") * v**power for power in range(3))
 
 
 def test_sigma_rate_is_the_combination_of_3_and_4() -> None:

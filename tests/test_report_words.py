@@ -316,30 +316,30 @@ def lawless():
 def test_without_a_law_its_conditions_are_not_decided(lawless, record):
     found = lawless.verification
     assert [one.name for one in found.failing] == ["layer stable behind the actuator"]
-    assert len(found.undecided) == 7
+    assert len(found.undecided) == 8
     assert not found.all_hold
     assert all("no law to decide it by" in one.evidence for one in found.undecided)
-    assert tally(found.conditions) == "0 of 8 hold; 1 does not (1 failed in samples); 7 were not decided"
+    assert tally(found.conditions) == "0 of 9 hold; 1 does not (1 failed in samples); 8 were not decided"
     text = words(verification_text(found, lawless.conclusion))
-    assert "Verdict: 1 of 8 conditions does not hold, 7 were not decided." in text
+    assert "Verdict: 1 of 9 conditions does not hold, 8 were not decided." in text
     assert "authority: NOT DECIDED" in text
     content = verification_json(found)
     assert content["all_hold"] is False
-    assert [(one["holds"], one["how"]) for one in content["conditions"]] == [(False, "sampled"), *[(None, None)] * 7]
+    assert [(one["holds"], one["how"]) for one in content["conditions"]] == [(False, "sampled"), *[(None, None)] * 8]
     sliding = replace(record.sliding, layered=lawless)
     page = rendered(replace(record, sliding=sliding))
     told_page = words(Page.parsed(page).text)
-    assert "1 does not (1 failed in samples); 7 were not decided" in told_page
+    assert "1 does not (1 failed in samples); 8 were not decided" in told_page
     assert "none, as there is no law" in told_page
     listed = design_report_json(replace(record, sliding=sliding), page, SOURCE)["sliding"]["layered"]
-    assert [one["holds"] for one in listed["conditions"]] == [False, *[None] * 7]
+    assert [one["holds"] for one in listed["conditions"]] == [False, *[None] * 8]
 
 
 def test_the_command_ends_as_where_a_condition_fails(lawless, railslip, monkeypatch):
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: lawless)
     status, out, _ = railslip("verify", "--law", "layered")
     assert status == 1
-    assert "7 were not decided" in words(out)
+    assert "8 were not decided" in words(out)
 
 
 def test_the_layered_law_is_told_with_the_adhesion_it_was_decided_for(record):

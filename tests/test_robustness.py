@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.robustness import OperatingRange, range_cases, robustness, robustness_of
 from railslip_ctrl.design.schedule import (
@@ -16,7 +17,9 @@ from railslip_ctrl.design.schedule import (
     plant_at,
     schedule_gains,
 )
+from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
@@ -64,6 +67,24 @@ def test_table_and_map_say_the_same():
     assert np.max(worst) == pytest.approx(max(result.margins.ms[i] for i in mine))
 
 
+def test_sweeps_have_the_margins_of_each_loop_and_the_pole_of_each_plant():
+    scheduled = {"fixed": PI_LEAD, "scheduled": lambda x: PIController(PIGains(kp=200.0 + x, ki=5.0), 0.6, 0.06)}
+    speed = sweep_speed(scheduled, (50.0, 100.0), law="bristle", rail=Rail.WET)
+    slip = sweep_slip({"fixed": PI_LEAD}, (0.092, 0.2), law="bristle", rail=Rail.WET, speed_kmh=50.0)
+    assert (speed.margins["fixed"].ms[0], speed.pole[0]) == pytest.approx((slip.margins["fixed"].ms[0], slip.pole[0]))
+    for axis, v, slips in ((speed, (50.0, 100.0), (0.092, 0.092)), (slip, (50.0, 50.0), (0.092, 0.2))):
+        for i, value in enumerate(axis.values):
+            plant = linearize(operating_point(published_law("bristle", Rail.WET), PARK2008, v[i] / 3.6, slips[i]))
+            assert axis.pole[i] == pytest.approx(plant.poles[0].real, rel=1e-12)
+            for name, margins in axis.margins.items():
+                controller = PI_LEAD if name == "fixed" else scheduled[name](value)
+                loop = wheel_slip_loop(plant, controller, PARK2008.actuator)
+                assert margins.ms[i] == pytest.approx(loop.margins().ms, rel=1e-7)
+    for controllers, speeds in (({}, (50.0,)), (scheduled, ())):
+        with pytest.raises(InputError, match="at least one value and one controller"):
+            sweep_speed(controllers, speeds)
+
+
 def test_cases_outside_a_law_s_domain_are_left_out_with_the_reason():
     wide = OperatingRange(
         laws=("bristle", "beam"), speeds_kmh=(140.0,), slip_factors=(1.0, 8.0), initial_speed_kmh=140.0
@@ -82,6 +103,8 @@ def test_cases_outside_a_law_s_domain_are_left_out_with_the_reason():
         ({"speeds_kmh": ()}, "speeds_kmh is empty"),
         ({"speeds_kmh": (0.0,)}, "speeds_kmh: 0"),
         ({"lag_factors": (-1.0,)}, "lag_factors: -1"),
+        ({"dead_time_factors": (math.inf,)}, "dead_time_factors: inf"),
+        ({"slip_factors": (math.inf,)}, "slip_factors: inf"),
         ({"masses": (float("nan"),)}, "masses: nan"),
     ],
 )

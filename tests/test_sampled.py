@@ -55,6 +55,7 @@ CONTROLLERS = {
     "P": SampledController(PIController(PIGains(kp=190.0, ki=0.0)), 0.02),
     "I": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02),
     "I, backward": SampledController(PIController(PIGains(kp=0.0, ki=5.0)), 0.02, rule=Rule.BACKWARD),
+    "no direct path": SampledController(PIController(PIGains(kp=-0.05, ki=5.0)), 0.02),  # kp + ki h/2 = 0
     "filtered P": SampledController(PIController(PIGains(kp=190.0, ki=0.0), lead_filter=0.1), 0.02),
     "filtered PI, backward": SampledController(PIController(PLAIN.gains, lead_filter=0.1), 0.02, rule=Rule.BACKWARD),
 }
@@ -301,9 +302,9 @@ def test_gain_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, 
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
 
 
-@pytest.mark.parametrize("period", [0.01, 0.0125])
+@pytest.mark.parametrize("period", [0.002, 0.0125])
 def test_delay_margin_over_many_periods_is_confirmed_by_eigenvalues(plant, period):
-    # found from L = -1 there; 0.15 s are 15 and 12 periods
+    # 0.15 s are 75 and 12 periods, and the margin is four times that
     loop = sampled_loop(SampledController(LEAD, period), plant, ACTUATOR)
     margin = loop.margins().delay_s
     assert loop.delayed(margin * (1 - 1e-8)).is_stable()
@@ -397,8 +398,9 @@ def test_suggested_period_refuses_what_it_cannot_serve(plant):
     for share in (0.0, 1.0, math.nan):
         with pytest.raises(InputError, match="share"):
             suggested_period(margins, share=share)
-    with pytest.raises(InputError, match=r"computation: 0.05 s .* less than 0.0237"):
-        suggested_period(margins, computation=0.05)
+    for computation in (0.05, 0.1 * margins.delay_s):  # the whole share leaves no period either
+        with pytest.raises(InputError, match=r"computation: 0.0\d+ s .* less than 0.0237"):
+            suggested_period(margins, computation=computation)
     unbounded = DeadTimeLoop(Rational(np.array([]), np.array([-1.0]), 0.5), 0.1).margins()
     with pytest.raises(InputError, match="unbounded"):
         suggested_period(unbounded)

@@ -17,8 +17,10 @@ from railslip_ctrl.numeric import adhesion_coefficient
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
+    Disturbances,
     Event,
     LinearControl,
+    Measurement,
     Scenario,
     ScheduledControl,
     SlideProtection,
@@ -27,7 +29,7 @@ from railslip_ctrl.simulation import (
     built_in_scenario,
     simulate,
 )
-from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
 from railslip_ctrl.simulation.designed import recommended_pi_lead, recommended_schedule, slide_protection
 from railslip_ctrl.simulation.files import load_scenario
 from railslip_ctrl.simulation.published import published_controller
@@ -323,6 +325,7 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6\n', "led: unknown key; did you mean 'lead'"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6\n', "lead filter: 0 s .* is not proper"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 1.0\n', "give a value > torque_low = 2"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 2.0\n', "give a value > torque_low = 2"),
         ('kind = "pi"\nkp = "1 kg"\nki = 1.0\n', "kp: '1 kg' has the wrong dimension"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9\n', "period: 1e-09 is not allowed"),
         ('kind = "asmc"\nK = 1.0\nD = 0.0\nrho = 1.0\n', "D: 0 is not allowed; give a value > 0"),
@@ -334,6 +337,34 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
 )
 def test_controller_files_are_refused_in_one_line(controller_of, text, words):
     assert "controller.toml" in refusal(controller_of, text, words)
+
+
+ANY_SIGN = {"kp", "ki", "torque_low", "torque_high", "initial_torque", "cut_out_torque", "torque_min", "torque_max"}
+
+
+@pytest.mark.parametrize(
+    ("record", "given", "positive"),
+    [
+        (PIKeys, {"kind": "pi", "kp": 1.0, "ki": 1.0}, {"tracking_time"}),
+        (
+            SlidingKeys,
+            {"kind": "asmc", "K": 1.0, "D": 1.0, "rho": 1.0},
+            {"D", "rho", "nominal_mass", "filter_time"},
+        ),
+        (Disturbances, {}, {"random_hold"}),
+        (Measurement, {}, set()),
+        (BrakeLimits, {"torque_min": -1.0, "torque_max": 1.0}, {"rate", "dump_lag"}),
+    ],
+)
+def test_numbers_of_files_are_not_negative_and_some_are_positive(record, given, positive):
+    fields = {name: info.json_schema_extra for name, info in record.model_fields.items() if name != "period"}
+    for name in (name for name, extra in fields.items() if isinstance(extra, dict) and "unit" in extra):
+        for value in (1e-9, 0.0, -1e-9):
+            if value > 0.0 or name in ANY_SIGN or (value == 0.0 and name not in positive):
+                assert getattr(record(**{**given, name: value}), name) == value
+            else:
+                with pytest.raises(ValueError, match=name):
+                    record(**{**given, name: value})
 
 
 def test_schedule_entries_of_one_rail_only_are_enough_for_a_run_on_it():

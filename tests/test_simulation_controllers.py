@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from generated_code import begun
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
@@ -41,9 +42,12 @@ from railslip_ctrl.simulation.designed import (
 )
 from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.published import published_controller, published_law_gains
+from railslip_ctrl.simulation.steps.slide_protection import command
 from railslip_ctrl.sliding.code import python_law
+from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import gain_parameters
+from railslip_ctrl.sliding.sampled_law import LARGEST
 
 SCENARIO = built_in_scenario("park2008")
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
@@ -143,17 +147,17 @@ def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
     table, scale = adhesion_table(law, SCENARIO.vehicle.wheel_load), SCENARIO.vehicle.inertia_scale
     p = module.Parameters(
         J=scale * 60.35, r=RADIUS, Mn=scale * 3517.0, Bn=scale * 0.25, lambda_d=REFERENCE.dry, filter_time=0.1,
-        torque_min=-math.inf, torque_max=math.inf, period=PERIOD,
+        torque_min=-LARGEST, torque_max=LARGEST, period=PERIOD,
         **gain_parameters(published_law_gains("bristle", adaptive=True)),
     )  # fmt: skip
-    state = module.start(SCENARIO.initial_speed)
+    state = begun(module, SCENARIO.initial_speed, p)
     force, parameters = numeric_plant(type(law)).force, plant_parameters(law, SCENARIO.vehicle)
     for v, omega in measured(200, seed=7):
         Ta = float(RADIUS * force(v, v - RADIUS * omega, 0.0, 0.0, 0.0, 0.0, parameters))
         torque, s, state = module.step(state, v, omega, Ta, p)
         # the kernel reads the curve from its table, good to 1e-9 of its peak of 1e4 N
         assert step(v, omega, 0.0, table) == pytest.approx(torque, rel=1e-9, abs=1e-4)
-        assert step.x == pytest.approx([s, *state], rel=1e-9, abs=1e-12)
+        assert step.x == pytest.approx([s, *state[: -len(KEPT)]], rel=1e-9, abs=1e-12)
 
 
 def test_slide_protection_dumps_holds_and_fills():
@@ -329,3 +333,17 @@ def test_the_initial_torque_starts_no_slide_on_wet_rail():
     """0.12 of the wheel load is below the wet rail's peak of 0.153: the slip stays at most twice its reference."""
     wet = SCENARIO.with_changes(rail=Rail.WET, events=(), longest_time=10.0)
     assert simulate(wet, recommended_pi_lead(), seed=0).max_slip < 2 * 0.092
+
+
+def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
+    """By hand: 200 N*m a sample down above slip 0.2, 100 N*m up below 0.1, no further than 0 and 9 000 N*m."""
+    c = np.array([0.1, 0.43, 0.2, 0.1, 50.0, 1e4, 2e4, 9000.0, 0.01, 0.05])
+    for torque, slip, expected in (
+        (500.0, 0.3, 300.0),
+        (150.0, 0.3, 0.0),
+        (500.0, 0.15, 500.0),
+        (8950.0, 0.05, 9000.0),
+    ):
+        omega = 20.0 * (1.0 - slip) / 0.43
+        x = np.array([torque, 0.43 * omega, 1.0, 0.0])
+        assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)

@@ -13,6 +13,7 @@ from project import ROOT
 from railslip_ctrl.adhesion import load_law, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail, load_vehicle
+from railslip_ctrl.sliding.code_head import NOT_HOLDING
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding.verdict import Condition, Verification
 from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
@@ -22,12 +23,10 @@ from railslip_ctrl.sliding_verification.layered import (
     least_authority,
     rail_bounds,
 )
-from railslip_ctrl.sliding_verification.layered_conditions import (
-    bounds_kept,
-    held_under_published_disturbances,
-    layered_stability,
-)
+from railslip_ctrl.sliding_verification.layered_conditions import bounds_kept, layered_stability
 from railslip_ctrl.sliding_verification.layered_stops import (
+    cut_out_condition,
+    held_under_published_disturbances,
     held_while_the_speed_falls,
     hold_known,
     published_uncertainties,
@@ -57,6 +56,7 @@ LAYERED = [
     "authority",
     "bounds kept, simulated",
     "published disturbances, simulated",
+    "cut-out, simulated",
     "speed falling, simulated",
     "holding torque known",
     UNCERTAIN,
@@ -75,6 +75,7 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     conditions, (dry, wet), _ = published
     # the relay's cycle alone takes the slip to 0.233 on dry rail, less than twice the reference; the law does not stop
     assert [conditions[name].holds for name in ACTUATOR_CONDITIONS] == [False, True, False, False]
+    assert {name for name in NOT_HOLDING if "actuator" in name} == {SLIDING, WHOLE, ADAPTIVE}
     assert [conditions[name].claimed for name in ACTUATOR_CONDITIONS] == [True, False, True, True]
     assert "Without adaptation, at frozen speed" in conditions[CYCLE].statement
     assert "k = 2.1e-08" in conditions[WHOLE].evidence
@@ -138,6 +139,20 @@ def test_as_published_the_wheel_is_spared_but_sliding_does_not_exist(monkeypatch
     assert [one.holds for one in found] == [False, True, True, True]
 
 
+def test_the_published_law_with_the_actuator_of_its_own_proof():
+    """s'' + (r/J) D s' + k |phi|^2 s = 0: stable for every k, and the relay's switch acts on s' at once."""
+    ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
+    conditions, effects, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, ideal)
+    assert [(one.name, one.holds) for one in conditions] == [(name, True) for name in ACTUATOR_CONDITIONS]
+    for effect in effects:
+        assert effect.ideal.damping > 0.0
+        left = effect.survivors
+        assert (left.K, left.k, left.k_any_relay, left.rho, left.D, left.layer) == (*5 * (np.inf,), 0.0)
+        assert effect.loop.is_stable(adaptation=1e3 * effect.loop.gains.k)
+    assert "nothing cycles" in told
+    assert "inf" not in told + " ".join(one.evidence for one in conditions)
+
+
 def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch, published):
     conditions, effects, told = published
     ideal = Verification("paper", 1.0, 70.0, 5.5, 2008, (Condition("first", "What.", True, "symbolic", "Why."),))
@@ -169,17 +184,18 @@ def test_the_conclusion_tells_how_near_the_as_published_adaptation_is_to_unstabl
 
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
     full = verify_with_actuator(law="robust")
-    assert [one.name for one in full.verification.failing] == BEHIND
+    assert [one.name for one in full.verification.failing] == ["robust gain, rail mistaken", *BEHIND]
     assert "dry: UNSTABLE, stable up to K = 3.121 N m" in full.verification[BEHIND[0]].evidence
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
     status, out, _ = railslip("verify", "--law", "robust")
     assert status == 1
-    assert "Verdict: 2 of 13 conditions do not hold." in out
+    assert "Verdict: 3 of 14 conditions do not hold." in out
     assert "railslip verify --law layered" in " ".join(out.split())
     # a K that the layer carries behind the actuator is far below what (40) asks: no K does both
     (layer, _relay), told = variants_behind_actuator(3.0, PUBLISHED_LAW.D, PARK2008)
     assert layer.holds
-    assert "at most K = 3.121 N m on both rails, while the reaching condition asks more than 979.3 N m" in told
+    assert "3.121 N m" in told
+    assert "1517 N m" in told
 
 
 def test_the_largest_k_of_the_layer_is_the_edge_of_stability():
@@ -211,9 +227,13 @@ def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layer
     monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: layered)
     status, out, _ = railslip("verify", "--law", "layered", "--json")
     assert (status, json.loads(out)["all_hold"]) == (1, False)
+    down_to = [layered.verification[name].down_to_kmh for name in LAYERED]
+    assert down_to == [5.0, 60.0, 100.0, 100.0, 20.0, 5.0, 5.0, 5.0, None]
     told = layered.conclusion
     for words in (
-        "|sigma error| below 0.209 m/s",
+        "|sigma error| stays below 0.209 m/s",
+        "from 100 to 20 km/h",
+        "Below 20 km/h cut it out",
         "known to 10 %",
         "The rail has to be known",
         "those of the wet rail",
@@ -223,7 +243,7 @@ def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layer
 
 
 def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(layered):
-    assert "down to 5 km/h" in layered.verification["speed falling, simulated"].statement
+    assert layered.verification["speed falling, simulated"].down_to_kmh == 5.0
     design, plant = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)[Rail.DRY]
     found = stop(design, plant.point)
     assert found.held
@@ -314,8 +334,9 @@ def test_a_loop_that_is_unstable_in_the_layer_is_found():
 
 def test_simulations_that_leave_the_domain_fail_their_conditions():
     design = replace(layered_design(PARK2008), K=1.0, kp=5.0)
-    found = [held_under_published_disturbances(design, PARK2008, 1), held_while_the_speed_falls(design, PARK2008)]
-    assert [one.holds for one in found] == [False, False]
+    disturbed, cut_out = held_under_published_disturbances(design, PARK2008, 1)
+    found = (disturbed, held_while_the_speed_falls(design, PARK2008), cut_out_condition(cut_out, PARK2008, 1))
+    assert [one.holds for one in found] == [False, False, None]
 
 
 def test_bounds_that_a_simulation_breaks_are_not_kept():

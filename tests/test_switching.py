@@ -16,6 +16,7 @@ from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError,
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.notation import symbol
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.sliding.generated import generated_law
 from railslip_ctrl.switching import (
     FeedForward,
     SlidingGains,
@@ -39,6 +40,7 @@ from railslip_ctrl.switching import (
 )
 from railslip_ctrl.switching.adaptation import first_limit, survivable_excursion, without_actuator
 from railslip_ctrl.switching.advice import advice_text
+from railslip_ctrl.switching.law import OMEGA_UNIT_FACTOR
 from railslip_ctrl.switching.limit_cycle import predict_layer_cycle
 from railslip_ctrl.switching.simulate import measure_oscillation, simulate
 from railslip_ctrl.switching.stepped import PublishedLaw
@@ -120,6 +122,35 @@ def test_critical_relay_gain_is_confirmed_by_the_exact_root_count(rail, scale):
     assert loop.linear_loop(relay_gain=first.gain * (1 - 1e-6)).unstable_closed_loop_poles == 0
     assert loop.linear_loop(relay_gain=first.gain * (1 + 1e-6)).unstable_closed_loop_poles == 2
     assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+@pytest.mark.parametrize("feed_forward", FeedForward)
+@pytest.mark.parametrize(("rail", "scale"), READINGS)
+def test_the_law_in_steps_is_the_derived_one(rail, scale, feed_forward, frozen):
+    """Torque, s and the rates of theta of the typed law are those of the law generated from its derivation."""
+    point, generated = published_loop(rail, inertia_scale=scale).plant.point, generated_law()
+    vehicle, generator = point.vehicle, np.random.default_rng(8)
+    for layer in (0.0, 0.3):
+        gains = SlidingGains(*generator.uniform([10.0, 1.0, 0.5, 1e-8], [900.0, 90.0, 3.0, 1e-7]).tolist())
+        law = PublishedLaw(point, gains, feed_forward=feed_forward, layer=layer, frozen=frozen)
+        p = generated.Parameters(
+            J=vehicle.effective_inertia, r=vehicle.wheel.radius, Mn=vehicle.effective_mass,
+            Bn=vehicle.effective_viscous_friction, lambda_d=point.slip, rho=gains.rho, D=gains.D, K=gains.K,
+            k1=gains.k, k2=OMEGA_UNIT_FACTOR * gains.k, filter_time=1.0, boundary=layer, torque_min=-1e9,
+            torque_max=1e9, period=1.0,
+        )  # fmt: skip
+        for _ in range(50):
+            v, sigma, v_rate = generator.uniform([2.0, -1.0, -3.0], [39.0, 4.0, 0.0]).tolist()
+            e_integral, theta = law.integral, law.theta
+            Ta, omega = p.r * law._force(v, sigma), (v - sigma) / p.r
+            torque, s = law.command(v, sigma, v_rate, 1e-3)
+            signals = (point.slip * v - sigma, e_integral, omega, Ta, 0.0 if frozen else v_rate, *theta)
+            expected = generated.control(*signals, p)
+            rates = [(new - old) / 1e-3 for new, old in zip(law.theta, theta, strict=True)]
+            # rounding of terms that cancel; that of theta is left in the difference of two of them
+            assert (torque, s) == pytest.approx(expected[:2], rel=1e-12, abs=1e-9)
+            assert rates == pytest.approx(expected[2:], rel=1e-8, abs=1e-12)
 
 
 # --- the adaptation --------------------------------------------------------------------------------------------------

@@ -10,8 +10,8 @@ import pytest
 
 from railslip_ctrl import DeadTimeLoop, tune_pi
 from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.ellipses import Ellipses
 from railslip_ctrl.design.families import family_margins, worst_of
+from railslip_ctrl.design.forbidden import Forbidden
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.tuning import Specification, pi_for_crossover, pi_transfer_function
 from railslip_ctrl.design.tuning_cases import tune_cases
@@ -70,9 +70,9 @@ def test_largest_ki_under_ms_is_on_the_bound_and_the_largest(compensator):
 def test_where_the_ellipses_mislead_the_exact_margins_are_searched(monkeypatch):
     plant = twelve_points()[4]
     expected = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
-    end_of = Ellipses.end_of
+    end = Forbidden.end_above
     # as if a bound lay beyond their frequencies, and the more so the smaller kp is
-    monkeypatch.setattr(Ellipses, "end_of", lambda self, kp, gap: end_of(self, kp, gap) * min(kp / 1000, 0.9))
+    monkeypatch.setattr(Forbidden, "end_above", lambda self, kp, *args: end(self, kp, *args) * min(kp / 1000, 0.9))
     found = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
     assert found.worst.ms == pytest.approx(1.8, rel=1e-9)
     assert found.ki == pytest.approx(expected.ki, rel=1e-9)
@@ -252,3 +252,86 @@ def test_the_best_that_can_be_had_is_of_what_was_asked():
 def test_unbounded_gains_are_said_to_be_so(plant, asked):
     with pytest.raises(InfeasibleDesignError, match="no largest value"):
         tune_pi(plant, 0.0, **asked)
+
+
+# -- free of scale, and nothing better by brute force ---------------------------------------------------------
+
+
+def rescaled(plant, gain, time):
+    """gain P(time s)."""
+    return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
+
+
+@pytest.mark.parametrize(("gain", "time"), [(300.0, 1.0), (1e12, 1e-6), (1e-12, 1e6)])
+@pytest.mark.parametrize(
+    ("poles", "dead_time", "asked"),
+    [
+        ([0.0], 1.0, {"ms_max": 2.5}),
+        ([0.3, -2.0], 0.1, {"ms_max": 3.0, "phase_min_deg": 25.0}),
+        ([-1.0], 1.0, {"delay_min_s": 0.05}),
+        ([-1.0, -0.1 + 0.5j, -0.1 - 0.5j], 0.3, {"ms_max": 2.0}),
+        ([-1.0], 1.0, {"minimise_ms": True, "ki_min": 0.2}),
+    ],
+    ids=["integrator", "unstable", "delay", "resonant", "least Ms"],
+)
+def test_tuning_is_free_of_scale(poles, dead_time, asked, gain, time):
+    plant = Rational(np.array([]), np.array(poles), 1.0)
+    unit = {"delay_min_s": time, "ki_min": 1 / (gain * time)}
+    here = tune_pi(plant, dead_time, **asked)
+    there = tune_pi(
+        rescaled(plant, gain, time), dead_time * time, **{k: v * unit[k] if k in unit else v for k, v in asked.items()}
+    )
+    # where the optimum is flat, kp is known to the square root of what ki is
+    assert there.ki * gain * time == pytest.approx(here.ki, rel=1e-6)
+    assert there.kp * gain == pytest.approx(here.kp, rel=1e-4)
+    assert there.worst.ms == pytest.approx(here.worst.ms, rel=1e-6)
+
+
+def test_tuning_is_continuous_as_the_dead_time_vanishes():
+    three_lags, lag = Rational([], [-1.0, -5.0, -20.0], 100.0), Rational([], [-1.0], 1.0)
+    without = tune_pi(three_lags, 0.0, ms_max=1.8).ki
+    for dead_time in (1e-6, 1e-12):  # 13 per s of dead time, of the size of the lags
+        assert tune_pi(three_lags, dead_time, ms_max=1.8).ki == pytest.approx(without, rel=30 * dead_time + 1e-9)
+    # a lag far slower than the dead time is an integrator, whose time is the dead time's alone
+    integrator = tune_pi(Rational([], [0.0], 1.0), 1.0, ms_max=2.0).ki
+    for dead_time in (1e-6, 1e-10):
+        assert tune_pi(lag, dead_time, ms_max=2.0).ki * dead_time**2 == pytest.approx(integrator, rel=10 * dead_time)
+
+
+def test_a_plant_that_needs_integral_action_is_tuned():
+    island = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
+    assert tune_pi(island, 0.1, ms_max=10.0).ki > 5.08  # no ki below 3 stabilises it; 5.08 by a grid of gains
+
+
+def brute_force(plants, dead_times, ms_max, kp, ki):
+    """The largest ki of a grid with Ms <= ms_max at 1500 frequencies and a stable loop; 0 if there is none."""
+    omega = np.geomspace(1e-3, 1e3, 1500)
+    kps, kis = (grid.ravel() for grid in np.meshgrid(kp, ki))
+    least = np.full(kps.size, np.inf)
+    for plant, dead_time in zip(plants, dead_times, strict=True):
+        response = plant(1j * omega) * np.exp(-1j * omega * dead_time)
+        loop = (kps[:, None] - 1j * kis[:, None] / omega) * response
+        least = np.minimum(least, np.abs(1 + loop).min(axis=1))
+    for i in np.argsort(-kis):
+        if least[i] >= 1 / ms_max:
+            controller = pi_transfer_function(kps[i], kis[i])
+            if all(DeadTimeLoop(controller * g, tau).is_stable() for g, tau in zip(plants, dead_times, strict=True)):
+                return kis[i]
+    return 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_brute_force_finds_nothing_better(seed):
+    rng = np.random.default_rng(seed)
+    pole, rest = rng.uniform(-1, 0.5), -(10 ** rng.uniform(-0.5, 1, int(rng.integers(0, 3))))
+    plants = [Rational([], [pole * x, *(rest * x)], abs(np.prod(rest)) * x) for x in rng.uniform(0.7, 1.5, 2)]
+    dead_times, ms_max = rng.uniform(0.05, 0.4, 2), 1.5 + 10 ** rng.uniform(-1, 0.5)
+    gain, time = 10 ** rng.uniform(-12, 12), 10 ** rng.uniform(-6, 6)
+    found = brute_force(plants, dead_times, ms_max, np.linspace(-1, 15, 33), np.geomspace(1e-3, 30, 36))
+    try:
+        design = tune_pi([rescaled(g, gain, time) for g in plants], (dead_times * time).tolist(), ms_max=ms_max)
+    except InfeasibleDesignError:
+        assert found == 0.0
+    else:
+        assert design.ki * gain * time >= found
+        assert design.worst.ms == pytest.approx(ms_max, rel=1e-9)

@@ -15,14 +15,14 @@ from railslip_ctrl import plots
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008
 from railslip_ctrl.report.verification import verification_text
+from railslip_ctrl.sliding.code_head import NOT_HOLDING
 from railslip_ctrl.sliding.conditions import verify
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.ideal_loop import Disturbances, simulate, true_theta
-from railslip_ctrl.sliding.reaching_conditions import (
-    ultimate_bound,
-)
+from railslip_ctrl.sliding.reaching_conditions import ultimate_bound
+from railslip_ctrl.sliding.reaching_search import AXES, approach, points_of
 from railslip_ctrl.sliding.robust import (
     boundary_layer,
     dead_zone,
@@ -34,6 +34,7 @@ from railslip_ctrl.sliding.robust import (
     matrix_gain,
     parameter_box,
     projection,
+    robust_set,
 )
 from railslip_ctrl.sliding.robust_conditions import (
     boundary_layer_bound,
@@ -66,6 +67,7 @@ VERDICTS = {
     "matrix gain": True,
     "robust gain": True,
     "robust gain, search": True,
+    "robust gain, rail mistaken": False,
     "boundary layer, bound": True,
     "boundary layer, runs": True,
     "dead zone in the adaptation": True,
@@ -98,14 +100,22 @@ def test_verdicts_of_the_published_law(paper):
     assert claimed == {name for name, holds in VERDICTS.items() if not holds} - {
         "boundary layer with K",
         "theta_hat bounded under noise",
+        "robust gain, rail mistaken",
     }
+
+
+def test_the_head_of_generated_code_names_the_conditions_that_do_not_hold(paper):
+    """The published law's, which stand before the variants'; those behind the actuator: test_sliding_verification."""
+    published = list(VERDICTS)[: list(VERDICTS).index("matrix gain")]
+    failing = [name for name in published if not paper[name].holds]
+    assert failing == [name for name in NOT_HOLDING if "actuator" not in name]
 
 
 def test_report_shows_every_condition_and_lists_the_failed_claims(paper):
     text = verification_text(paper)
     for one in paper.conditions:
         assert f"{one.name}: {'holds' if one.holds else 'DOES NOT HOLD'} ({one.how})" in text
-    assert "Verdict: 10 of 27 conditions do not hold." in text
+    assert "Verdict: 11 of 28 conditions do not hold." in text
     assert "Claimed or relied on by [Park2008]:\n  - V' <= 0, disturbed" in text
     assert max(map(len, text.splitlines())) <= 110
 
@@ -126,12 +136,14 @@ def test_numbers_in_the_evidence(paper):
 
 
 def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
-    strong = verify(law="robust", K=985.0)
-    assert strong.all_hold
-    assert "all 11 conditions hold" in verification_text(strong)
-    # 870 N m is above 866.4, what Td = 0.05 of the holding torque would ask at the reference
-    weak = verify(law="robust", K=870.0)
+    strong = verify(law="robust", K=1540.0)
+    assert [one.name for one in strong.failing] == ["robust gain, rail mistaken"]
+    assert verify(law="robust", K=4000.0).all_hold
+    # enough for exact estimates, not for an adhesion torque that is wrong by a tenth
+    weak = verify(law="robust", K=1077.2)
     assert not weak["robust gain"].holds
+    assert weak["robust gain"].tolerated["Ta_hat"] == pytest.approx(0.0185, abs=1e-4)
+    assert "Tolerated, each alone: Ta_hat +-1.85 %" in verification_text(weak)
     assert not weak["robust gain, search"].holds
     assert not weak["boundary layer, bound"].holds
     assert not weak["sigma-modification, bound"].holds
@@ -158,7 +170,6 @@ def test_dead_zone_needs_the_box_its_bound_is_over():
     gains, largest = layered_design(PARK2008), effective_torque(PARK2008)
     found = dead_zone_condition(gains, largest)
     assert found.holds
-    assert "the dead zone alone would not" in found.evidence
     assert not dead_zone_condition(replace(gains, box=None), largest).holds
 
 
@@ -209,6 +220,30 @@ def test_projection_and_leak_hold_the_estimate_where_the_published_law_does_not(
     assert leaking.theta_hat[-1, 0, 1] < 0.05 * math.exp(-0.9 * leaking_design(PARK2008).leak * 4.0)
 
 
+def test_the_set_of_the_leak_is_invariant():
+    """V(0) = s^2/2 + theta1^2/(2 k1) bounds |theta_tilde_i| by sqrt(2 k_i V(0)); on its edge no point has V' > 0."""
+    gains = leaking_design(PARK2008)
+    bound = leak_bound(PARK2008, gains)
+    theta = np.array(true_theta(PARK2008.loaded(), PARK2008))
+    start = 0.5 * (0.132 * 100 / 3.6) ** 2 + theta[0] ** 2 / (2 * 2.1e-8)
+    assert bound.start == pytest.approx(start, rel=1e-12)
+    assert effective_torque(PARK2008) < bound.gain < gains.K
+    # V' = s s' + ... from the plant's own rates at random points of the edge, the loaded vehicle taken for empty
+    k = np.array([gains.k1, gains.k2])[:, None]
+    generator = np.random.default_rng(0)
+    on_sphere = generator.standard_normal((3, 100_000))
+    on_sphere *= np.sqrt(2 * start) / np.linalg.norm(on_sphere, axis=0)
+    s, tilde = on_sphere[0], on_sphere[1:] * np.sqrt(k)
+    hat = theta[:, None] - tilde
+    shares = generator.integers(0, 2, (len(AXES), s.size)).astype(float)
+    shares[3] = 1.0
+    points = points_of(robust_set(PARK2008), shares)
+    points[6:8], points[-1] = hat, s
+    slopes = [approach(points, PARK2008, gains, surface) for surface in (0.0, 1.0)]
+    rate = np.abs(s) * (slopes[0] + np.abs(s) * (slopes[1] - slopes[0])) + gains.leak * np.sum(tilde * hat / k, axis=0)
+    assert np.max(rate) < 0.0
+
+
 def test_leak_bound():
     bound = leak_bound(PARK2008, leaking_design(PARK2008))
     theta = (1 / 5276 - 1 / 3517) / 0.43
@@ -250,9 +285,12 @@ def test_json_of_the_robust_law(railslip):
     assert set(content) == {"conditions", "all_hold"}
     assert content["all_hold"] is False
     for one in content["conditions"]:
-        assert set(one) == {"name", "statement", "holds", "how", "evidence"}
+        assert set(one) == {"name", "statement", "holds", "how", "evidence", "down_to_kmh", "tolerated_errors"}
         assert one["how"] in ("symbolic", "sampled", "simulated")
-        assert one["holds"] is ("behind the actuator" not in one["name"])
+        assert one["holds"] is not any(words in one["name"] for words in ("behind the actuator", "mistaken"))
+    gain = next(one for one in content["conditions"] if one["name"] == "robust gain")
+    assert gain["down_to_kmh"] == 5.0
+    assert gain["tolerated_errors"]["Ta_hat"] > 0.1
 
 
 def test_the_published_law_exits_with_1(railslip, monkeypatch, paper):
@@ -325,7 +363,7 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     show(module, (si, published), tmp_path, monkeypatch)
     assert (tmp_path / "lyapunov_asmc.png").exists()
     out = capsys.readouterr().out
-    assert "Without the actuator 10 of 27 conditions do not hold in SI" in out
+    assert "Without the actuator 11 of 28 conditions do not hold in SI" in out
     assert "As published (M, J and B times 3.6) the same fail." in out
     assert max(map(len, out.splitlines())) <= 110
     assert out.count("V along an ideal stop") == 2

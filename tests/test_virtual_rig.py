@@ -37,7 +37,7 @@ from railslip_ctrl.units import KMH
 from railslip_ctrl.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
-V100 = 100.0 * KMH
+V30, V100 = 30.0 * KMH, 100.0 * KMH
 RADIUS = PARK2008.wheel.radius
 CLEAN = {"random_force": 0.0, "wheel_noise": 0.0}
 
@@ -268,23 +268,29 @@ def test_a_fit_to_the_cells_alone_has_its_profiles_too():
         assert any(note.startswith(f"{p.name}: by this log it is not less than") for note in fitted.notes)
 
 
-@pytest.mark.parametrize("model", ["beam", "polach"])
-def test_a_log_that_shows_too_little_is_survived(model, monkeypatch):
+@pytest.mark.parametrize("model", ["beam", "burckhardt"])
+def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(model, monkeypatch):
     """Seventy rows up to slip 0.2: the profiles go where no wheel could roll, and the numbers stay finite.
 
-    The limit of friction too, which such a log leaves free, so that the fit is refused for it; here it is not.
+    Columns altered in their last digits stand for another processor. A limit of friction that cannot be is let pass.
     """
     monkeypatch.setattr(plausibility, "IMPOSSIBLE_MU", math.inf)
-    test = published_tests("bristle")[0]
+    test, options = published_tests("bristle")[0], Options(model=model, initial_speed=V30)
     log = rows_of(run_tests(test, tests=1, seed=1))
     few = Rows(log.line[60:200:2], {name: column[60:200:2] for name, column in log.columns.items()})
-    options = Options(model=model, initial_speed=test.initial_speed)
-    whole = identify_curve(curve_of(few, PARK2008, options), PARK2008, options)
+    digits = 1.0 + 1e-14 * np.random.default_rng(0).standard_normal((3, few.line.size))
+    turned = ("train_speed", "wheel_angular_speed", "brake_torque")
+    other = Rows(few.line, {**few.columns, **{n: few.columns[n] * d for n, d in zip(turned, digits, strict=True)}})
+    whole, again = (identify_curve(curve_of(rows, PARK2008, options), PARK2008, options) for rows in (few, other))
     found = whole.chosen.fit
-    assert any("has a highest adhesion coefficient, its limit of friction" in text for text in whole.doubts)
     assert all(np.isfinite(p.value) for p in found.parameters)
     assert any(p.limits is not None and p.limits[1] == math.inf for p in found.parameters)
-    assert any("this log cannot tell it" in note for note in found.notes)
+    assert any("has no upper end" in note for note in found.notes)
+    # a search ends within some 1e-4 of where an unidentified parameter is least ill told; that was any number before
+    for p, same in zip(found.parameters, again.chosen.fit.parameters, strict=True):
+        assert same.status == p.status
+        assert same.value == pytest.approx(p.value, rel=2e-3)
+        assert same.interval == pytest.approx(p.interval, rel=1e-2)
 
 
 def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):

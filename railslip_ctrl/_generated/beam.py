@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "6a5cf3fe85c862bf3c9b1712158264b1372d521b63b9b32d26107009831f0212"
+SOURCES_SHA256 = "53e9c6b1716b9c09ea22d94cbae9ed44463e4ad7abd662d8edbcc408bec79295"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

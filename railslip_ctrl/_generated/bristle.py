@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "7181b80bb891e7e6e24be7674de84111747eec643a20d36e0b762b0c3cf13ddb"
+SOURCES_SHA256 = "e2d9daf0dbfdd7b2cf89271bd2c0b4a040bd49477490646088cd3ac1ab69c1b5"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

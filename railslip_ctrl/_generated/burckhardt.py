@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "7bef1e030a6ae03530bc69b5d5d48293a6f82ba1c39c537bd8ac2c20a05480bb"
+SOURCES_SHA256 = "0cd07b297b7b74d904e71e26ce1134924ebccf03d14544ab92cac4e23dd2c3e7"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "525bd56326e42a60b78e39db4054d9a8af6d7345dcd1554196e0e1b8951fe611"
+SOURCES_SHA256 = "c58f5c3faddc91889e482d833ad872e1a6a0467bcdae1a126c99256aa5158d61"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

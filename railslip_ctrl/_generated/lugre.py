@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "44c5b279d9ac549760964beeb20b8aad6f47bceeabdcdb375c09c357430a6c76"
+SOURCES_SHA256 = "5cfcecb3376bdded9bbac48ff5ab72b44b2d7b221784b80e19ad5cfc707f10cf"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "ecbcdb0f3615da73be285e68c53f6a70bf96d69076ffaf52b1c5ae0060913fbb"
+SOURCES_SHA256 = "e4a87fb38c08a1171c50fe27844ef534bc0bf8b71a67d57d71a39eeff53e8c9c"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "67112e3996d0112589074c940ab15a312e603d276866fbd51505609bb816a592"
+SOURCES_SHA256 = "87a48bfaa93b81f5e1dfbdd60ac92a9b607bc1e30f645891ff4a838cbb4875d4"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

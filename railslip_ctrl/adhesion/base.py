@@ -55,12 +55,22 @@ class Statement:
         z at rest (z' = 0) as a function of sigma, in closed form; None for a static law.
     functions : mapping
         Numeric counterpart "module:function" of each SymPy function the law defines, by class name.
+    sigma_limit : Expr or None
+        Slip velocity, m/s, that |sigma| must stay below; None where the equations hold for every sigma.
+    state_limit : Expr or None
+        Largest |z|, m, that slip can build up from no deflection: the supremum of |steady_state|, which a state with
+        z' = sigma - |sigma| z/|steady_state| never passes ([CanudasDeWit1995]); None for a static law.
+    parts : mapping
+        Sub-expressions by name, in order, which generated code computes beforehand so that it can be read.
     """
 
     force: Any
     state_rate: Any = None
     steady_state: Any = None
     functions: Mapping[str, str] = field(default_factory=dict)
+    sigma_limit: Any = None
+    state_limit: Any = None
+    parts: Mapping[str, Any] = field(default_factory=dict)
 
 
 class AdhesionLaw(Record):

@@ -83,7 +83,8 @@ class Beam(AdhesionLaw):
                 (partial, sp.Abs(u) <= 1),
                 (N * (mu_max - a * sigma), u > 1),
                 (-N * (mu_max + a * sigma), True),
-            )
+            ),
+            parts={"u": u},
         )
 
 

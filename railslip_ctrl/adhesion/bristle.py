@@ -56,6 +56,9 @@ class Bristle(AdhesionLaw):
             force=alpha * z,
             state_rate=sigma - alpha * h * sp.Abs(sigma) * z,
             steady_state=sp.sign(sigma) / (alpha * h),
+            sigma_limit=gamma,
+            state_limit=gamma / (alpha * beta),  # Fs/alpha, as gamma = Fs vs/(Fs - Fc), beta = vs/(Fs - Fc)
+            parts={"h": h},
         )
 
 

@@ -70,4 +70,4 @@ class Burckhardt(AdhesionLaw):
         c1, c2, c3 = cls.symbols()
         slip = symbol("sigma") / symbol("v")
         t = sp.tanh(c2 * slip / 2)
-        return Statement(force=symbol("N") * (c1 * 2 * t / (1 + sp.Abs(t)) - c3 * slip))
+        return Statement(force=symbol("N") * (c1 * 2 * t / (1 + sp.Abs(t)) - c3 * slip), parts={"t": t})

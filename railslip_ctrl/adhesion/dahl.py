@@ -36,4 +36,5 @@ class Dahl(AdhesionLaw):
             force=alpha * z,
             state_rate=sigma - alpha * sp.Abs(sigma) * z / Fc,
             steady_state=sp.sign(sigma) * Fc / alpha,
+            state_limit=Fc / alpha,
         )

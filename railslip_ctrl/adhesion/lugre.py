@@ -45,4 +45,6 @@ class LuGre(AdhesionLaw):
             force=alpha * z + alpha1 * rate + alpha2 * sigma,
             state_rate=rate,
             steady_state=sp.sign(sigma) * g / alpha,
+            state_limit=sp.Max(Fs, Fc) / alpha,
+            parts={"g": g, "z_rate": rate},
         )

@@ -64,4 +64,5 @@ class Polach(AdhesionLaw):
         v, sigma, N = symbol("v"), symbol("sigma"), symbol("N")
         mu = mu0 * ((1 - A) * sp.exp(-Bw * sp.Abs(sigma)) + A)
         e = G * sp.pi * a * b * c11 * (sigma / v) / (4 * N * mu)
-        return Statement(force=2 * N * mu / sp.pi * (kA * e / (1 + (kA * e) ** 2) + sp.atan(kS * e)))
+        force = 2 * N * mu / sp.pi * (kA * e / (1 + (kA * e) ** 2) + sp.atan(kS * e))
+        return Statement(force=force, parts={"mu": mu, "e": e})

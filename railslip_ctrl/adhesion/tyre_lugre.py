@@ -45,4 +45,6 @@ class TyreLuGre(AdhesionLaw):
             force=(alpha * z + alpha1 * rate + alpha2 * sigma) * N,
             state_rate=rate,
             steady_state=sp.sign(sigma) * g / alpha,
+            state_limit=sp.Max(mu_s, mu_c) / alpha,
+            parts={"g": g, "z_rate": rate},
         )

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.machine import cores
+from railslip_ctrl.kernels.compilation import cache_folder
+from railslip_ctrl.machine import cores, processes
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .rows import refused_row, row
@@ -205,28 +205,22 @@ def _map(campaign: Campaign, workers: int, client: Client | None) -> Iterator[Pa
 
 @contextmanager
 def _processes(campaign: Campaign, workers: int) -> Iterator[Parts]:
-    """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
-    from multiprocessing import get_context
-
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker)
-
-    for _ in range(workers):
-        pool.submit(_nothing)  # starts a process each
-
-    def submit(part: Part) -> Future[Rows]:
-        return pool.submit(run_part, campaign, part, __version__)
+    """In processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
 
     def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
         waiting: dict[Future[Rows], Part] = {}
         for part in missing:
-            waiting[submit(part)] = part
+            waiting[submit(run_part, campaign, part, __version__)] = part
             if len(waiting) >= _AHEAD * workers:
                 yield from _done(waiting)
         while waiting:
             yield from _done(waiting)
 
+    cache_folder()  # theirs too, where there is none but for this run
     try:
-        with closing(_Closing(pool)):
+        with processes(workers) as submit:
+            for _ in range(workers):
+                submit(_nothing)  # starts a process each
             yield run
     except BrokenProcessPool:
         raise InputError(
@@ -242,33 +236,6 @@ def _nothing() -> None:
 def _done(waiting: dict[Future[Rows], Part]) -> Iterator[tuple[Part, Rows]]:
     for future in wait(waiting, return_when=FIRST_COMPLETED).done:
         yield waiting.pop(future), future.result()
-
-
-@dataclass(frozen=True)
-class _Closing:
-    """Gives up what is queued: an interrupted campaign does not wait for work that nobody will write down."""
-
-    pool: ProcessPoolExecutor
-
-    def close(self) -> None:
-        self.pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _start_worker() -> None:
-    """A worker ends with its campaign, however that ends: a killed one cannot tell it to."""
-    import multiprocessing
-    import signal
-    import threading
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the campaign's process hears it, and ends the workers
-    parent = multiprocessing.parent_process()
-
-    def follow() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
 
 
 @contextmanager

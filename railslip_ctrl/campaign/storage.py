@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from railslip_ctrl import __version__
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.folders import LOCK, claimed, unwritable
 
 from .rows import COLUMNS
 from .specification import Campaign
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
-LOCK = ".lock"
 FORMAT = 2
 
 _INCOMPLETE = ".incomplete-"
@@ -77,22 +77,9 @@ class Store:
     def claimed(self) -> Iterator[Store]:
         """The store to write into, begun if it is not there; nobody else can claim it meanwhile.
 
-        The lock is the operating system's, and ends with the process. InputError where another process has it or the
-        folder cannot be written to.
+        InputError where another process has it or the folder cannot be written to.
         """
-        from filelock import FileLock, Timeout
-
-        try:
-            (self.folder / PARTS).mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.folder / LOCK).acquire(timeout=0)
-        except Timeout:
-            raise InputError(
-                f"--out: {str(self.folder)!r} is being written to by another process; wait for it, or choose another "
-                "folder"
-            ) from None
-        except OSError as error:
-            raise _unwritable(self.folder, error) from None
-        with lock:
+        with claimed(self.folder):
             store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # begun by now?
             store._begin()
             yield store
@@ -109,13 +96,14 @@ class Store:
         }
         text = json.dumps(content, indent=2) + "\n"
         try:
+            (self.folder / PARTS).mkdir(exist_ok=True)
             for place in (self.folder, self.folder / PARTS):
                 for path in place.glob(f"{_INCOMPLETE}*"):
                     path.unlink(missing_ok=True)
             if not (self.folder / MANIFEST).exists():
                 _write(self.folder / MANIFEST, lambda path: path.write_text(text, "utf-8"))
         except OSError as error:
-            raise _unwritable(self.folder, error) from None
+            raise unwritable(self.folder, error) from None
 
     @classmethod
     def _resumed(cls, campaign: Campaign, folder: Path) -> Store:
@@ -168,7 +156,7 @@ class Store:
         try:
             _write(self.path(part), lambda path: pq.write_table(table, path, compression="zstd"))
         except OSError as error:
-            raise _unwritable(self.folder, error) from None
+            raise unwritable(self.folder, error) from None
 
     def read(self, part: Part, columns: Sequence[str] | None = None) -> pa.Table:
         """The rows of a part, in order of run and controller; all or some `columns`.
@@ -231,9 +219,3 @@ def _write(path: Path, write: Any) -> None:
         os.replace(name, path)
     finally:
         Path(name).unlink(missing_ok=True)
-
-
-def _unwritable(folder: Path, error: OSError) -> InputError:
-    return InputError(
-        f"--out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
-    )

@@ -67,8 +67,8 @@ def command(
         raise InputError(f"--format: {form!r} beside --json is not allowed; give one of the two")
     if out is not None:
         _check_out(out)  # before the work, not after it
-    name, law = _law(adhesion, initial_speed)
-    chosen = _reference(reference), name, law, "json" if as_json else _format(form)
+    name, law, file = _law(adhesion, initial_speed)
+    chosen = _reference(reference), name, law, file, "json" if as_json else _format(form)
     if out is None:
         print_text(_text, *chosen)
         return
@@ -98,10 +98,10 @@ def _check_out(out: Path) -> None:
     check_directory(out.absolute().parent, [out.name])
 
 
-def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, form: str) -> str:
+def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, file: Path | None, form: str) -> str:
     derivation = derive(reference=reference, law=adhesion)
     numbers = () if law is None else law_numbers(derivation, law)
-    code = with_numbers(generate(derivation), numbers)
+    code = generate(derivation) if file is None else with_numbers(generate(derivation), numbers, file)
     if form in ("c", "python"):
         return code.c if form == "c" else code.python
     rows = errata(derivation)
@@ -115,17 +115,18 @@ def _text(reference: Reference, adhesion: str | None, law: AdhesionLaw | None, f
     return derivation_text(derivation, rows, numbers)
 
 
-def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None]:
-    """The name of the law, and of a file's the law with its numbers."""
+def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None, AdhesionLaw | None, Path | None]:
+    """The name of the law, and of a file's the law with its numbers, and the file."""
     if adhesion is not None and adhesion.lower().endswith(".toml"):
         v0 = INITIAL_SPEED_KMH if initial_speed is None else initial_speed
-        law = law_from_file(Path(adhesion), v0, None, assumed=initial_speed is None)
-        return law.name, law
+        file = Path(adhesion)
+        law = law_from_file(file, v0, None, assumed=initial_speed is None)
+        return law.name, law, file
     if initial_speed is not None:
         raise InputError("--initial-speed: goes with a file of --adhesion, whose numbers it chooses; leave it out")
     if adhesion is not None and adhesion.lower().endswith(".py"):
         raise InputError(f"--adhesion: {adhesion}: a Python file is not derived with; give a law by name, or FILE.toml")
-    return None if adhesion is None else law_class(adhesion).name, None
+    return None if adhesion is None else law_class(adhesion).name, None, None
 
 
 def _write(path: Path, text: str) -> None:

@@ -15,6 +15,7 @@ from click.core import ParameterSource
 
 from railslip_ctrl.design_check import DesignCheck, design_check
 from railslip_ctrl.design_report import LinearPart, RunPart, design_report
+from railslip_ctrl.folders import claimed
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.machine import cores
 from railslip_ctrl.parameters import PIGains
@@ -95,14 +96,15 @@ def command(
     check_directory(out, _may_write(page))  # before the work, not after it
     gains = chosen_gains(kp, ki)
     points = cases.points()
-    check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
-    files, content, text = (
-        _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
-    )
-    whole = text()
-    files["report.txt"] = whole.encode()
-    files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-    written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
+    with claimed(out):
+        check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
+        files, content, text = (
+            _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
+        )
+        whole = text()
+        files["report.txt"] = whole.encode()
+        files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+        written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
     if as_json:
         print_json(content)
     else:

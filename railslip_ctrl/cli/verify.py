@@ -35,8 +35,8 @@ LAWS: tuple[Law, ...] = get_args(Law)
     type=Quantity("N*m", ge=0),
     metavar="X",
     help=f"Gain on sgn s of that law, N*m, 0 to {LARGEST_GAIN:g}; of the layered law > 0.  [default: Table 4's 70; "
-    "robust: 1.1 times what (40) asks for; layered: 1.05 times what its bound and a holding torque known to 10 % ask "
-    "for]",
+    "robust: 1.1 times what (40) asks for with Ta and v' known to 10 %; layered: 1.05 times what its bound and a "
+    "holding torque known to 10 % ask for]",
 )
 @click.option(
     "--D",

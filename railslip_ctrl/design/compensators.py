@@ -1,9 +1,10 @@
 """Dead-time compensators, with the loop they really close: Smith predictors and the predictor-observer.
 
 All are for y -> u around the plant G(s) exp(-tau s), e = r - y, u = C(s) e, with G = N/D free of dead time (from
-commanded torque, N*m, to -e, m/s) and q = exp(-tau s). Each loop is a ratio of quasi-polynomials whose sum of numerator
-and denominator is the characteristic function of plant and controller as realised, hidden modes included; the margins
-are exact, and are those of a plant that differs from the model, since only the true plant is perturbed.
+commanded torque, N*m, to -e, m/s) and q = exp(-tau s); plants and controllers are python-control systems or `Rational`.
+Each loop is a ratio of quasi-polynomials whose sum of numerator and denominator is the characteristic function of plant
+and controller as realised, hidden modes included; the margins are exact, and are those of a plant that differs from the
+model, since only the true plant is perturbed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class Compensator:
         return self.loop.margins()
 
 
-def smith_predictor(plant: Rational, dead_time: float, controller: Rational) -> Compensator:
+def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensator:
     """The classic Smith predictor ([Smith1957]): C = C0/(1 + C0 G (1 - q)), C0 designed without dead time.
 
     With an unstable plant it is unstable inside whatever C0 is: C has a zero at each plant pole, and D itself divides
@@ -92,8 +93,9 @@ def smith_predictor(plant: Rational, dead_time: float, controller: Rational) -> 
     Raises
     ------
     InputError
-        The dead time is negative or not finite, or C0 G is not strictly proper.
+        Another kind of system, the dead time is negative or not finite, or C0 G is not strictly proper.
     """
+    plant, controller = _rationals(plant, controller)
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
     inner = QuasiPolynomial([np.polyadd(base, forward), -forward], dead_time)
@@ -105,7 +107,7 @@ def smith_predictor(plant: Rational, dead_time: float, controller: Rational) -> 
 
 
 def filtered_smith_predictor(
-    plant: Rational, dead_time: float, controller: Rational, *, filter_time: float, roll_off: int = 0
+    plant: Any, dead_time: float, controller: Any, *, filter_time: float, roll_off: int = 0
 ) -> Compensator:
     """The filtered Smith predictor ([NormeyRico2009]): C = C0 F/(1 + C0 G (1 - F q)).
 
@@ -131,6 +133,7 @@ def filtered_smith_predictor(
         raise InputError(f"filter time: {filter_time} s is not allowed; give a finite value > 0")
     if roll_off < 0:
         raise InputError(f"roll-off: {roll_off} is not allowed; give a number of poles >= 0")
+    plant, controller = _rationals(plant, controller)
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     num_f, den_f = _prediction_filter(plant.poles, dead_time, filter_time, roll_off)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
@@ -149,7 +152,8 @@ def filtered_smith_predictor(
 def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, roll_off: int) -> tuple[Floats, Floats]:
     """Numerator and denominator of F, descending powers: F(0) = 1, F(p) = exp(p tau) at the poles right of the axis."""
     unstable = poles[poles.real >= 0]
-    apart = np.abs(unstable[:, None] - unstable) + np.eye(unstable.size) * (1 + np.abs(unstable))
+    apart = np.abs(unstable[:, None] - unstable)
+    np.fill_diagonal(apart, np.inf)
     if np.any(apart <= 1e-6 * (1e-300 + np.abs(unstable))):
         raise InputError("filtered Smith predictor: unstable poles that coincide are not supported; move one slightly")
     unstable = unstable[unstable != 0]  # at the origin F(0) = 1 is the condition
@@ -163,7 +167,7 @@ def _prediction_filter(poles: Complexes, dead_time: float, filter_time: float, r
 
 
 def observer_compensator(
-    plant: Rational,
+    plant: Any,
     dead_time: float,
     *,
     feedback_poles: Sequence[complex],
@@ -188,6 +192,7 @@ def observer_compensator(
         A wrong number of poles or one not left of the axis, or a plant that is not strictly proper, is not reachable
         (a pole on a zero), or has a zero at the origin, which forbids integral action.
     """
+    plant = Rational.from_control(plant, "plant")
     n = plant.poles.size
     _check_dead_time(dead_time)
     _check_poles("feedback poles", feedback_poles, n + 1)
@@ -223,6 +228,10 @@ def observer_compensator(
     controller = DelayedRatio(QuasiPolynomial([np.polymul(measured, den)], dead_time), inner)
     loop = DelayedRatio(QuasiPolynomial([[0.0], np.polymul(measured, num)], dead_time), inner)
     return Compensator("observer with prediction", controller, DelayedLoop(loop))
+
+
+def _rationals(plant: Any, controller: Any) -> tuple[Rational, Rational]:
+    return Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
 
 
 def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:

@@ -57,8 +57,8 @@ class Effort:
 
 
 def control_effort(
-    controller: Callable[[Any], Any],
-    plant: Rational,
+    controller: Any,
+    plant: Any,
     dead_time: float,
     *,
     lag: float,
@@ -68,9 +68,9 @@ def control_effort(
 
     Parameters
     ----------
-    controller : callable
+    controller : callable or linear system
         C(s), N*m/(m/s), for complex arrays s; a limit as s tends to infinity.
-    plant : Rational
+    plant : python-control system, `Rational`, or a real number
         From commanded torque to -e without the dead time, lag included, as of `actuated_plant`.
     dead_time, lag : float
         s; actuator.
@@ -80,11 +80,14 @@ def control_effort(
     Raises
     ------
     InputError
-        A time that is negative or not finite, or a sampling period that is not > 0.
+        Another kind of system, a time that is negative or not finite, or a sampling period that is not > 0.
     """
     for name, value in (("dead time", dead_time), ("lag", lag), ("sampling period", sampling_period)):
         if not (math.isfinite(value) and value >= 0) or (value == 0 and name == "sampling period"):
             raise InputError(f"{name}: {value} s is not allowed; give a finite value of the proper sign")
+    plant = Rational.from_control(plant, "plant")
+    if not callable(controller):
+        controller = Rational.from_control(controller, "controller")
 
     def torque(s: Any) -> Complexes:
         c = np.asarray(controller(s))

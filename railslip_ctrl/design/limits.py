@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -137,13 +137,13 @@ class Limits:
 
 
 def fundamental_limits(
-    plant: Rational, dead_time: float, *, lag: float = 0.0, allowed_lag_deg: float = _ALLOWED_LAG_DEG
+    plant: Any, dead_time: float, *, lag: float = 0.0, allowed_lag_deg: float = _ALLOWED_LAG_DEG
 ) -> Limits:
     """Limits of a plant with dead time, for unity negative feedback.
 
     Parameters
     ----------
-    plant : Rational
+    plant : python-control system, `Rational`, or a real number
         From command to output without the dead time, actuator lag included; either sign of gain.
     dead_time, lag : float
         s, >= 0. A lag > 0 must be a pole -1/lag of `plant`: the one that a lead may cancel.
@@ -153,8 +153,9 @@ def fundamental_limits(
     Raises
     ------
     InputError
-        A number outside its range, or a lag that is not in the plant.
+        Another kind of system, a number outside its range, or a lag that is not in the plant.
     """
+    plant = Rational.from_control(plant, "plant")
     for name, value in (("dead time", dead_time), ("lag", lag)):
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{name}: {value} s is not allowed; give a finite value >= 0")

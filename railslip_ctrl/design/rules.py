@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class RuleTuning:
 
 
 @checked
-def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
+def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
     """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
 
     Of a stable or integrating plant the largest lag (or the integrator) is kept; half of the next one is added to it
@@ -92,7 +93,7 @@ def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
 
     Parameters
     ----------
-    plant : Rational
+    plant : python-control system, `Rational`, or a real number
         From command to output, without the dead time; poles real, at most one of them not left of the axis.
     dead_time : float
         s, >= 0.
@@ -104,6 +105,7 @@ def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
     """
     if not (math.isfinite(dead_time) and dead_time >= 0):
         raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+    plant = Rational.from_control(plant, "plant")
     roots = np.concatenate([plant.poles, plant.zeros])
     if plant.poles.size == 0 or np.any(np.abs(roots.imag) > _REAL * np.abs(roots)) or np.any(plant.zeros == 0):
         raise InputError("first-order model: the plant must have poles, all roots real, and no zero at the origin")
@@ -138,7 +140,7 @@ def first_order_model(plant: Rational, dead_time: float) -> FirstOrderModel:
 
 
 @checked
-def simc_pi(plant: Rational, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
+def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
     """SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
 
     Parameters
@@ -172,9 +174,7 @@ def simc_pi(plant: Rational, dead_time: float, *, closed_loop_time: float | None
 
 
 @checked
-def rotstein_lewin(
-    plant: Rational, dead_time: float, *, closed_loop_time: float, derivative: bool = False
-) -> RuleTuning:
+def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
     """PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
 
     The formulas are derived by internal model control as the source does, and tested to place the poles exactly

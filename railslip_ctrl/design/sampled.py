@@ -120,10 +120,10 @@ class SampledController:
     def _constants(self) -> tuple[float, ...]:
         """kp, p, q0, q1, the integrator's weights of f[k] and f[k-1], and h/Tt."""
         h, gains = self.period, self.design.gains
-        (q0, q1), (_, minus_p) = self._lead
+        q0, q1, p = self._lead
         b0, b1 = (0.5, 0.5) if self.rule is Rule.TUSTIN else (1.0, 0.0)
         tracking = h / self.effective_tracking_time if gains.ki != 0 else 0.0
-        return gains.kp, -minus_p, q0, q1, gains.ki * h * b0, gains.ki * h * b1, tracking
+        return gains.kp, p, q0, q1, gains.ki * h * b0, gains.ki * h * b1, tracking
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -139,17 +139,17 @@ class SampledController:
         return max(self.period, abs(gains.kp / gains.ki)) if gains.ki != 0 else math.inf
 
     @property
-    def _lead(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Numerator and denominator of the lead in z, first power first, the denominator monic."""
+    def _lead(self) -> tuple[float, float, float]:
+        """q0, q1 and p of the lead (q0 z + q1)/(z - p)."""
         h = self.period
         lead, lag = self.design.lead / h, self.design.lead_filter / h
         if lead == lag == 0:
-            return (1.0, 0.0), (1.0, 0.0)
+            return 1.0, 0.0, 0.0
         if self.rule is Rule.TUSTIN:
             scale = 1 + 2 * lag
-            return ((1 + 2 * lead) / scale, (1 - 2 * lead) / scale), (1.0, (1 - 2 * lag) / scale)
+            return (1 + 2 * lead) / scale, (1 - 2 * lead) / scale, (2 * lag - 1) / scale
         scale = 1 + lag
-        return ((1 + lead) / scale, -lead / scale), (1.0, -lag / scale)
+        return (1 + lead) / scale, -lead / scale, lag / scale
 
     # -- the difference equations -------------------------------------------------------------------------
 
@@ -202,15 +202,14 @@ class SampledController:
     @property
     def transfer_function(self) -> Rational:
         """C in the variable z, between the limits; its pole at 1 is exact."""
-        (q0, q1), (_, minus_p) = self._lead
-        kp, _, _, _, now, before, _ = self._step
+        kp, p, q0, q1, now, before, _ = self._step
         pi = Rational(np.array([]), np.array([]), kp)
         if self.design.gains.ki != 0:
             # kp + (now z + before)/(z - 1)
             pi = _first_order(kp + now, before - kp, -1.0)
-        if (q1, minus_p) == (0.0, 0.0):
+        if (q1, p) == (0.0, 0.0):
             return pi
-        return pi * _first_order(q0, q1, minus_p)
+        return pi * _first_order(q0, q1, -p)
 
     @cached_property
     def coefficients(self) -> tuple[Floats, Floats]:

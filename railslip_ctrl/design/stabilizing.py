@@ -21,6 +21,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.stability import RootCount, count_right_of
 
+from .certified import certain_rectangle, certainly_stable
 from .decomposition import CriticalGains, Decomposition
 from .intervals import Interval, Intervals, common_intervals, probe, probes_between, stable_intervals
 
@@ -66,6 +67,18 @@ class Region(ABC):
 
         False for ki < 0, and on the boundary: what cannot be told from it at rounding counts as on it.
         Raises InputError for a gain that is not finite.
+        """
+
+    def certified_contains(self, kp: float, ki: float) -> bool:
+        """As `contains`, every step of the root count in ball arithmetic."""
+        return ki >= 0 and all(certainly_stable(loop) for loop in self.loops(kp, ki))
+
+    @abstractmethod
+    def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
+        """Whether all gains of a closed rectangle stabilise, shown by ball arithmetic; ki > 0.
+
+        False where that is not so, or where the rectangle is so near to the boundary that it cannot be shown.
+        InputError for ends that are not finite or not ascending.
         """
 
     @abstractmethod
@@ -119,6 +132,11 @@ class StabilizingRegion(Region):
     def contains(self, kp: float, ki: float) -> bool:
         kp, ki = number("kp", kp), number("ki", ki)
         return ki >= 0 and self._count(kp, ki).stable
+
+    def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
+        if self.decomposition.derivative_filter:
+            raise InputError("certified rectangle: a PID with a derivative part is not covered; use certified_contains")
+        return certain_rectangle(self.plant, self.dead_time, kp, ki)
 
     @property
     def kp_intervals(self) -> Intervals:
@@ -289,6 +307,9 @@ class IntersectionRegion(Region):
 
     def contains(self, kp: float, ki: float) -> bool:
         return all(region.contains(kp, ki) for region in self.regions)
+
+    def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
+        return all(region.certified_rectangle(kp, ki) for region in self.regions)
 
     @cached_property
     def kp_intervals(self) -> Intervals:

@@ -45,7 +45,7 @@ def tune_pi(
     crossover: tuple[float, float] | None = None,
     minimise_ms: bool = False,
     ki_min: float | None = None,
-    compensator: Rational | None = None,
+    compensator: Any = None,
     names: Sequence[str] = (),
 ) -> PIDesign:
     """One PI, kp + ki/s, for all the plants.
@@ -65,7 +65,7 @@ def tune_pi(
         that is next to no gain, and Ms next to 1: give `ms_max` then.
     ki_min : float
         In the plant's unit of gain per second, > 0; without it the integral action would vanish.
-    compensator : Rational
+    compensator : python-control system, `Rational`, or a real number
         A further transfer function in series with the PI, such as a lead.
     names : sequence of str
         What an error calls each plant; left out, by number.
@@ -117,7 +117,7 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
         raise InputError(f"crossover: {crossover} rad/s is not allowed; give a finite frequency > 0")
     if not 0 < phase_margin_deg < 180:
         raise InputError(f"phase margin: {phase_margin_deg} deg is not allowed; give a value between 0 and 180")
-    system = Rational.from_control(plant)
+    system = Rational.from_control(plant, "plant")
     at = DeadTimeLoop(system, dead_time).frequency_response(crossover)
     wanted = -np.exp(1j * math.radians(phase_margin_deg)) / at
     kp, ki = float(wanted.real), float(-wanted.imag * crossover)
@@ -144,12 +144,12 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
 # -- arguments ------------------------------------------------------------
 
 
-def _systems(plants: Any, compensator: Rational | None) -> list[Rational]:
+def _systems(plants: Any, compensator: Any) -> list[Rational]:
     members = list(plants) if isinstance(plants, (list, tuple)) else [plants]
     if not members:
         raise InputError("plants: none is given; give at least one")
-    extra = compensator or Rational(np.array([]), np.array([]), 1.0)
-    return [extra * Rational.from_control(plant) for plant in members]
+    extra = Rational.from_control(1.0 if compensator is None else compensator, "compensator")
+    return [extra * Rational.from_control(plant, "plants") for plant in members]
 
 
 def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:

@@ -1,15 +1,17 @@
 """The search behind `tuning`: a family of plants, the gains that keep a specification, the best of them.
 
-Where Ms <= M is asked for, each frequency forbids an ellipse of gains (`ellipses`). The exact loop decides each gap
-between the ellipses, and the best point is refined on the exact margins.
+At one ki, the kp that the specification leaves are the gaps between those that each frequency forbids (`forbidden`),
+however narrow; one exact loop inside a gap tells whether it is stable, all frequencies heeded. So rows of ki,
+from the largest down, find the highest gap, and the exact margins refine it. Every scale is the plants' own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +20,30 @@ from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
 
-from .ellipses import Ellipses, Gap
 from .families import family_margins
+from .forbidden import Forbidden
+from .intervals import Interval
 from .specification import Specification
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_KP_POINTS = 80  # over the stabilising range: a coarse look, refined afterwards
-_SCAN_POINTS, _SCAN_RATIO = 40, 1.25  # integral gains looked at below a bound: down to 1e-4 of it
-_ZOOM_STARTS, _ZOOMS, _ZOOM_POINTS, _ZOOM_SHRINK = 4, 12, 9, 0.6
-_LOG_SCAN_RATIO = math.log(_SCAN_RATIO) + 1e-6
+_ROW_RATIO = 1.25  # of neighbouring integral gains looked at
+_COLUMNS, _SURELY = 9, 10.0  # proportional gains whose largest ki is asked for, and how far above it none is left
+_NEARLY_NO_KI = 1e-9  # of that, at most
+_LIMITLESS = 0.1  # of the largest of them: without dead time a design so high could be as high as you like
+_AROUND = 0.01  # relative, of kp: how far from the samples' best gap the exact one may be
+_LOOKS = 7  # at the kp of a gap
+_TOP = 2e-4  # relative: how near to the best row a bisection comes before the exact margins take over
+_PIECES = 8  # of a gap, where a crossover is asked for: another gain crossover may become the one that counts
+_LARGEST_MS = 1e6  # above 1: a loop with more is as good as unstable
+_LEAST_MS = 1e-9  # above 1
+_TIGHTENINGS = 16  # halvings of a bound before the exact margins take over
+_KP_TOLERANCE = 1e-8  # relative, of kp at the optimum
+_LOG_SCAN_RATIO = math.log(_ROW_RATIO) + 1e-6
 _ELLIPSES_AGREE = 1e-6  # relative, of their end with the exact limit: both are exact, this one's rounding is 1e-9
 _FEW = 4  # gains asked about all plants at once
-_SCANNED_AT_ONCE = 10  # of `_SCAN_POINTS`
-_UNBOUNDED = 1e4  # a stabilising range without upper end is searched up to this factor above its scale
 
 
 def pi_transfer_function(kp: float, ki: float) -> Rational:
@@ -60,9 +70,6 @@ class Family:
     def loops(self, kp: float, ki: float) -> list[DeadTimeLoop]:
         controller = pi_transfer_function(kp, ki)
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
-
-    def stable(self, kp: float, ki: float) -> bool:
-        return all(loop.is_stable() for loop in self.loops(kp, ki))
 
     def margins(self, kp: Floats, ki: Floats, *, peaks: bool) -> BatchMargins:
         """Of every loop but gain margins, for gains of shape (n,): n times the number of plants, those of a gain
@@ -108,142 +115,133 @@ class Family:
                 met[met] = some.excesses(kp[met], ki[met], specification) <= 0
         return met
 
-    def kp_values(self) -> Floats:
-        """A coarse grid over the gains that stabilise all plants with little integral action."""
-        common = intersection(self.regions, self.names) if len(self.regions) > 1 or self.names else self.regions[0]
-        if common.kp_range is None:
-            # a lead is no advice where there is one
-            reason = common.reason.replace("; no PI can: add a lead, or reduce", "; reduce")
-            raise InfeasibleDesignError(
-                f"no PI behind the compensator stabilises the plant(s): {reason}"
-                if self.compensated
-                else f"no PI stabilises the plant(s): {common.reason}"
-            )
-        return np.concatenate([_spread(low, high) for low, high in common.kp_intervals])
+    @cached_property
+    def forbidden(self) -> Forbidden:
+        usual = [np.abs(r.kp_range).max() if r.kp_range else r.decomposition.largest_kp for r in self.regions]
+        return Forbidden(self.systems, self.dead_times, usual)
 
-    def kp_unbounded(self) -> bool:
-        """Whether ever larger kp stabilise all plants: then a peak or a margin may bound nothing."""
-        return all(region.kp_range is not None and math.isinf(region.kp_range[1]) for region in self.regions)
+    @cached_property
+    def ki_ends(self) -> tuple[float, float]:
+        """A ki too large to stabilise all plants (without dead time: to be of use), and one too small to matter."""
+        low, high = self.forbidden.ki_ends
+        region = self.regions[self.binding[-1]]
+        if region.kp_range is not None and np.isfinite(region.kp_range).all():
+            limit = max(region.ki_limit(kp) for kp in np.linspace(*region.kp_range, _COLUMNS + 2)[1:-1].tolist())
+            high = min(high, _SURELY * limit)
+        return min(low, _NEARLY_NO_KI * high), min(high, *(r.decomposition.largest_ki for r in self.regions))
+
+    @cached_property
+    def binding(self) -> list[int]:
+        """The plants that bound kp from below and from above."""
+        ranges = [region.kp_range or (-math.inf, math.inf) for region in self.regions]
+        return [int(np.argmax([low for low, _ in ranges])), int(np.argmin([high for _, high in ranges]))]
+
+    def gaps(self, ki: Floats, specification: Specification) -> list[list[Interval]]:
+        """The intervals of kp that meet a specification at each ki, as the samples show them."""
+        rows = [self.forbidden.gaps(one, specification) for one in ki.tolist()]
+        if specification.crossover is not None:
+            rows = [[p for gap in row for p in pairwise(np.linspace(*gap, _PIECES + 1).tolist())] for row in rows]
+        number = np.repeat(np.arange(ki.size), [len(row) for row in rows])
+        insides = np.array([_inside(*gap) for row in rows for gap in row])
+        met = iter(self.meets(insides, ki[number], specification).tolist())
+        return [_joined([gap for gap in row if next(met)]) for row in rows]
+
+    def rows(self, ki: Floats, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
+        """The `gaps` of those ki that have some, in their order; what the plants that bound kp forbid is not asked of
+        all."""
+        chosen = sorted(set(self.binding))
+        few = replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
+        for one, found in zip(ki, few.gaps(ki, specification), strict=True):
+            if found and len(chosen) < len(self.systems):
+                (found,) = self.gaps(np.array([one]), specification)
+            if found:
+                yield float(one), found
 
 
-def _spread(low: float, high: float) -> Floats:
-    """Points inside (low, high), geometric where the sign allows it, dense towards the ends."""
-    if not math.isfinite(high):
-        high = max(abs(low), 1.0) * _UNBOUNDED
-    if not math.isfinite(low):
-        low = -max(abs(high), 1.0) * _UNBOUNDED
-    share = 0.5 * (1 - np.cos(np.pi * (np.arange(_KP_POINTS) + 0.5) / _KP_POINTS))
-    if low > 0 and high / low > 4:
-        return np.asarray(low * (high / low) ** share)
-    if low >= 0 and high > 0:
-        floor = max(low, high * 1e-6)
-        return np.union1d(low + (high - low) * share, floor * (high / floor) ** share)
-    # a stable plant: gains near 0 are where Ms tends to 1
-    size = np.geomspace(1e-6, 1.0, _KP_POINTS // 2)
-    inside = np.concatenate([low * size, [0.0], high * size, low + (high - low) * share])
-    return np.unique(inside[(inside > low) & (inside < high)])
+def _rows(low: float, high: float) -> Floats:
+    """Integral gains from one to another, ascending."""
+    return np.asarray(low * _ROW_RATIO ** np.arange(math.log(high / low) / math.log(_ROW_RATIO) + 1))
+
+
+def _joined(gaps: list[Interval]) -> list[Interval]:
+    """Those that touch taken together."""
+    edges = [x for gap in gaps for x in gap]
+    kept = [x for i, x in enumerate(edges) if edges[max(i - 1, 0) : i] != [x] and edges[i + 1 : i + 2] != [x]]
+    return list(zip(kept[::2], kept[1::2], strict=True))
+
+
+def _inside(low: float, high: float) -> float:
+    """A gain between two others, of the order of the smaller one: far up, the root count is of larger numbers."""
+    if low * high > 0:
+        return math.copysign(math.sqrt(low * high), low)
+    return 0.5 * (high if low == 0 or (high != 0 and high < -low) else low)
 
 
 # -- maximise ki ------------------------------------------------------------------------------------------------
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
-    grid = family.kp_values()
-    search = _Search(family, specification.ms_max) if specification.ms_max is not None else None
-    coarse = search.largest_ki(grid) if search is not None else _largest_stable_ki(family, grid)
-    if not specification.only_ms:
-        coarse = _scanned(family, specification, grid, coarse)
-    if not np.any(coarse > 0):
-        raise _infeasible(family, specification, grid)
-    _refuse_unbounded(family, grid, coarse)
-    if search is not None and specification.only_ms:
-        kp, ki = _on_the_ellipses(family, specification, search, grid, coarse)
-    else:
-        kp, start = _zoomed(family, specification, grid, coarse)
-        near = kp + abs(kp) * np.array([-0.1, 0.0, 0.1])  # the ridge of one smooth bound, finer than the zoom
-        kp = _maximise_near(lambda x: _refined_ki(family, specification, x, start), near, np.array([0.0, start, 0.0]))
-        ki = _refined_ki(family, specification, kp, start)
-    if ki <= 0:
-        raise _infeasible(family, specification, grid)
-    return kp, ki
+    ki, gaps = _highest_row(family, specification)
+    return max((_highest_in(family, specification, gap, ki) for gap in gaps), key=lambda gains: gains[1])
 
 
-def _on_the_ellipses(
-    family: Family, specification: Specification, search: _Search, grid: Floats, coarse: Floats
-) -> tuple[float, float]:
-    """(kp, ki) of largest ki where Ms alone bounds it: along the ellipses, and at the end by the exact margins."""
-
-    def exactly(kp: float) -> float:
-        return _refined_ki(family, specification, kp, search.end_at(kp))
-
-    kp = _maximise_near(search.end_at, grid, coarse)
-    ki = exactly(kp)
-    if not abs(ki - search.end_at(kp)) <= _ELLIPSES_AGREE * ki:
-        # what bounds ki lies beyond the frequencies of the ellipses: search on the exact margins
-        kp = _maximise_near(exactly, grid, coarse)
-        ki = exactly(kp)
-    return kp, ki
-
-
-def _refuse_unbounded(family: Family, grid: Floats, coarse: Floats) -> None:
-    """Without dead time and with little lag, gains may grow for ever: say so instead of returning a search limit."""
-    if family.kp_unbounded() and (np.isinf(coarse).any() or int(np.argmax(coarse)) == grid.size - 1):
+def _highest_row(family: Family, specification: Specification) -> tuple[float, list[Interval]]:
+    """A ki near the largest that meets the specification, and the intervals of kp that do there."""
+    rows = _rows(*family.ki_ends)[::-1]
+    low, gaps = next(family.rows(rows, specification), (0.0, []))
+    if not gaps:
+        raise _infeasible(family, specification)
+    if low > _LIMITLESS * rows[0] and not any(family.dead_times):
+        # without dead time and with little lag, gains may grow for ever: say so instead of returning a search limit
         raise InfeasibleDesignError(
             "ki has no largest value: ever larger gains meet the specification; bound the crossover, or put the dead "
             "time and the lags that the real loop has into the plant"
         )
+    high = low * _ROW_RATIO
+    while high > low * (1 + _TOP):
+        middle = math.sqrt(low * high)
+        (found,) = family.gaps(np.array([middle]), specification)
+        low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
+    return low, gaps
 
 
-def _zoomed(family: Family, specification: Specification, grid: Floats, coarse: Floats) -> tuple[float, float]:
-    """(kp, ki) of largest ki that meets the specification, by grids that close in on the best point found.
+def _highest_in(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
+    """(kp, ki) of largest ki above an interval of kp that meets the specification at some ki near it."""
 
-    Several bounds together leave a region with corners, where a search along kp alone would stop early.
-    """
-    best = (float(grid[int(np.argmax(coarse))]), float(coarse.max()))
-    padded = np.concatenate([[-np.inf], coarse, [-np.inf]])
-    peaks = np.flatnonzero((coarse >= padded[:-2]) & (coarse >= padded[2:]) & (coarse > 0))
-    tops = peaks[np.argsort(-coarse[peaks])][:_ZOOM_STARTS]
-    for top in tops:
-        kp, ki = float(grid[top]), float(coarse[top])
-        spacing = 1.5 * float(max(grid[min(top + 1, grid.size - 1)] - kp, kp - grid[max(top - 1, 0)]))
-        ratio = _SCAN_RATIO
-        for _ in range(_ZOOMS):
-            across = kp + spacing * np.linspace(-1, 1, _ZOOM_POINTS)
-            up = ki * ratio ** np.linspace(-0.25, 1, _ZOOM_POINTS)
-            gains = np.repeat(across, up.size), np.tile(up, across.size)
-            met = family.meets(*gains, specification)
-            if met.any():
-                at = int(np.argmax(np.where(met, gains[1], -np.inf)))
-                kp, ki = float(gains[0][at]), float(gains[1][at])
-            spacing, ratio = _ZOOM_SHRINK * spacing, ratio**_ZOOM_SHRINK
-        if ki > best[1]:
-            best = kp, ki
-    return best
+    def exactly(kp: float) -> float:
+        return _refined_ki(family, specification, kp, ki)
+
+    def along(kp: float) -> float:
+        return family.forbidden.end_above(kp, ki, specification.ms_max or math.inf)
+
+    if specification.only_ms:
+        kp = _least(lambda kp: -along(kp), *gap)
+        end = along(kp)
+        best = _refined_ki(family, specification, kp, end) if math.isfinite(end) else 0.0
+        if abs(best - end) <= _ELLIPSES_AGREE * best:
+            return kp, best
+    # several bounds together, or one beyond the samples: on the exact margins, past what the samples show of the gap
+    wider = _AROUND * max(abs(gap[0]), abs(gap[1]))
+    kp = _least(lambda kp: -exactly(kp), gap[0] - wider, gap[1] + wider)
+    return kp, exactly(kp)
 
 
-def _scanned(family: Family, specification: Specification, kp: Floats, upper: Floats) -> Floats:
-    """For each kp the largest ki of a geometric grid below `upper` that meets the specification; 0 if none does."""
-    upper = np.where(np.isinf(upper), np.maximum(np.abs(kp), 1.0) * _UNBOUNDED, upper)
-    ki = upper[:, None] * _SCAN_RATIO ** -np.arange(_SCAN_POINTS, dtype=float)[None, :]
-    found = np.zeros(kp.size)
-    for start in range(0, _SCAN_POINTS, _SCANNED_AT_ONCE):
-        live = np.flatnonzero((upper > 0) & (found == 0))
-        below = ki[live, start : start + _SCANNED_AT_ONCE]
-        met = family.meets(np.repeat(kp[live], below.shape[1]), below.ravel(), specification).reshape(below.shape)
-        found[live] = np.where(met.any(axis=1), below[np.arange(live.size), np.argmax(met, axis=1)], 0.0)
-    return found
+def _least(objective: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function is least between `low` and `high`; of several minima, one that a coarse look prefers."""
+    from scipy.optimize import minimize_scalar
 
-
-def _largest_stable_ki(family: Family, kp: Floats) -> Floats:
-    return np.array([min(region.ki_limit(float(one)) for region in family.regions) for one in kp])
+    look = np.linspace(low, high, _LOOKS)
+    best = int(np.argmin([objective(x) for x in look.tolist()]))
+    ends = look[max(best - 1, 0)], look[min(best + 1, look.size - 1)]
+    tolerance = _KP_TOLERANCE * max(abs(low), abs(high))
+    result = minimize_scalar(objective, bounds=ends, method="bounded", options={"xatol": tolerance})
+    return float(result.x)
 
 
 def _refined_ki(family: Family, specification: Specification, kp: float, start: float) -> float:
     """The largest ki near or below `start` that meets the specification exactly; 0 if there is none."""
     if not start > 0:
         return 0.0
-    if math.isinf(start):
-        start = abs(kp) * _UNBOUNDED or _UNBOUNDED
 
     def miss(log_ki: float) -> float:
         return min(family.excess(kp, math.exp(log_ki), specification), 1e3)
@@ -282,67 +280,32 @@ def _bracket(miss: Callable[[float], float], start: float) -> tuple[float, float
     return None
 
 
-def _maximise_near(value: Callable[[float], float], grid: Floats, coarse: Floats) -> float:
-    """Maximum of `value` around the best grid point."""
-    from scipy.optimize import minimize_scalar
-
-    top = int(np.argmax(coarse))
-    low, high = grid[max(top - 1, 0)], grid[min(top + 1, grid.size - 1)]
-    result = minimize_scalar(
-        lambda kp: -value(kp), bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-7 * abs(high)}
-    )
-    return float(result.x) if -result.fun >= value(float(grid[top])) else float(grid[top])
-
-
-class _Search:
-    """Over the `Ellipses` of a family: which gaps are stable only the exact loops tell."""
-
-    def __init__(self, family: Family, ms_max: float) -> None:
-        self._family = family
-        self._specification = Specification(ms_max=ms_max)
-        self._ellipses = Ellipses(family.systems, family.dead_times, ms_max)
-
-    def largest_ki(self, kp: Floats) -> Floats:
-        """For each kp, (n,), the upper end of the highest gap between forbidden ki that is stable, as the samples
-        show it; 0 without one."""
-        return np.array([0.0 if gap is None else gap.end for gap in self._highest(kp)])
-
-    def end_at(self, kp: float) -> float:
-        """As `largest_ki`, to rounding, for one kp."""
-        gap = self._highest(np.array([kp]))[0]
-        return 0.0 if gap is None else self._ellipses.end_of(kp, gap)
-
-    def _highest(self, kp: Floats) -> list[Gap | None]:
-        gaps = [self._ellipses.gaps(float(one)) for one in kp]
-        found: list[Gap | None] = [None] * kp.size
-        left, looked, more = list(range(kp.size)), 0, max(1, _FEW // kp.size)
-        while left := [i for i in left if looked < len(gaps[i])]:
-            tried = [(i, gap) for i in left for gap in gaps[i][looked : looked + more]]
-            index, insides = np.array([i for i, _ in tried]), np.array([gap.inside for _, gap in tried])
-            # the sampled frequencies end somewhere: what lies beyond their reach only the exact loop tells
-            met = np.flatnonzero(self._family.meets(kp[index], insides, self._specification))
-            for number in met[::-1].tolist():  # the first of each, which is its highest, is put in last
-                found[tried[number][0]] = tried[number][1]
-            left = [i for i in left if found[i] is None]
-            looked, more = looked + more, 2 * more  # few calls where the stable gap comes late
-        return found
-
-
-def _infeasible(family: Family, specification: Specification, grid: Floats) -> InfeasibleDesignError:
+def _infeasible(family: Family, specification: Specification) -> InfeasibleDesignError:
     """What each bound alone could be, with next to no integral action."""
+    common = (
+        intersection(family.regions, family.names) if len(family.regions) > 1 or family.names else family.regions[0]
+    )
+    if common.kp_range is None:
+        # a lead is no advice where there is one
+        reason = common.reason.replace("; no PI can: add a lead, or reduce", "; reduce")
+        return InfeasibleDesignError(
+            f"no PI behind the compensator stabilises the plant(s): {reason}"
+            if family.compensated
+            else f"no PI stabilises the plant(s): {common.reason}"
+        )
     remedy = "relax the specification" + ("" if family.compensated else " or add a lead")
     found = []
     alone = True
     if specification.ms_max is not None:
-        best = _best(family, grid, "ms")
+        best = _best(family, "ms")
         found.append(f"least worst Ms {best:.4g}")
         alone &= best <= specification.ms_max
     if specification.phase_min_deg:
-        best = -_best(family, grid, "phase_deg")
+        best = -_best(family, "phase_deg")
         found.append(f"largest phase margin {best:.4g} deg")
         alone &= best >= specification.phase_min_deg
     if specification.delay_min_s:
-        best = -_best(family, grid, "delay_s")
+        best = -_best(family, "delay_s")
         found.append(f"largest delay margin {best:.4g} s")
         alone &= best >= specification.delay_min_s
     together = "; each alone can be met, together they cannot" if alone and len(found) > 1 else ""
@@ -352,48 +315,63 @@ def _infeasible(family: Family, specification: Specification, grid: Floats) -> I
     )
 
 
-def _best(family: Family, grid: Floats, margin: str) -> float:
+def _best(family: Family, margin: str) -> float:
     """Least `Family.worst` over kp with next to no integral action; inf if nothing is stable."""
-    from scipy.optimize import minimize_scalar
+    ki = family.ki_ends[0]
+    gaps = _tightest(family, ki, Specification(), margin)
 
-    def at(kp: Floats) -> Floats:
-        return family.worst(kp, 1e-7 * np.maximum(np.abs(kp), 1e-9), margin)
+    def at(kp: float) -> float:
+        return float(family.worst(np.array([kp]), np.array([ki]), margin)[0])
 
-    coarse = at(grid)
-    if not np.isfinite(coarse).any():
-        return math.inf
-    top = int(np.argmin(coarse))
-    ends = float(grid[max(top - 1, 0)]), float(grid[min(top + 1, grid.size - 1)])
-    found = minimize_scalar(
-        lambda kp: float(at(np.array([kp]))[0]), bounds=ends, method="bounded", options={"xatol": 1e-7 * abs(ends[1])}
-    )
-    return float(min(found.fun, coarse[top]))
+    return min((at(_least(at, *gap)) for gap in gaps), default=math.inf)
+
+
+def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
+    """The intervals of kp that remain of a row as the bound on one margin tightens, whatever the `others` leave."""
+
+    def asked(x: float) -> Specification:
+        if margin == "ms":
+            return replace(others, ms_max=1 + math.exp(-x))
+        if margin == "phase_deg":
+            return replace(others, phase_min_deg=x)
+        return replace(others, delay_min_s=math.exp(x))
+
+    low, high = {
+        "ms": (-math.log(_LARGEST_MS), -math.log(_LEAST_MS)),
+        "phase_deg": (0.0, 179.9),
+        "delay_s": family.forbidden.log_times,
+    }[margin]
+    (gaps,) = family.gaps(np.array([ki]), asked(low))
+    for _ in range(_TIGHTENINGS if gaps else 0):
+        middle = 0.5 * (low + high)
+        (found,) = family.gaps(np.array([ki]), asked(middle))
+        low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
+    return gaps
 
 
 # -- minimise Ms ------------------------------------------------------------------------------------------------
 
 
 def least_ms(family: Family, specification: Specification, ki_min: float) -> tuple[float, float]:
-    from scipy.optimize import minimize_scalar
-
-    def objectives(kp: Floats, ki: Floats) -> Floats:
-        worst = family.worst(kp, ki, "ms")
-        return worst if specification.only_ms else np.where(family.excesses(kp, ki, specification) > 0, np.inf, worst)
+    others = replace(specification, ms_max=None)
 
     def objective(kp: float, ki: float) -> float:
-        return float(objectives(np.array([kp]), np.array([ki]))[0])
+        met = others.only_ms or family.excess(kp, ki, others) <= 0
+        return float(family.worst(np.array([kp]), np.array([ki]), "ms")[0]) if met else math.inf
 
-    grid = family.kp_values()
-    coarse = objectives(grid, np.full(grid.size, ki_min))
-    if not np.isfinite(coarse).any():
-        raise _no_such_ki(family, specification, grid, ki_min)
-    top = int(np.argmin(coarse))
-    low, high = float(grid[max(top - 1, 0)]), float(grid[min(top + 1, grid.size - 1)])
-    result = minimize_scalar(
-        lambda kp: objective(kp, ki_min), bounds=(low, high), method="bounded", options={"xatol": 1e-10 * abs(high)}
-    )
-    kp = float(result.x) if result.fun <= coarse[top] else float(grid[top])
-    kp, ki = _with_more_ki(objective, kp, ki_min)
+    least, best, width = math.inf, None, 0.0
+    rows = _rows(ki_min, max(family.ki_ends[1], ki_min))
+    # Ms seldom falls as ki grows, but an unstable plant may need more than ki_min
+    for some in (rows[:1], rows[1:]):
+        better = replace(others, ms_max=1 + min(_LARGEST_MS, (least - 1) * (1 - _TOP)))
+        for ki, _ in family.rows(some, better):
+            for gap in _tightest(family, ki, others, "ms"):
+                kp = _least(partial(objective, ki=ki), *gap)
+                if (found := objective(kp, ki)) < least:
+                    least, best, width = found, (kp, ki), gap[1] - gap[0]
+    if best is None:
+        raise _no_such_ki(family, specification, ki_min)
+    kp, ki = _with_more_ki(objective, *best, ki_min, width)
     least = objective(kp, ki)
     if specification.ms_max is not None and least > specification.ms_max:
         raise InfeasibleDesignError(
@@ -402,29 +380,30 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
     return kp, ki
 
 
-def _no_such_ki(family: Family, specification: Specification, grid: Floats, ki_min: float) -> InfeasibleDesignError:
+def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
     """Nothing holds with that much integral action: say how much there may be, or what the other bounds cost."""
-    largest = float(_largest_stable_ki(family, grid).max(initial=0.0))
-    asked = specification.words
-    if largest > ki_min and asked:
-        return InfeasibleDesignError(
-            f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification, grid)}"
-        )
+    largest = _highest_row(family, Specification())[0]
+    if largest > ki_min and specification.words:
+        return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
     return InfeasibleDesignError(
         f"no PI with ki >= {ki_min:g} holds all plants; the largest ki that does is about {largest:.4g}"
     )
 
 
-def _with_more_ki(objective: Callable[[float, float], float], kp: float, ki_min: float) -> tuple[float, float]:
-    """If Ms falls as ki grows (it seldom does), follow it."""
-    least = objective(kp, ki_min)
-    if not objective(kp, 1.01 * ki_min) < least:
-        return kp, ki_min
+def _with_more_ki(
+    objective: Callable[[float, float], float], kp: float, ki: float, ki_min: float, width: float
+) -> tuple[float, float]:
+    """If Ms falls as ki grows (it seldom does), follow it; `width` is a step of kp."""
+    least = objective(kp, ki)
+    if ki == ki_min and not objective(kp, 1.01 * ki) < least:
+        return kp, ki
     from scipy.optimize import minimize
 
-    found = minimize(
-        lambda x: objective(float(x[0]), ki_min * math.exp(abs(float(x[1])))), [kp, 0.05], method="Nelder-Mead"
-    )
-    if found.fun < least:
-        return float(found.x[0]), ki_min * math.exp(abs(float(found.x[1])))
-    return kp, ki_min
+    def at(x: Floats) -> tuple[float, float]:
+        return kp + width * float(x[0]), ki_min * math.exp(abs(float(x[1])))
+
+    start = [0.0, math.log(ki / ki_min)]
+    simplex = np.array(start) + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.05]])
+    options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-12}
+    found = minimize(lambda x: objective(*at(x)), start, method="Nelder-Mead", options=options)
+    return at(found.x) if found.fun < least else (kp, ki)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,8 +17,9 @@ from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.kept import found as look_up
 from railslip_ctrl.kept import kept
 from railslip_ctrl.kernels import compilation
+from railslip_ctrl.kernels.compilation import cache_folder
 from railslip_ctrl.linearization import OperatingPoint, linearize
-from railslip_ctrl.machine import cores
+from railslip_ctrl.machine import Submit, cores, processes
 from railslip_ctrl.parameters import PIGains, Vehicle
 from railslip_ctrl.reproduction import Fact, Table5, published_facts, table5
 from railslip_ctrl.simulation.designed import is_published
@@ -227,9 +228,9 @@ def _errata(fresh: bool) -> _Found:
 class _UnderWay:
     """Tasks in other processes, or, without one, done when they are asked for; each result is handed out once."""
 
-    def __init__(self, tasks: dict[str, Callable[[], Any]], pool: ProcessPoolExecutor | None) -> None:
-        self._tasks = {} if pool is not None else dict(tasks)
-        self._futures = {} if pool is None else {pool.submit(task): name for name, task in tasks.items()}
+    def __init__(self, tasks: dict[str, Callable[[], Any]], submit: Submit | None) -> None:
+        self._tasks = {} if submit is not None else dict(tasks)
+        self._futures = {} if submit is None else {submit(task): name for name, task in tasks.items()}
 
     def any(self) -> bool:
         """Whether results are still to come."""
@@ -257,14 +258,9 @@ def _started(tasks: dict[str, Callable[[], Any]], workers: int) -> Iterator[_Und
     if workers < 2 or not tasks:
         yield _UnderWay(tasks, None)
         return
-    from multiprocessing import get_context
-
-    # new processes, not copies: a copy of a process with threads may hang
-    pool = ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn"), initializer=_quiet)
-    try:
-        yield _UnderWay(tasks, pool)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    cache_folder()  # theirs too, where there is none but for this run
+    with processes(min(workers, len(tasks))) as submit:
+        yield _UnderWay(tasks, submit)
 
 
 @contextmanager
@@ -282,10 +278,3 @@ def _compilation_told(at_most: int) -> Iterator[None]:
         yield
     finally:
         logger.removeFilter(first)
-
-
-def _quiet() -> None:
-    """A worker leaves an interruption to the process that started it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,7 +10,7 @@ spaces, underscores and hyphens do not count. Accepted names, any one of each ro
     brake_torque      brake torque, tb, torque, braking torque
     wheel_load        wheel load, n, load, normal force, axle load
 
-n is what its unit says, and a wheel load without one.
+n is what its unit says, and a wheel load without one; a wheel speed in rad/s, rpm or the like is an angular one.
 Time, train speed, brake torque and one of the wheel's two speeds must be there; other columns are not read.
 """
 
@@ -115,11 +115,15 @@ def find_columns(
         for quantity in given:
             if quantity not in UNITS:
                 raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
-    found = {}
+    found: dict[str, Column] = {}
     for quantity in UNITS:
         index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
         if index is not None:
-            found[quantity] = _column(quantity, index, header[index], units.get(quantity))
+            column = _column(quantity, index, header[index], units.get(quantity))
+            other = found.get(column.quantity)
+            if other is not None and quantity not in columns:
+                raise _several(column.quantity, header, sorted((other.index, index)))
+            found[column.quantity] = column
     _check_complete(found, header)
     return found
 
@@ -171,11 +175,15 @@ def _recognised(header: Sequence[str], quantity: str) -> int | None:
         if {_plain(cell), _plain(_split(cell)[0])} & names and _may_be(cell, quantity)
     ]
     if len(at) > 1:
-        cells = _cells([header[i] for i in at])
-        raise InputError(
-            f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER{_places(at)}"
-        )
+        raise _several(quantity, header, at)
     return at[0] if at else None
+
+
+def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
+    cells = _cells([header[i] for i in at])
+    return InputError(
+        f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER{_places(at)}"
+    )
 
 
 def _may_be(cell: str, quantity: str) -> bool:
@@ -191,6 +199,8 @@ def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
     given = unit if unit is not None else in_header
     if not given:
         return Column(quantity, index, cell.strip(), 1.0, unit_given=False)
+    if quantity == "wheel_speed" and is_unit(given, "wheel_angular_speed"):
+        quantity = "wheel_angular_speed"
     spelled = _SPELLINGS.get(given.strip().lower(), given.strip())
     where = f"--unit {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
     try:

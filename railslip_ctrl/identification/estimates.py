@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .between_runs import between_runs
 from .coordinates import Coordinates
 from .profile import is_symmetric, profile_interval
+from .search import differences
 
 Floats = NDArray[np.float64]
 
@@ -29,9 +30,11 @@ CONFIDENCE = 0.99
 NORMAL_QUANTILE = 2.5758293035489004
 """Half width of a normal 99 % interval in standard errors."""
 
-# Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can
-# move without the curve following. Differences of numbers of 1e-16, over steps of 1e-5 of a parameter, leave 1e-10.
-_SINGULAR = 1e-8
+SINGULAR = 1e-6
+"""Singular values of the scaled Jacobian below this share of the largest: a direction in which the parameters can move
+without the curve following, so that the pull of a search decides. Differences of numbers of 1e-16, over steps of 1e-5
+of a parameter, leave 1e-10.
+"""
 
 _DIFFERENCE = 1e-5  # of a coordinate's size, for derivatives
 _AT_BOUND = 1e-6  # of a coordinate's size: the search stays inside its bounds and only tends to them
@@ -185,13 +188,8 @@ def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
     """Derivatives of the residuals by the coordinates, (residuals, coordinates), by differences inside the bounds."""
-    coordinates, columns = problem.coordinates, []
-    for i, step in enumerate(_DIFFERENCE * coordinates.sizes(x)):
-        high, low = x.copy(), x.copy()
-        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
-        difference = problem.residuals(coordinates.values(high)) - problem.residuals(coordinates.values(low))
-        columns.append(difference / (high[i] - low[i]))
-    return np.stack(columns, axis=1)
+    steps = _DIFFERENCE * problem.coordinates.sizes(x)
+    return differences(problem.residuals, problem.coordinates, x, steps)
 
 
 def unidentified(scaled: Floats) -> NDArray[np.bool_]:
@@ -199,7 +197,7 @@ def unidentified(scaled: Floats) -> NDArray[np.bool_]:
     if not scaled.size:
         return np.zeros(scaled.shape[1], dtype=bool)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
-    flat = singular <= _SINGULAR * singular[0]
+    flat = singular <= SINGULAR * singular[0]
     result: NDArray[np.bool_] = (np.abs(directions[flat]) > 1e-3).any(axis=0)
     return result
 

@@ -16,14 +16,16 @@ from .cells import Cells, Stretches
 from .coordinates import Coordinates
 from .estimates import CONFIDENCE as CONFIDENCE
 from .estimates import NORMAL_QUANTILE as NORMAL_QUANTILE
-from .estimates import Estimate, estimate, slopes_of
+from .estimates import SINGULAR, Estimate, estimate, slopes_of
 from .models import SLIDING_ALONE, FitModel, Setting
+from .search import search
 
 Floats = NDArray[np.float64]
 
 _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to that of shorter stretches
 
 _CONVERGED = 1e-14
+_SEARCH = 300  # evaluations at most of the residuals and their slopes
 _NOTHING = 1e-9  # of a value: a lower end below it says nothing
 _ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
 _INSIDE = 1e-6  # of a coordinate's size: how far inside its bounds a search begins
@@ -53,6 +55,11 @@ class Parameter:
             return self.limits
         half = NORMAL_QUANTILE * self.stderr
         return self.value - half, self.value + half
+
+    @property
+    def is_untold(self) -> bool:
+        """Whether the log agrees with any value, so that this one is of the search."""
+        return _is_open(self) and self.interval[0] < _NOTHING * self.value
 
 
 @dataclass(frozen=True)
@@ -235,31 +242,21 @@ class _Problem:
         return result
 
     def solve(self) -> Floats:
-        """The best of the solutions from all starts, in coordinates."""
-        from scipy.optimize import least_squares
-
-        coordinates, best = self.coordinates, None
-        for start in self.model.starts:
-            x = coordinates.at(start)
-            scale = coordinates.sizes(x)
-            found = least_squares(
-                lambda x, scale=scale: self.residuals(coordinates.values(x * scale)),
-                coordinates.inside(x, _INSIDE) / scale,
-                jac="3-point",
-                bounds=(coordinates.lower / scale, coordinates.upper / scale),
-                x_scale="jac",
-                ftol=_CONVERGED,
-                xtol=_CONVERGED,
-                gtol=_CONVERGED,
-                max_nfev=300,
+        """The best of the solutions from all starts, in coordinates; of those that are alike the first."""
+        coordinates, found = self.coordinates, []
+        weight = SINGULAR * float(np.linalg.norm(self.root * self.cells.mu[self.used]))
+        starts = [coordinates.at(start) for start in self.model.starts]
+        for start in starts:
+            begin = coordinates.inside(start, _INSIDE)
+            end = search(
+                self.residuals, coordinates, begin, weight=weight, centre=starts[0], tolerance=_CONVERGED, most=_SEARCH
             )
-            alike = best is not None and abs(found.cost - best[0]) <= _ALIKE * best[0]
-            if best is None or found.cost < best[0]:
-                best = found.cost, found.x * scale
-            if alike:
+            found.append(end)
+            least = min(squares for squares, _ in found)
+            alike = [x for squares, x in found if squares <= (1.0 + _ALIKE) * least]
+            if len(alike) > 1:
                 break
-        assert best is not None
-        return np.asarray(best[1])
+        return alike[0]
 
 
 def _status(active: int, dead: bool) -> str:
@@ -310,10 +307,9 @@ def _is_open(p: Parameter) -> bool:
 
 
 def _without_end(p: Parameter) -> str:
-    low = p.interval[0]
-    if low < _NOTHING * p.value:
+    if p.is_untold:
         return f"{p.name}: this log cannot tell it"
-    return f"{p.name}: by this log it is not less than {low:.4g} (99 %), and has no upper end"
+    return f"{p.name}: by this log it is not less than {p.interval[0]:.4g} (99 %), and has no upper end"
 
 
 def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:

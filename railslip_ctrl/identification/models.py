@@ -126,7 +126,10 @@ class FitModel:
     @property
     def coordinates(self) -> Coordinates:
         """Those in which the free parameters are looked for."""
-        return Coordinates.of(self.names, self.lower, self.upper, np.abs(self.starts).max(axis=0))
+        typical = np.abs(self.starts).max(axis=0)
+        if self.name == "table":  # values of one kind
+            typical[:] = typical.max()
+        return Coordinates.of(self.names, self.lower, self.upper, typical)
 
     def unit(self, name: str) -> str:
         """SI unit of a parameter of the law that is fitted; "1" for a table's values."""

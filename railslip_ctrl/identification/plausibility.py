@@ -213,6 +213,12 @@ def fit_doubts(
         if ordinary and LOWEST_MU <= seen <= HIGHEST_MU
         else "likely by a wrong unit of the brake torque (--unit), wheel load or vehicle (--vehicle)"
     )
+    untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
+    if untold:
+        doubts.append(
+            f"the fitted {', '.join(untold)} may as well be any other by this log, and is near to where it was first "
+            "looked for: give a log with more slip, a known value (--fix), or another --model"
+        )
     ends = zip(found.parameters, found.model.lower, found.model.upper, strict=True)
     doubts += [_at_bound(p, low, high, setting, cause) for p, low, high in ends if "bound" in p.status]
     return tuple(doubts)

@@ -35,6 +35,7 @@ from railslip_ctrl.parameters import Vehicle
 
 from .models import FitModel
 from .record import Record
+from .search import PULL, search
 
 Floats = NDArray[np.float64]
 
@@ -53,6 +54,9 @@ _RATIOS = (math.log(1e-8), math.log(1e6))  # of the pickup's variance to the eff
 _LARGEST_SLIP = 0.999
 _WILDEST = 50.0  # growth of a deviation over a step, as a logarithm: what is beyond is as wrong, and a finite number
 _OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
+_CONVERGED = 1e-10
+_SEARCH = 300  # evaluations at most of the errors and their slopes
+_ALIKE = 1e-6  # relative: searches whose sums of squares agree so ended in one place
 _FOLLOWED_CELLS = 100  # over the slip ratio
 _SPLINE_POINTS = 256  # over the root of the slip: its error is some 256^-4 of mu
 _SPLINE_REACH = 0.005  # of slip, beyond the record's highest, to which a prediction may come
@@ -311,7 +315,9 @@ class Along:
             steepest = float(np.max(-np.log(self.errors(starts[0]).decay)))
             self._substeps = _SUBSTEPS[steepest > _LITTLE]
         at, values = self.coordinates.at, self.coordinates.values
-        found = min((self._search(at(start)) for start in starts), key=lambda each: each[0])[1]
+        tried = [self._search(at(start)) for start in starts]
+        least = min(squares for squares, _ in tried)
+        found = next(x for squares, x in tried if squares <= (1.0 + _ALIKE) * least)
         for _ in range(_ROUNDS - 1):
             before, found = found, self._search(found)[1]
             if np.all(np.abs(found - before) <= _SETTLED * self.coordinates.sizes(found)):
@@ -326,20 +332,13 @@ class Along:
         return 2.0 * float(np.sum(np.log(self._factor[0])))
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
-        from scipy.optimize import least_squares
-
-        coordinates, scale = self.coordinates, self.coordinates.sizes(start)
+        coordinates = self.coordinates
+        centre = coordinates.at(self.model.starts[0])
         self.set_variances(coordinates.values(start))
-        found = least_squares(
-            lambda x: self.residuals(coordinates.values(x * scale)),
-            coordinates.inside(start, _OFF_BOUND) / scale,
-            bounds=(coordinates.lower / scale, coordinates.upper / scale),
-            x_scale="jac",
-            ftol=1e-9,
-            xtol=1e-8,
-            max_nfev=60,
+        begin = coordinates.inside(start, _OFF_BOUND)
+        _, x = search(
+            self.residuals, coordinates, begin, weight=PULL, centre=centre, tolerance=_CONVERGED, most=_SEARCH
         )
-        x = np.asarray(found.x * scale)
         return float(np.sum(self.errors(coordinates.values(x)).error ** 2)), x
 
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from bisect import bisect
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .coordinates import Coordinates
+from .search import PULL, Residuals, search
 
 Floats = NDArray[np.float64]
-Residuals = Callable[[Floats], Floats]
 
-_REACH = 2.6  # standard errors: the first place to look for the end of an interval;
+_REACH = 2.6  # standard errors, or the parameter's size where that is less: the first place to look for an end;
 _FURTHER = 1.6  # and times that from trial to trial
-_TRIALS = 12
+_TRIALS = 12  # up to 280 sizes: further than that the searches know nothing
 _FINE = 0.02  # of a standard error: how well the end is found
 _OFF_BOUND = 1e-3  # of a coordinate's size, at which a search begins
-_SEARCH = 30  # evaluations at most of the residuals and their slopes
+_CONVERGED = 1e-6
+_SEARCH = 60  # evaluations at most of the residuals and their slopes
 _SLOPE_STEP = 1e-3  # of a standard error, or of the value where that is less
 _TOLERATED = 0.125  # of an interval's half width; twice that of the rise of the sum of squares, which is quadratic
 
@@ -100,21 +102,27 @@ def _ends(
     bounds: tuple[float, float],
 ) -> tuple[float, float]:
     """Of the interval of the parameter, or of its inverse where it is followed by that."""
-    best = coordinates.followed(index, float(values[index]))
+    best, usual = (coordinates.followed(index, float(x[index])) for x in (values, coordinates.typical))
+    size = max(abs(best), abs(usual))
     least = float(np.sum(residuals(values) ** 2))
     above, ways = {best: -rise}, {best: coordinates.at(values)}
 
     def excess(x: float) -> float:
-        if x not in above:  # a search from elsewhere could end a little lower, and turn the sign
-            start = coordinates.values(_between(ways, x))
-            squares, there = _held(residuals, coordinates, start, index, coordinates.followed(index, x))
-            above[x], ways[x] = squares - least - rise, coordinates.at(there)
+        if x in above:  # a search from elsewhere could end a little lower, and turn the sign
+            return above[x]
+        way = coordinates.values(np.clip(_between(ways, x), coordinates.lower, coordinates.upper))
+        for start in (way, coordinates.typical):  # the way may lead to a least that is not the least of all
+            squares, there = _held(residuals, coordinates, start, index, coordinates.followed(index, x), rise)
+            if not above.get(x, math.inf) <= squares - least - rise:
+                above[x], ways[x] = squares - least - rise, coordinates.at(there)
+            if above[x] <= 0.0:
+                break
         return above[x]
 
     def end(side: float, bound: float) -> float:
         from scipy.optimize import brentq
 
-        inside, distance = best, _REACH * stderr
+        inside, distance = best, min(_REACH * stderr, size)
         for _ in range(_TRIALS):
             outside = max(best - distance, bound) if side < 0 else min(best + distance, bound)
             if excess(outside) > 0.0:
@@ -128,35 +136,33 @@ def _ends(
 
 
 def _between(ways: Mapping[float, Floats], x: float) -> Floats:
-    """Where the way through points known by one number is likely to be at another: on the line between neighbours."""
-    below, beyond = [k for k in ways if k < x], [k for k in ways if k > x]
-    if not below or not beyond:
-        return ways[min(ways, key=lambda k: abs(k - x))]
-    low, high = max(below), min(beyond)
+    """Where the way through points known by one number is likely to be at another: on the line through the nearest."""
+    known = sorted(ways)
+    if len(known) == 1:
+        return ways[known[0]]
+    place = min(max(bisect(known, x), 1), len(known) - 1)
+    low, high = known[place - 1], known[place]
     share = (x - low) / (high - low)
     return (1.0 - share) * ways[low] + share * ways[high]
 
 
 def _held(
-    residuals: Residuals, coordinates: Coordinates, start: Floats, index: int, value: float
+    residuals: Residuals, coordinates: Coordinates, start: Floats, index: int, value: float, rise: float
 ) -> tuple[float, Floats]:
     """The least sum of squares with one parameter held at a value, and where it is."""
-    from scipy.optimize import least_squares
-
     at = coordinates.moved(start, index, value)
     others = np.arange(len(at)) != index
     if not others.any():
         return float(np.sum(residuals(at) ** 2)), at
     rest = coordinates.without(index)
     begin = rest.inside(rest.at(at[others]), _OFF_BOUND)
-    size = rest.sizes(begin)
 
-    def held(x: Floats) -> Floats:
+    def held(values: Floats) -> Floats:
         trial = at.copy()
-        trial[others] = rest.values(x * size)
+        trial[others] = values
         return residuals(trial)
 
-    bounds = (rest.lower / size, rest.upper / size)
-    found = least_squares(held, begin / size, bounds=bounds, x_scale="jac", ftol=1e-6, xtol=1e-6, max_nfev=_SEARCH)
-    at[others] = rest.values(found.x * size)
-    return 2.0 * float(found.cost), at
+    weight = PULL * math.sqrt(rise) / _REACH
+    squares, x = search(held, rest, begin, weight=weight, tolerance=_CONVERGED, most=_SEARCH)
+    at[others] = rest.values(x)
+    return squares, at

@@ -7,10 +7,12 @@ so; later ones load.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import logging
 import os
+import shutil
 import sys
 import tempfile
 from functools import cache
@@ -50,7 +52,7 @@ def _tell_of_compiling(folder: Path) -> None:
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Where a kind of thing is kept: `RAILSLIP_CACHE`, or the user's cache folder, or a temporary one if it is shut."""
+    """Where a kind of thing is kept: `RAILSLIP_CACHE`, or the user's cache folder; one for this run if it is shut."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -60,7 +62,18 @@ def cache_folder(kind: str = "kernels") -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError:
-        return Path(tempfile.mkdtemp(prefix=f"railslip-{kind}-"))
+        folder = _temporary() / kind
+        folder.mkdir(exist_ok=True)
+        return folder
+
+
+@cache
+def _temporary() -> Path:
+    """A folder for this process and those that it starts from now on, which goes with it."""
+    folder = tempfile.mkdtemp(prefix="railslip-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ[CACHE_VARIABLE] = folder
+    return Path(folder)
 
 
 def _stored(name: str, text: str) -> Path:

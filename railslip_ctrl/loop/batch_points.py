@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .margins import RESPONSES
+from .margins import RESPONSES, box_bounds
 from .rootfinding import bracketed_roots
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ _EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
 _PHASE_STEP = 0.25  # rad, of a piece searched for a peak; as in `margins`
 _MOST_PARTS = 500
+_MOST_HALVINGS = 6  # of a piece on which |L| may cross 1 unseen; a loop that has one left is delicate
 _BLOCK = 1024  # points evaluated together: few calls where they are few, and in the cache where they are many
 
 
@@ -176,16 +177,45 @@ def located(loops: Loops, points: Points, at: Indices, function: Callable[[Point
 
 
 def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Flags]:
-    """Points from `low` to `high`, rad/s, (n,), with all extrema of ln|L| and of the phase; and the loops where |L|
-    all but touches 1."""
+    """Points from `low` to `high`, rad/s, (n,), with all extrema of ln|L| and of the phase that show between nodes; and
+    the loops where |L| all but touches 1, or may cross it unseen between two points."""
     points = _nodes(loops, low, high)
     at = points.changes(points.size_slope)
     extrema = located(loops, points, at, lambda found, _: found.size_slope)
-    touching = np.zeros(loops.gain.size, dtype=bool)
-    touching[extrema.row[np.abs(extrema.size) < DELICATE]] = True
+    delicate = np.zeros(loops.gain.size, dtype=bool)
+    delicate[extrema.row[np.abs(extrema.size) < DELICATE]] = True
     points = points.inserted(at, extrema)
     at = points.changes(points.phase_slope)
-    return points.inserted(at, located(loops, points, at, lambda found, _: found.phase_slope)), touching
+    points = points.inserted(at, located(loops, points, at, lambda found, _: found.phase_slope))
+    pieces = np.flatnonzero(points.row[:-1] == points.row[1:])
+    for _ in range(_MOST_HALVINGS):
+        pieces = pieces[_may_cross_unseen(loops, points, pieces)]
+        if pieces.size == 0:
+            return points, delicate
+        middle = loops.evaluate(0.5 * (points.omega[pieces] + points.omega[pieces + 1]), points.row[pieces])
+        points = points.inserted(pieces, middle)
+        pieces = pieces + np.arange(pieces.size)
+        pieces = np.sort(np.concatenate([pieces, pieces + 1]))
+    delicate[points.row[pieces]] = True
+    return points, delicate
+
+
+def _may_cross_unseen(loops: Loops, points: Points, at: Indices) -> Flags:
+    """On which of the pieces number `at` |L| may cross 1 other than its ends show: neither of two bounds excludes it.
+
+    With |d^2 ln|L|/d omega^2| <= m the slope keeps the sign of both ends if |s1| + |s2| > m h, and ln|L| its own if
+    |y1| + |y2| > h max|slope|.
+    """
+    one, low, high = points.row[at], points.omega[at], points.omega[at + 1]
+    real, imag = loops.real[:, one], loops.imag[:, one]
+    offset = imag - np.clip(imag, low, high)
+    with np.errstate(divide="ignore"):
+        turn = (1 / (real * real + offset * offset)).sum(axis=0) * (high - low)
+    slopes, sizes = ([values[at], values[at + 1]] for values in (points.size_slope, points.size))
+    steady = (slopes[0] * slopes[1] > 0) & (np.abs(slopes[0]) + np.abs(slopes[1]) > turn)
+    steepest = np.maximum(np.abs(slopes[0]), np.abs(slopes[1])) + turn
+    apart = (sizes[0] * sizes[1] > 0) & (np.abs(sizes[0]) + np.abs(sizes[1]) > steepest * (high - low))
+    return np.asarray(~(steady | apart))
 
 
 def levels(points: Points) -> tuple[Floats, Floats]:
@@ -196,25 +226,9 @@ def levels(points: Points) -> tuple[Floats, Floats]:
 
 
 def bounds(points: Points) -> Floats:
-    """Upper bounds on |S|, |T|, |S - 1/2| over each piece, shape (3, N - 1); 0 between loops.
-
-    With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= 1 + m^2 - 2 m cos d; the bound is
-    attained if both ends of the intervals meet, so that it tightens with the piece.
-    """
-    first, last = levels(points)
-    cosine = -np.cos(points.phase)
-    c = np.where(last >= first, 1.0, np.maximum(cosine[:-1], cosine[1:]))
-    size = np.exp(np.clip(points.size, -300, 300))
-    low, high = np.minimum(size[:-1], size[1:]), np.maximum(size[:-1], size[1:])
-    m, u, v = np.clip(c, low, high), np.clip(c, 1 / high, 1 / low), np.clip(1.0, low, high)
-    with np.errstate(divide="ignore"):
-        parts = [
-            1 / (1 + m * (m - 2 * c)),
-            1 / (1 + u * (u - 2 * c)),
-            np.where(c > 0, (1 + v * (v + 2 * c)) / (1 + v * (v - 2 * c)), 1.0) / 4,
-        ]
-    squares = np.where(np.array(parts) >= 0, parts, np.inf)  # rounding at L = -1 itself
-    return np.where(points.row[:-1] == points.row[1:], np.sqrt(squares), 0.0)
+    """`margins.box_bounds` over each piece, shape (3, N - 1); 0 between loops."""
+    size, half_turns = (np.stack([one[:-1], one[1:]]) for one in (points.size, points.phase / np.pi))
+    return np.where(points.row[:-1] == points.row[1:], box_bounds(size, half_turns), 0.0)
 
 
 def divided(loops: Loops, points: Points, at: Indices) -> tuple[Points, Indices, Flags]:

@@ -35,8 +35,12 @@ class ExactLoop:
 
     def __init__(self, system: Rational, dead_time: float) -> None:
         self._system = system
-        self._dead_time = _fraction(dead_time)
+        self._given, self._dead_time = dead_time, _fraction(dead_time)
         self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
+
+    def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
+        """To another process go the numbers it was made from: FLINT's do not."""
+        return ExactLoop, (self._system, self._given)
 
     @cached_property
     def numerator(self) -> fmpq_poly:

@@ -120,33 +120,43 @@ class Rational:
         return _factor(a, b, c, d)
 
     @classmethod
-    def from_control(cls, system: Any) -> Rational:
-        """From a `system` of python-control, continuous-time SISO TransferFunction or StateSpace, or a real number.
+    def from_control(cls, system: Any, name: str = "loop") -> Rational:
+        """From a linear `system` of python-control or scipy.signal, continuous-time and SISO, or a real number.
 
         Raises
         ------
         InputError
-            Discrete-time, MIMO, nonlinear, frequency-response data, or not proper.
+            Discrete-time, MIMO, nonlinear, frequency-response data, or not proper; it begins with `name`.
         """
         if isinstance(system, Rational):
             return system
         if isinstance(system, (int, float, np.integer, np.floating)) and not isinstance(system, bool):
             return cls(np.array([]), np.array([]), real("system", system))
-        if not (hasattr(system, "A") or hasattr(system, "num")):
+        ports = [getattr(system, f"n{side}", getattr(system, side, None)) for side in ("inputs", "outputs")]
+        form = next((form for form in ("A", "num", "gain") if hasattr(system, form)), None)
+        if form is None or None in ports:
             raise InputError(
-                f"loop: {type(system).__name__} is not a linear system; give a python-control "
+                f"{name}: {type(system).__name__} is not a linear system; give a python-control "
                 "TransferFunction or StateSpace"
             )
-        if (system.ninputs, system.noutputs) != (1, 1):
+        if ports != [1, 1]:
             raise InputError(
-                f"loop: a system with {system.ninputs} inputs and {system.noutputs} outputs is not SISO; "
+                f"{name}: a system with {ports[0]} inputs and {ports[1]} outputs is not SISO; "
                 "select one input and one output"
             )
         if system.dt not in (None, 0):
-            raise InputError(f"loop: a discrete-time system (dt = {system.dt}) is not accepted; give a continuous one")
-        if hasattr(system, "A"):
+            raise InputError(
+                f"{name}: a discrete-time system (dt = {system.dt}) is not accepted; give a continuous one"
+            )
+        if form == "A":
             return cls.from_state_space(system.A, system.B, system.C, system.D)
-        return cls.from_polynomials(system.num[0][0], system.den[0][0])
+        if form == "gain":
+            if any(np.iscomplexobj(np.poly(roots)) for roots in (system.zeros, system.poles)):
+                raise InputError(f"{name}: complex zeros or poles without their conjugates; give both of each pair")
+            return cls(system.zeros, system.poles, system.gain)
+        if hasattr(system, "ninputs"):  # python-control has a polynomial for each pair of an output and an input
+            return cls.from_polynomials(system.num[0][0], system.den[0][0])
+        return cls.from_polynomials(system.num, system.den)
 
     def __mul__(self, other: Rational | float) -> Rational:
         """Series connection, or a change of gain."""

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import number
 from railslip_ctrl.errors import InputError
 
 from .rational import Rational
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _DEFAULT_POINTS = 1001  # a smooth line in print
-_ONE = Rational(np.array([]), np.array([]), 1.0)
 
 
 @dataclass(frozen=True)
@@ -93,13 +93,13 @@ class TimeResponse:
 
 
 def step_response(
-    controller: Rational,
-    plant: Rational,
+    controller: Any,
+    plant: Any,
     dead_time: float,
     *,
     time: ArrayLike | None = None,
     final_time: float | None = None,
-    actuator: Rational = _ONE,
+    actuator: Any = 1.0,
     height: float = 1.0,
 ) -> TimeResponse:
     """Response to a reference step of `height` (unit of y) at t = 0; see `closed_loop_response`."""
@@ -109,13 +109,13 @@ def step_response(
 
 
 def disturbance_response(
-    controller: Rational,
-    plant: Rational,
+    controller: Any,
+    plant: Any,
     dead_time: float,
     *,
     time: ArrayLike | None = None,
     final_time: float | None = None,
-    actuator: Rational = _ONE,
+    actuator: Any = 1.0,
     height: float = 1.0,
 ) -> TimeResponse:
     """Response to a load step of `height` (unit of q) at the plant's input, behind dead time and actuator.
@@ -128,13 +128,13 @@ def disturbance_response(
 
 
 def closed_loop_response(
-    controller: Rational,
-    plant: Rational,
+    controller: Any,
+    plant: Any,
     dead_time: float,
     *,
     time: ArrayLike | None = None,
     final_time: float | None = None,
-    actuator: Rational = _ONE,
+    actuator: Any = 1.0,
     reference: float = 0.0,
     disturbance: float = 0.0,
     noise: float = 0.0,
@@ -144,7 +144,7 @@ def closed_loop_response(
 
     Parameters
     ----------
-    controller, actuator, plant : Rational
+    controller, actuator, plant : python-control system, `Rational`, or a real number
         C, G and P, proper, each with any poles; the dead time acts between C and G.
     dead_time : float
         tau, s, >= 0.
@@ -155,32 +155,36 @@ def closed_loop_response(
     reference, disturbance, noise : float
         Heights of the steps of the reference, of the load at the plant's input and of the measurement's offset.
     initial_plant_state : array, shape (order of P,)
-        States of `realise(plant)` at t = 0; `realise(plant).b * J` is what an impulse J at its input leaves.
+        States of `realise(plant)`, of a `Rational`, at t = 0; `realise(plant).b * J` is what an impulse J at its input
+        leaves.
 
     Raises
     ------
     InputError
-        A dead time, time or height that is not allowed; times so long against dead time and time constants that
-        the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
+        A system, dead time, time, height or state that is not allowed; times so long against dead time and time
+        constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
 
     Notes
     -----
     Errors are rounding: about 1e-12 of the largest value over 200 dead times. A growing response keeps that
     accuracy relative to its size.
     """
-    if not (math.isfinite(dead_time) and dead_time >= 0):
-        raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+    dead_time = number("dead time", dead_time, "s", ge=0)
     times = _times(time, final_time)
     steps = np.array([reference, disturbance, noise], dtype=float)
     if not np.isfinite(steps).all():
         raise InputError(f"steps: {steps.tolist()} hold a value that is not finite; give finite heights")
-    equations = _equations(controller, actuator, plant)
+    if initial_plant_state is not None and not isinstance(plant, Rational):
+        raise InputError("initial plant state: goes with a Rational, as realise() has its states; give such a plant")
+    systems = {"controller": controller, "actuator": actuator, "plant": plant}
+    c, g, p = (Rational.from_control(system, name) for name, system in systems.items())
+    equations = _equations(c, g, p)
     if dead_time == 0:
         equations = equations.without_delay()
-    start = _start(equations.a.shape[0], plant.poles.size, initial_plant_state)
+    start = _start(equations.a.shape[0], p.poles.size, initial_plant_state)
     signals, rate = Marcher(equations, dead_time, steps).run(start, times)
     output, control, plant_input, error = signals
-    return TimeResponse(times, output, control, plant_input, error, rate, float(dead_time), *steps.tolist())
+    return TimeResponse(times, output, control, plant_input, error, rate, dead_time, *steps.tolist())
 
 
 def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:

@@ -1,10 +1,8 @@
 """Stability margins of a sampled loop, read off its exact frequency response on the unit circle.
 
-Crossovers are bracketed on frequencies between which L turns and grows by little, and refined to rounding, as are
-the peaks. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself
-(what the hold lets through between samples), so it is the least added dead time at which an eigenvalue of the
-exact closed loop reaches the unit circle. Over many periods, where eigenvalues are dear, the same pole is found from
-L = -1 on the exact response.
+Crossovers and peaks are bracketed by frequencies between which bounds show that none is hidden, and refined to
+rounding. The delay margin is not read off a crossover: more dead time changes the pulse transfer function itself (what
+the hold lets through between samples); see `sampled_delay`.
 """
 
 from __future__ import annotations
@@ -18,6 +16,8 @@ import numpy as np
 
 from .margins import RESPONSES, Margins
 from .rootfinding import bracketed_roots
+from .sampled_boxes import ROUNDING, BoxedResponse
+from .sampled_delay import added_delay
 from .sampled_system import SampledSystem
 
 if TYPE_CHECKING:
@@ -26,31 +26,26 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
-_NODES_PER_DECADE = 40
-_BELOW_FEATURES = 1e-3  # of the slowest pole or zero; slower than that L is its asymptote
-_STEP = 0.1  # largest change of arg L, rad, and of ln|L| between nodes
-_REFINEMENTS = 12
+_ONE = 1e-9  # ln|L| that counts as 0 all along an interval
+_SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
+_PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
+_NARROWEST = 1e-7  # half of an interval over its frequency: no further into a zero or pole of L on the circle
 _GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
-# Added dead time is looked at in steps of this share of the one that the crossovers promise, or of the period if that
-# is longer, up to twice the one and four of the other: near pi/h a crossover says little.
-_DELAY_STEP = 1 / 8
-# Up to so many periods of dead time eigenvalues are cheap, and the time within one period matters.
-_FEW_PERIODS = 64
-_CORRECTIONS = 30
 
 
 def compute_sampled_margins(loop: SampledSystem) -> Margins:
     """Margins of a stable sampled loop; frequencies are > 0 and end at pi/h, which stands for infinity here."""
     nodes = _nodes(loop)
     response, slope = loop.response_and_slope(nodes)
-    crossovers = _roots(loop, nodes, np.log(np.abs(response)), lambda value: np.log(np.abs(value)))
+    size = np.log(np.abs(response))
+    told = np.abs(size) > ROUNDING  # else its sign says nothing, as near 0 where L(0) = 1
+    crossovers = _roots(loop, nodes[told], size[told], lambda value: np.log(np.abs(value)))
     limits = _gain_limits(loop, nodes, response)
     up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
     down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
-    phase = np.angle(-loop.frequency_response(crossovers))  # of -L: 0 at the critical point
-    signed = np.degrees(phase)
+    signed = np.angle(-loop.frequency_response(crossovers), deg=True)  # of -L: 0 at the critical point
     smallest = int(np.argmin(np.abs(signed))) if signed.size else None
-    delay, delay_frequency = _delay_margin(loop, crossovers, phase)
+    delay, delay_frequency = added_delay(loop)
     (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
     return Margins(
         gain_increase=up[0],
@@ -76,38 +71,84 @@ def compute_sampled_margins(loop: SampledSystem) -> Margins:
 
 def stabilizing_range(loop: SampledSystem) -> tuple[float, float] | None:
     """The interval of loop-gain factors that stabilises and holds 1, else the nearest to 1 in ratio."""
-    nodes = _nodes(loop)
+    nodes = _nodes(loop, peaks=False)
     limits = _gain_limits(loop, nodes, loop.frequency_response(nodes))
     edges = [0.0, *sorted(factor for factor, _ in limits), math.inf]
-    found = []
-    for low, high in pairwise(edges):
-        if high <= low * (1 + _GAINS_EQUAL):
-            continue
+    intervals = [(low, high) for low, high in pairwise(edges) if high > low * (1 + _GAINS_EQUAL)]
+
+    def distance(interval: tuple[float, float]) -> float:
+        low, high = interval
+        return 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
+
+    for low, high in sorted(intervals, key=distance):
         inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
-        inside = 1.0 if math.isinf(inside) else inside
-        if loop.scaled(inside).is_stable():
-            distance = 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
-            found.append((distance, (low, high)))
-    return min(found)[1] if found else None
+        if loop.scaled(1.0 if math.isinf(inside) else inside).is_stable():
+            return low, high
+    return None
 
 
-def _nodes(loop: SampledSystem) -> Floats:
-    """Frequencies up to pi/h, rad/s, ascending, between which L turns and grows by little."""
-    top = loop.nyquist_frequency
-    low = _BELOW_FEATURES * min(top, float(loop.feature_frequencies.min(initial=top)))
-    slow = np.geomspace(low, top, int(_NODES_PER_DECADE * math.log10(top / low)) + 2)
-    # the dead time turns L by at most a quarter of a turn between these
-    fast = np.linspace(0.0, top, 3 + 2 * math.ceil(loop.dead_time / loop.period))[1:]
-    nodes = np.union1d(slow[:-1], fast)
-    for _ in range(_REFINEMENTS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = np.log(loop.frequency_response(nodes))
-        turned = np.abs(np.angle(np.exp(1j * np.diff(change.imag))))
-        coarse = (turned > _STEP) | (np.abs(np.diff(change.real)) > _STEP * 3)
-        if not coarse.any():
-            break
-        nodes = np.union1d(nodes, 0.5 * (nodes[:-1] + nodes[1:])[coarse])
-    return nodes
+def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
+    """Frequencies up to pi/h, rad/s, ascending, between any two of which nothing is hidden.
+
+    |L| - 1 and the phase less 180 deg each cross 0 at most once, and |S|, |T| and |S - 1/2| rise or fall, or stay
+    below what they are at one of the nodes; halves of an interval are looked at until their bounds show it.
+    """
+    response, turns = BoxedResponse(loop), loop.held.periods + 1
+    edges = response.first_edges()
+    nodes, best = [edges], np.log(np.maximum(_at_zero(loop), 1e-300))
+    theta, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
+    while theta.size:
+        expansion = response.expand(theta, np.full(theta.size, loop.held.fraction))
+        slope = expansion.slope - 1j * turns
+        (_, rest, level), (_, twice, _) = expansion.bounds(half), expansion.bounds(2 * half)
+        slack = twice / half  # of the slope, by Cauchy's estimate
+        apart, change = np.abs(expansion.value.real), np.abs(slope.real) * half + level
+        sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
+        off = np.remainder(expansion.value.imag - turns * theta, 2 * np.pi) - np.pi
+        sway = np.abs(slope.imag) * half + rest
+        sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
+        if peaks:
+            value = np.exp(expansion.value - 1j * turns * theta)
+            heights, slopes = (
+                np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True)
+            )
+            best = np.maximum(best, np.log(heights.max(axis=1)))
+            rests = _shape_rests(value, np.abs(slope) * half, rest)
+            bound = np.log(heights) + np.abs(slopes) * half + rests
+            slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
+            sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
+        parted = ~sure & (half > _NARROWEST * theta)
+        theta, half = theta[parted], half[parted] / 2
+        nodes.append(theta)
+        theta, half = np.concatenate([theta - half, theta + half]), np.concatenate([half, half])
+    return np.asarray(np.sort(np.concatenate(nodes)) / loop.period)
+
+
+def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
+    """How far ln of S, T and S - 1/2 can be from linear, (3, n), where ln L changes by `linear` and at most `rest`."""
+    grown = np.expm1(linear + rest)
+
+    def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))
+        moved = np.abs(part) * grown
+        return np.asarray(np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved)
+
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # 1 + L by L, or L times 1 + 1/L by 1/L: whichever is less
+        plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
+        minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
+        found = [
+            np.fmin(plus, rest + plus_inverse),
+            np.fmin(rest + plus, plus_inverse),
+            np.fmin(plus + minus, plus_inverse + minus_inverse),
+        ]
+    return np.asarray(np.where(np.isnan(found), np.inf, found))
+
+
+def _at_zero(loop: SampledSystem) -> Floats:
+    """|S|, |T| and |S - 1/2| at frequency 0; with an integrator any |L| far beyond 1 gives the limit."""
+    start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
+    with np.errstate(invalid="ignore"):  # the slope of S - 1/2 where L = 1
+        return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
 
 
 def _roots(loop: SampledSystem, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
@@ -132,62 +173,10 @@ def _gain_limits(loop: SampledSystem, nodes: Floats, response: Complexes) -> lis
     return limits
 
 
-def _delay_margin(loop: SampledSystem, crossovers: Floats, phase: Floats) -> tuple[float, float]:
-    """Least added continuous dead time that destabilises, s, and the frequency of the pole that does, rad/s.
-
-    `phase` is arg(-L) at the crossovers, rad.
-    """
-    room = np.mod(phase, 2 * np.pi) / crossovers
-    promised = float(room.min()) if room.size else 0.0
-    if loop.dead_time + 2 * promised > _FEW_PERIODS * loop.period:
-        found = [_pole_on_circle(loop, float(w), float(extra)) for w, extra in zip(crossovers, room, strict=True)]
-        return min(found, default=(math.inf, math.nan))
-    return _first_loss(loop, promised)
-
-
-def _pole_on_circle(loop: SampledSystem, omega: float, extra: float) -> tuple[float, float]:
-    """Added dead time and frequency near these at which L = -1, on the exact response.
-
-    Over many periods more dead time turns L as exp(-j omega extra) and changes little else, so that correcting
-    crossover and phase in turn converges at once.
-    """
-    for _ in range(_CORRECTIONS):
-        delayed = loop.delayed(extra)
-        response, slope = delayed.response_and_slope(np.array([omega]))
-        omega -= float(np.log(np.abs(response[0])) / slope[0].real)
-        correction = float(np.angle(-delayed.frequency_response(np.array([omega]))[0])) / omega
-        extra += correction
-        if abs(correction) <= 1e-13 * extra:
-            break
-    return extra, omega
-
-
-def _first_loss(loop: SampledSystem, promised: float) -> tuple[float, float]:
-    """As `_delay_margin`, by the eigenvalues of the closed loop along a growing dead time."""
-    from scipy.optimize import brentq
-
-    def excess(extra: float) -> float:
-        return loop.delayed(extra).spectral_radius - 1
-
-    step, last = _DELAY_STEP * max(promised, loop.period), 2 * promised + 4 * loop.period
-    before = 0.0
-    while before < last:
-        after = before + step
-        if excess(after) >= 0:
-            margin = float(brentq(excess, before, after, xtol=1e-13 * step, rtol=1e-12))
-            pole = loop.delayed(margin).closed_loop_poles[0]
-            return margin, float(abs(np.angle(pole)) / loop.period)
-        before = after
-    return math.inf, math.nan
-
-
 def _peaks(loop: SampledSystem, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
     """Largest |S|, |T| and |S - 1/2| over 0 <= omega <= pi/h, and where, rad/s."""
     peaks = [_peak(loop, shape, nodes, *shape(response, slope)) for shape in RESPONSES]
-    if math.isfinite(loop.dc_gain):
-        at_zero = [shape(np.array([loop.dc_gain + 0j]), np.zeros(1, dtype=complex))[0] for shape in RESPONSES]
-        peaks = [max(peak, (float(value[0]), 0.0)) for peak, value in zip(peaks, at_zero, strict=True)]
-    return peaks
+    return [max(peak, (float(value), 0.0)) for peak, value in zip(peaks, _at_zero(loop), strict=True)]
 
 
 def _peak(

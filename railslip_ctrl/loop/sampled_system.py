@@ -35,7 +35,7 @@ _SAME_TIME = 1e-12  # a dead time this near to a multiple of the period, relativ
 
 
 @dataclass(frozen=True)
-class _HeldPlant:
+class HeldPlant:
     """x[k+1] = (1 + growth) x[k] + gamma0 u[k-periods] + gamma1 u[k-periods-1], y[k] = c x[k]."""
 
     growth: Floats
@@ -43,6 +43,9 @@ class _HeldPlant:
     gamma1: Floats
     c: Floats
     periods: int
+    fraction: float
+    a: Floats
+    b: Floats
 
     @property
     def chain(self) -> int:
@@ -85,6 +88,16 @@ class SampledSystem:
         self._dead_time, self._period = float(dead_time), float(period)
 
     @property
+    def controller(self) -> Rational:
+        """C, in z."""
+        return self._controller
+
+    @property
+    def plant(self) -> Rational:
+        """P, in s, without its dead time."""
+        return self._plant
+
+    @property
     def dead_time(self) -> float:
         """Dead time, s, the hold not included."""
         return self._dead_time
@@ -120,7 +133,7 @@ class SampledSystem:
                 f"period: {self._period:g} s is not allowed with {self._dead_time:g} s of dead time; give a value >= "
                 f"{self._dead_time / _MOST_PERIODS:.3g} (s), or use the continuous equivalent"
             )
-        held, k = self._held, realise(self._controller)
+        held, k = self.held, realise(self._controller)
         n, chain = held.c.size, held.chain
         matrix = np.zeros((n + chain + k.order,) * 2)
         of_x, of_k = slice(0, n), slice(n + chain, None)
@@ -187,7 +200,7 @@ class SampledSystem:
 
     def _plant_response(self, z: Complexes, beyond_one: Complexes) -> tuple[Complexes, Complexes]:
         """Pulse transfer function of held plant and dead time, and its logarithmic derivative with respect to z."""
-        held = self._held
+        held = self.held
         resolvent = beyond_one[..., None, None] * np.eye(held.c.size) - held.growth
         driven = held.gamma0 + held.gamma1 / z[..., None]
         state = np.linalg.solve(resolvent, driven[..., None])[..., 0]
@@ -198,7 +211,7 @@ class SampledSystem:
         return np.asarray(value * z ** -float(held.periods)), np.asarray(slope)
 
     @cached_property
-    def _held(self) -> _HeldPlant:
+    def held(self) -> HeldPlant:
         from scipy.linalg import expm
 
         p, h = realise(self._plant), self._period
@@ -215,7 +228,7 @@ class SampledSystem:
         # the command of a sample acts late into the period, until then the one before it
         remaining = integral(h - late)
         gamma1 = (np.eye(p.order) + p.a @ remaining) @ (integral(late) @ p.b)
-        return _HeldPlant(p.a @ integral(h), remaining @ p.b, gamma1, p.c, periods)
+        return HeldPlant(p.a @ integral(h), remaining @ p.b, gamma1, p.c, periods, late / h, p.a * h, p.b * h)
 
 
 def check_period(period: float) -> float:

@@ -5,10 +5,10 @@ Such a file is run as a script is: give only files that you trust.
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from railslip_ctrl.errors import InputError
@@ -25,15 +25,12 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
         One line: the file cannot be read or run, or has no `name` with the attributes `needed`.
     """
     where = file_name(path)
-    read_text(path)  # what cannot be read is refused as any other file is
-    module_name = f"railslip_{name.lower()}_{path.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None, "a path that ends in .py has a specification"
-    assert spec.loader is not None, "and a loader"
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module  # dataclasses look their module up by its name
-    try:
-        spec.loader.exec_module(module)
+    text = read_text(path)
+    module = ModuleType(f"railslip_{name.lower()}_{path.stem}")
+    module.__file__ = str(path.resolve())
+    sys.modules[module.__name__] = module  # dataclasses look their module up by its name
+    try:  # of its text: what Python keeps compiled of a file may be of another of equal length and second
+        exec(compile(text, module.__file__, "exec", dont_inherit=True), module.__dict__)
     except Exception as error:  # the user's file may fail in any way, and is an input
         message = " ".join(str(error).split())
         raise InputError(f"{where}: running it fails with {type(error).__name__}: {message}; mend the file") from error

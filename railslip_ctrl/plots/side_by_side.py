@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
 from io import BytesIO
-from multiprocessing import get_context
 from typing import Any
 
 import matplotlib
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 from pydantic import BaseModel
 
 from railslip_ctrl.kept import found, kept
+from railslip_ctrl.machine import Submit, processes
 
 from .style import figure_files
 
@@ -32,8 +32,8 @@ class DrawingRoom:
     gave before is taken from the cache, unless all is to be drawn afresh.
     """
 
-    def __init__(self, pool: ProcessPoolExecutor | None, *, fresh: bool) -> None:
-        self._pool, self._fresh = pool, fresh
+    def __init__(self, submit: Submit | None, *, fresh: bool) -> None:
+        self._submit, self._fresh = submit, fresh
         self._given: dict[str, str] = {}  # what each figure is of, in the order in which they came
         self._sent: dict[str, Future[Files]] = {}
         self._here: dict[str, Files] = {}
@@ -52,8 +52,8 @@ class DrawingRoom:
                 left[name] = make
             else:
                 self._before[name] = files
-        if self._pool is not None:
-            self._sent |= {name: self._pool.submit(_drawn, make) for name, make in left.items()}
+        if self._submit is not None:
+            self._sent |= {name: self._submit(_drawn, make) for name, make in left.items()}
         return [partial(self._draw, name, make) for name, make in reversed(left.items())]
 
     @property
@@ -62,7 +62,7 @@ class DrawingRoom:
         return tuple(self._before)
 
     def _draw(self, name: str, make: Callable[[], Figure]) -> None:
-        if self._pool is None or self._sent[name].cancel():
+        if self._submit is None or self._sent[name].cancel():
             self._here[name] = _drawn(make)
 
     def files(self) -> dict[str, Files]:
@@ -83,12 +83,9 @@ def drawing_room(*, helped: bool, fresh: bool = False) -> Iterator[DrawingRoom]:
     if not helped:
         yield DrawingRoom(None, fresh=fresh)
         return
-    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_ready)
-    try:
-        pool.submit(_ready)
-        yield DrawingRoom(pool, fresh=fresh)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    with processes(1) as submit:
+        submit(_ready)
+        yield DrawingRoom(submit, fresh=fresh)
 
 
 def _contents(make: Callable[[], Figure]) -> str:
@@ -117,7 +114,4 @@ def _drawn(make: Callable[[], Figure]) -> Files:
 
 
 def _ready() -> None:
-    """An interruption is left to the process that started this one."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Makes the other process start and import what it needs."""

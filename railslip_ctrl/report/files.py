@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.machine import undisturbed
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
@@ -76,8 +77,9 @@ def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]], 
         with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory) as staging:
             for name, write in writers.items():
                 write(Path(staging) / name)
-            for name in writers:
-                os.replace(Path(staging) / name, directory / name)
+            with undisturbed():
+                for name in writers:
+                    os.replace(Path(staging) / name, directory / name)
     except OSError as error:
         raise InputError(
             f"{option}: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"

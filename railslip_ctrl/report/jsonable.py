@@ -12,7 +12,7 @@ from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import source_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.loop import Margins
+from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.parameters import Vehicle, remarks
 
 from .laws import law_json
@@ -105,8 +105,8 @@ def _pade_json(row: PadeRow) -> dict[str, Any]:
     return {"order": row.order, "stable": row.margins is not None, **margin_numbers(row.margins)}
 
 
-def margins_json(assessment: Assessment) -> dict[str, Any]:
-    """One loop's margins, of an unstable loop null."""
+def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
+    """One loop's margins, of an unstable loop null, and its certificate where there is one."""
     controller = assessment.controller
     described: dict[str, Any] = {"kp_si": controller.gains.kp, "ki_si": controller.gains.ki}
     if controller.structure != "PI":
@@ -138,7 +138,31 @@ def margins_json(assessment: Assessment) -> dict[str, Any]:
         },
         "pade": [_pade_json(row) for row in assessment.pade],
         "verdict": assessment.verdict.value,
+        **({} if certificate is None else {"certificate": _certificate_json(certificate)}),
     }
+
+
+def _certificate_json(certificate: Certificate) -> dict[str, Any]:
+    """Enclosures as [lowest, highest]; null for an end without bound, or for all of an unstable loop."""
+    crossovers = [[number(w) for w in ends] for ends in certificate.gain_crossovers]
+    found: dict[str, Any] = {
+        "stable": certificate.stable,
+        "unstable_closed_loop_poles": number(certificate.unstable_poles),
+        "gain_crossovers_rad_s": crossovers,
+        "bits": certificate.bits,
+        "parts": certificate.parts,
+    }
+    for name, field in CERTIFIED.items():
+        ends = getattr(certificate, field)
+        found[name] = None if ends is None else [number(end) for end in ends]
+    return found
+
+
+CERTIFIED = {
+    **{"gain_increase": "gain_increase", "gain_decrease": "gain_decrease", "phase_margin_deg": "phase_deg"},
+    **{"delay_margin_s": "delay_s", "ms": "ms", "mt": "mt"},
+}
+"""Names in JSON of what a certificate encloses, and in its record."""
 
 
 def _structure_limits(limits: Limits) -> dict[str, Any]:

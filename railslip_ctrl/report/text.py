@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -18,7 +19,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.loop import Margins
+from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.parameters import Actuator, Rail, Vehicle, remarks
 from railslip_ctrl.rounding import BOUND_DIGITS, rounded_down, rounded_up
 from railslip_ctrl.units import KMH
@@ -189,11 +190,11 @@ def polynomial_text(coefficients: Iterable[float]) -> str:
 # -- margins --------------------------------------------------------------------------------------------------
 
 
-def margins_text(assessments: Sequence[Assessment]) -> str:
-    """Stability-margin reports, one after the other."""
+def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certificate] = ()) -> str:
+    """Stability-margin reports, one after the other, with their certificates where there are any."""
     parts: list[RenderableType] = []
-    for assessment in assessments:
-        parts += [*_assessment(assessment), Text("")]
+    for assessment, certificate in zip_longest(assessments, certificates):
+        parts += [*_assessment(assessment), *_certificate(certificate), Text("")]
     return render(parts[:-1])
 
 
@@ -217,6 +218,30 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     parts += _pade_part(assessment)
     parts.append(Text(f"Verdict: {assessment.verdict_line}"))
     return parts
+
+
+def _certificate(certificate: Certificate | None) -> list[RenderableType]:
+    """Enclosures, every digit of their ends."""
+    if certificate is None:
+        return []
+    balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
+    if not certificate.stable:
+        poles = f"{certificate.unstable_poles:g} in the closed right half plane"
+        return [Text(f"Certificate: unstable, closed-loop poles: {poles}")]
+    rows = [
+        (name, *map(str, ends), unit)
+        for name, unit, ends in (
+            ("Gain increase", "×", certificate.gain_increase),
+            ("Gain decrease", "×", certificate.gain_decrease),
+            ("Phase margin", "deg", certificate.phase_deg),
+            ("Delay margin", "s", certificate.delay_s),
+            ("Ms = max |S|", "-", certificate.ms),
+            ("Mt = max |T|", "-", certificate.mt),
+        )
+        if ends is not None
+    ]
+    shown = table(("Certified", "Lowest", "Highest", "Unit"), rows)
+    return [Padding(shown, (1, 0, 0, 0)), Text(f"Certificate: stable; {balls}")]
 
 
 def _limits(assessment: Assessment) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +24,10 @@ _ACTUATORS = {"layered": "lag and dead time throughout"}
 
 
 def verification_json(verification: Verification) -> dict[str, Any]:
-    """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None."""
+    """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None.
+
+    `down_to_kmh` and `tolerated_errors` (shares either way, None without bound) as of `Condition`.
+    """
     return {
         "conditions": [
             {
@@ -32,6 +36,10 @@ def verification_json(verification: Verification) -> dict[str, Any]:
                 "holds": one.holds,
                 "how": one.how,
                 "evidence": one.evidence,
+                "down_to_kmh": one.down_to_kmh,
+                "tolerated_errors": {
+                    name: share if math.isfinite(share) else None for name, share in one.tolerated.items()
+                },
             }
             for one in verification.conditions
         ],
@@ -46,8 +54,8 @@ def verification_text(verification: Verification, conclusion: str = "", about: S
     """
     known = facts([*_facts(verification), *about])
     parts: list[RenderableType] = [heading("Conditions of the sliding-mode law"), known, Text("")]
-    rows = [(one.name, _HOLDS[one.holds][0], one.how or "-") for one in verification.conditions]
-    parts.append(table(("Condition", "Holds", "How"), rows, left=3))
+    rows = [(one.name, _HOLDS[one.holds][0], _down_to(one), one.how or "-") for one in verification.conditions]
+    parts.append(table(("Condition", "Holds", "Down to", "How"), rows, left=4))
     for one in verification.conditions:
         parts += _paragraphs(one)
     parts.append(Text(_verdict(verification)))
@@ -80,8 +88,18 @@ def _paragraphs(one: Condition) -> list[RenderableType]:
         heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
         indented(one.statement),
         indented(one.evidence),
+        *([indented(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
         Text(""),
     ]
+
+
+def _down_to(one: Condition) -> str:
+    return "-" if one.down_to_kmh is None else f"{one.down_to_kmh:g} km/h"
+
+
+def _tolerated(one: Condition) -> str:
+    percent = {name: float(f"{100 * share:.3g}") for name, share in one.tolerated.items()}
+    return ", ".join(f"{name} {'any' if math.isinf(x) else f'+-{x:g} %'}" for name, x in percent.items())
 
 
 def _verdict(verification: Verification) -> str:

@@ -16,7 +16,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import plant_parameters
 from railslip_ctrl.parameters import PIGains, Rail
 from railslip_ctrl.sliding.gains import LawGains, gain_parameters
-from railslip_ctrl.sliding.generated import generated_law
+from railslip_ctrl.sliding.generated import generated_law, law_states
 from railslip_ctrl.units import KMH
 
 from .kernel_text import step_text
@@ -253,7 +253,7 @@ class SlidingControl:
     @property
     def states(self) -> tuple[str, ...]:
         """s, then the generated law's."""
-        return ("s", *generated_law().State._fields)
+        return ("s", *law_states())
 
     def source(self) -> str:
         """The generated law, the assumed adhesion and the step between them."""
@@ -282,7 +282,7 @@ class SlidingControl:
 
     def start(self, speed: float) -> tuple[float, ...]:
         """s = 0 and the generated law's start."""
-        return (0.0, *(speed if name == "v_filtered" else 0.0 for name in generated_law().State._fields))
+        return (0.0, *(speed if name == "v_filtered" else 0.0 for name in law_states()))
 
 
 @dataclass(frozen=True)

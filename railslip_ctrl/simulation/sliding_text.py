@@ -7,7 +7,7 @@ from functools import cache
 from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.kernels.text import plain, prefixed
 from railslip_ctrl.scalar_code import scalar_source
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text
+from railslip_ctrl.sliding.generated import generated_law, law_kernel_text, law_states
 
 from .kernel_text import step_text
 from .steps import sliding as steps
@@ -20,12 +20,12 @@ def sliding_source(model: type[AdhesionLaw] | None) -> str:
     Without a model of its own the law assumes the plant's, whose functions the kernel has; they are named again, so
     that the text is the same for every law.
     """
-    law = generated_law()
-    states, after = law.State._fields, steps.FIRST + len(law.Parameters._fields)
+    states, after = law_states(), steps.FIRST + len(generated_law().Parameters._fields)
     glue = f"""
 @compiled
 def law_state(x):
-    return State({", ".join(f"float(x[{1 + i}])" for i in range(len(states)))})
+    # no sample of a simulation is left out, so that there is no command to be held
+    return State({", ".join(f"float(x[{1 + i}])" for i in range(len(states)))}, 0.0, 0.0, 1.0)
 
 
 @compiled

@@ -28,7 +28,7 @@ from .reaching_bound import ADHESION_NOISE, TORQUE_FRACTION
 Floats = NDArray[np.float64]
 
 AXES = ("speed_kmh", "slip", "mass_kg", "random_force_n", "torque_fraction", "s")
-"""Coordinates of the box: km/h, 1, kg, N, Td/Tb, m/s."""
+"""Coordinates of the box: km/h, 1, kg, N at the empty wheel load, Td/Tb, m/s."""
 
 _RANDOM_STARTS, _GENERATIONS = 64, 100
 
@@ -48,7 +48,7 @@ class Box:
 
 def operating_box(vehicle: Vehicle, *, sigmas: float = 3.0, surface: float = 1.0) -> Box:
     """The published run: 5 to 100 km/h, empty to loaded, slips up to twice the reference, |s| up to `surface`, m/s."""
-    force = sigmas * ADHESION_NOISE
+    force = sigmas * ADHESION_NOISE * vehicle.wheel_load
     fraction = TORQUE_FRACTION
     return Box(
         (
@@ -66,7 +66,8 @@ def surface_rate(points: Floats, vehicle: Vehicle, gains: LawGains, *, estimated
     """s', m/s^2, at points of `AXES` (6, n), from the plant's rates on dry rail with the adhesion at rest, under (45).
 
     `estimated`: theta_hat = theta (the law's best case); else theta_hat = 0 and the nominal mass is the vehicle's.
-    s is free of e: any s belongs to some integral of e.
+    s is free of e: any s belongs to some integral of e. Adhesion and random force grow with the wheel load, linear in
+    the mass from empty to loaded; the estimates of Ta and v' are right.
     """
     law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
     slip_d = law.reference_slip(Rail.DRY)
@@ -76,8 +77,10 @@ def surface_rate(points: Floats, vehicle: Vehicle, gains: LawGains, *, estimated
     M, Mn = scale * mass, vehicle.effective_mass
     p = (M, *plant_parameters(law, vehicle)[1:])
     functions = numeric_plant(type(law))
-    z = functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p)
-    Tr = r * force
+    loads = (vehicle.wheel_load, vehicle.wheel_load_loaded)
+    heavier = np.interp(mass, (vehicle.mass, vehicle.mass_loaded), loads) / vehicle.wheel_load
+    z = heavier * functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p)  # the force is proportional to it
+    Tr = r * heavier * force
     Ta = r * functions.force(v, sigma, z, 0.0, 0.0, Tr, p)
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
     e = slip_d * v - sigma

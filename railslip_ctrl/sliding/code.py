@@ -30,7 +30,7 @@ def generate(derivation: Derivation) -> LawCode:
 
 @cache
 def python_law(derivation: Derivation) -> ModuleType:
-    """The generated Python, ready to call: `Parameters`, `State`, `start`, `control`, `valid`, `step`.
+    """The generated Python, ready to call: `Parameters`, `State`, `init`, `control`, `valid`, `step`.
 
     `control` is the continuous law: a pure function of what is measured, the estimates and the parameters, to
     (torque, s, theta1_hat_rate, theta2_hat_rate). `step(state, v, omega[, Ta], p)` gives (torque, s, new state).

@@ -56,7 +56,7 @@ def verify(
         Its `inertia_scale` is the reading: 1 SI, 3.6 as published.
     K, D : float, optional
         Gains of `law`, N m (0 to 1e4) and N m/(m/s) (0.1 to 1e4). Left out: Table 4's, bristle column; for the
-        robust law K is 1.1 times what (40) asks for over the published run.
+        robust law K is 1.1 times what (40) asks for over the published run, Ta and v' estimated to 10 %.
     seed : int
         First seed of sampled and simulated conditions, 0 to 2^31.
 

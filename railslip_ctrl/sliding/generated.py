@@ -1,33 +1,23 @@
 """The derived law's Python text, committed by `make generate`, so that running the law needs no SymPy.
 
-As in `numeric`: the file carries a hash of the sources the text came from; where it does not fit, the law is derived
-at once.
+As in `numeric`: the head of the file has a hash of the sources the text came from; where it does not fit, the law is
+derived at once.
 """
 
 from __future__ import annotations
 
-import hashlib
 import re
 from functools import cache
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from railslip_ctrl.kernels.text import plain
 
-PACKAGE = Path(__file__).parents[1]
+from .code_head import KEPT, PACKAGE, sources_hash
+
 LAW_FILE = PACKAGE / "_generated" / "sliding_law.py"
 
-SOURCES = (
-    *("plant.py", "notation.py"),
-    *("sliding/adaptation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/identities.py"),
-    *("sliding/reaching.py", "sliding/sampled_law.py", "sliding/statement_steps.py", "sliding/steps.py"),
-    *("sliding/surface.py", "sliding/symbols.py"),
-)
-"""What the text follows from."""
-
 _HEAD = "# mypy: ignore-errors\n"
-_FOOT = '\n\nSOURCES_SHA256 = "{}"\n'
 
 
 @cache
@@ -35,18 +25,22 @@ def law_source() -> str:
     """Python source of the law of [Park2008] (45) with Ta as an argument, as `code.generate(derive())` gives it."""
     if LAW_FILE.is_file():
         text = LAW_FILE.read_text(encoding="utf-8")
-        foot = _FOOT.format(sources_hash())
-        if text.startswith(_HEAD) and text.endswith(foot):
-            return text.removeprefix(_HEAD).removesuffix(foot)
+        if f" {sources_hash()}." in text:
+            return text.removeprefix(_HEAD)
     return _derived()
 
 
 @cache
 def generated_law() -> Any:
-    """The law as a module: `Parameters`, `State`, `start`, `control`, `valid`, `step`."""
+    """The law as a module: `Parameters`, `State`, `init`, `control`, `valid`, `step`."""
     module = ModuleType("railslip_sliding_law")
     exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
     return module
+
+
+def law_states() -> tuple[str, ...]:
+    """The law's states, in order: the fields of `State` but for `KEPT`, which stand last."""
+    return tuple(name for name in generated_law().State._fields if name not in KEPT)
 
 
 @cache
@@ -60,15 +54,7 @@ def law_kernel_text() -> str:
 
 def generate_law() -> str:
     """Text of the committed file."""
-    return _HEAD + _derived() + _FOOT.format(sources_hash())
-
-
-def sources_hash() -> str:
-    """SHA-256 of the text of `SOURCES`."""
-    digest = hashlib.sha256()
-    for name in SOURCES:
-        digest.update((PACKAGE / name).read_text(encoding="utf-8").encode("utf-8"))  # as text: line ends do not count
-    return digest.hexdigest()
+    return _HEAD + _derived()
 
 
 def _derived() -> str:

@@ -48,8 +48,8 @@ class Disturbances:
 
     Attributes
     ----------
-    random_force : float
-        Standard deviation of the random adhesion force, N, cut at three of them; a value lasts 0.02 s.
+    random_share : float
+        Standard deviation of the random adhesion force over the wheel load, cut at three of them; a value lasts 0.02 s.
     torque : bool
         Td = 0.05 Tb exp(-4t) sin(10 pi t).
     resistance : bool
@@ -58,14 +58,14 @@ class Disturbances:
         Standard deviation of the noise on the measured slip velocity, m/s, white over the steps.
     """
 
-    random_force: float = 0.0
+    random_share: float = 0.0
     torque: bool = False
     resistance: bool = False
     slip_noise: float = 0.0
 
 
 UNDISTURBED = Disturbances()
-PUBLISHED = Disturbances(random_force=ADHESION_NOISE, torque=True, resistance=True)
+PUBLISHED = Disturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
 """The published run's."""
 
 
@@ -121,6 +121,7 @@ def simulate(
     limit = law.domain_limit(speed)[0] * speed  # does not move with v
     start = _start(law, plants[0], speed, 0.0 if held_speed is None else slip * speed)
     force, noise = _random(disturbances, seeds, steps)
+    force *= vehicle.wheel_load
     rows = np.full((len(seeds), steps, loop.COLUMNS), np.nan)
     left = _kernel(type(law)).run(
         *(rows, np.array([*start, *start_estimate]), force, noise, plants, changed),
@@ -143,12 +144,12 @@ def _start(law: AdhesionLaw, p: Floats, speed: float, sigma: float) -> tuple[flo
 
 
 def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
-    """Random forces, N, and slip noise, m/s: one row a seed, each with a generator of its own."""
+    """Random forces over the wheel load and slip noise, m/s: one row a seed, each with a generator of its own."""
     each = round(_NOISE_HELD / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
     for row, seed in enumerate(seeds):
         generator = np.random.default_rng(seed)
-        held = disturbances.random_force * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        held = disturbances.random_share * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
         force[row] = np.repeat(held, each)[:steps]
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise

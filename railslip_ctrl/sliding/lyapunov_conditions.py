@@ -107,7 +107,8 @@ def negative_semidefinite(made: Derivation) -> Condition:
     holds = bool((-made.V_rate_final).is_nonnegative)
     return Condition(
         "V' <= 0, ideal",
-        "V' <= 0 for every s and theta_tilde when D, K, r, J > 0, theta is constant and nothing disturbs.",
+        "V' <= 0 for every s and theta_tilde when D, K, r, J > 0, theta is constant, Ta and v' are known exactly and "
+        "nothing disturbs.",
         holds,
         "symbolic",
         f"-V' = {-made.V_rate_final} is a sum of products of positive factors; it is zero on all of s = 0, so V' is "
@@ -187,22 +188,24 @@ def invariant_set(made: Derivation) -> Condition:
 
 
 def estimates_converge(made: Derivation) -> Condition:
-    """A rest of the error system with theta_tilde != 0."""
+    """A rest of the error system with theta_tilde != 0, while phi keeps its direction."""
     c = sp.Symbol("c", positive=True)
     rest = {TILDE[0]: c * made.phi[1], TILDE[1]: -c * made.phi[0], _s: 0}
     ideal = made.error_dynamics - made.disturbance_perturbed
     adaptation = [rate.subs(rest) for rate in made.adaptation]
     still = sp.expand(ideal.subs(rest)) == 0 and all(rate == 0 for rate in adaptation)
     level = sp.factor(made.V.subs(rest))
+    rates = {one: sp.Symbol(f"{one}_rate", real=True) for one in made.phi}
+    turns = sp.factor(sum(rest[a] * rates[b] for a, b in zip(TILDE, made.phi, strict=True)))
     stays = still and made.V_rate_final.subs(rest) == 0 and level != 0
     return Condition(
         "theta_hat converges",
         "V -> 0, that is theta_hat -> theta.",
         not stays,
         "symbolic",
-        f"Counterexample: s = 0, theta_tilde = c (omega, -Ta) with any c: theta_tilde' phi = 0, so s' = 0, "
-        f"theta_hat' = 0, V' = 0 while V = {level} > 0. Only a phi that keeps turning (persistent excitation) would "
-        "exclude it; nothing in the scenario promises that.",
+        f"Counterexample at constant omega and Ta (held speed): s = 0, theta_tilde = c (omega, -Ta) with any c: "
+        f"theta_tilde' phi = 0, so s' = 0, theta_hat' = 0, V' = 0 while V = {level} > 0. In a stop it is no rest: "
+        f"theta_tilde' phi changes at {turns}. Convergence needs a phi that keeps turning (persistent excitation).",
         claimed=True,
     )
 

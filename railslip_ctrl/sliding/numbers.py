@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import sympy as sp
@@ -12,6 +13,9 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import Rail
 
 from .code import LawCode
+from .code_c import c_source
+from .code_head import WIDTH, file_hash, short
+from .code_python import python_source
 from .derivation import Derivation
 from .sampled_law import PREFIX
 
@@ -71,14 +75,24 @@ def _points(law: AdhesionLaw) -> list[str]:
     ]
 
 
-def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...]) -> LawCode:
-    """The code with the numbers at its end: a dict (Python) and an initialiser's entries (C) for each rail."""
+def with_numbers(code: LawCode, numbers: tuple[LawNumbers, ...], file: Path) -> LawCode:
+    """The code with the numbers at its end: a dict (Python) and an initialiser's entries (C) for each rail.
+
+    The code's head names the `file` that they are from.
+    """
     named = [(one.rail, {PREFIX + name: value for name, value in one.parameters}) for one in numbers]
     if not all(name in code.law.parameters for _, row in named for name in row):
         return code  # Ta is an argument: there are no such parameters
+    note = (*code.law.note, "Numbers of the adhesion law, at the end of this file, from:", _origin(file))
+    law = replace(code.law, note=note)
     python = ["", "", "# The adhesion law's parameters: Parameters(**ADHESION_DRY, J=..., ...)"]
     c = ["", "/* The adhesion law's parameters, for an initialiser: {RAILSLIP_ASMC_ADHESION_DRY, .J = ..., ...} */"]
     for rail, row in named:
-        python.append(f"ADHESION_{rail.name} = {row!r}")
-        c.append(f"#define RAILSLIP_ASMC_ADHESION_{rail.name} " + ", ".join(f".{k} = {v!r}" for k, v in row.items()))
-    return replace(code, python=code.python + "\n".join([*python, ""]), c=code.c + "\n".join([*c, ""]))
+        python += [f"ADHESION_{rail.name} = {{", *(f"    {name!r}: {value!r}," for name, value in row.items()), "}"]
+        entries = ", ".join(f".{name} = {value!r}" for name, value in row.items())
+        c.append(" \\\n".join(short(f"#define RAILSLIP_ASMC_ADHESION_{rail.name} {entries}", WIDTH - 2)))
+    return LawCode(law, python_source(law) + "\n".join([*python, ""]), c_source(law) + "\n".join([*c, ""]))
+
+
+def _origin(file: Path) -> str:
+    return f"{file.name}, SHA-256 {file_hash(file)}."

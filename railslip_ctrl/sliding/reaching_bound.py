@@ -5,9 +5,10 @@ Td is a fraction q of the acting torque, which is the law's own: Tb = Ueq + D s 
     (J/r) s' sgn s = sgn s [(J/r) d(Tr, Fr) - q Ueq] - (1 + q)(D |s| + K),
 
 so that (40) asks K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|: D |s| helps in full, and c/(1 - c) of |Ueq|, in it
-(J/r) rho e, is added. That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1 and theta_hat2 alone, and
-monotone in q, hence largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a
-state of its own (as in the bristle model).
+(J/r) rho e, is added. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are part of d.
+That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a and b alone, and monotone in q, hence
+largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
+in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
 
 from railslip_ctrl import plant
-from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
-from .derivation import derive
+from .derivation import Derivation, derive
 from .gains import PUBLISHED_LAW
 from .symbols import sliding_symbol
 
-ADHESION_NOISE = 431.0
-"""Standard deviation of the random adhesion force, N ([Park2008] p. 55)."""
+ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
+"""Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""
 
 TORQUE_FRACTION = 0.05
 """Td = 0.05 Tb exp(-4t) sin(10 pi t): its bound as a fraction of the acting brake torque ([Park2008] p. 55)."""
@@ -70,6 +71,10 @@ class ReachingSet:
         True mass, kg, without the inertia scale.
     theta_hat1, theta_hat2 : pair
         Estimates in the law, 1/(kg m) and m/s.
+    torque_error, rate_error : pair
+        Ta_hat/Ta - 1 and v'_hat/v' - 1.
+    heavier : float
+        What Ta and Tr are multiplied by at the largest mass; linear in between.
 
     Raises
     ------
@@ -86,6 +91,9 @@ class ReachingSet:
     mass: Range
     theta_hat1: Range = (0.0, 0.0)
     theta_hat2: Range = (0.0, 0.0)
+    torque_error: Range = (0.0, 0.0)
+    rate_error: Range = (0.0, 0.0)
+    heavier: float = 1.0
 
     def __post_init__(self) -> None:
         for name in (f.name for f in fields(self)):
@@ -101,13 +109,15 @@ class ReachingSet:
         ends = [(slip_d - slip) * v for slip in self.slip for v in self.speed]
         return min(ends), max(ends)
 
-    def text(self, slip_d: float) -> str:
+    def text(self) -> str:
         """The box in one line."""
         kmh, mass, Ta = ([f"{x:.5g}" for x in pair] for pair in (_in_kmh(self.speed), self.mass, self.adhesion_torque))
-        e = [f"{x:.3g}" for x in self.error(slip_d)]
+        loaded = "" if self.heavier == 1.0 else f" (loaded times {self.heavier:.4g})"
+        errors = (("Ta_hat/Ta", self.torque_error), ("v'_hat/v'", self.rate_error))
+        known = "".join(f", {name} {1 + low:.4g}..{1 + high:.4g}" for name, (low, high) in errors if low < high)
         return (
-            f"v {_span(kmh)} km/h, slip {_span([f'{x:.4g}' for x in self.slip])} (e {_span(e)} m/s), Ta {_span(Ta)} "
-            f"N m, M {_span(mass)} kg, |Tr| <= {self.random_torque:.4g} N m, |Td| <= {self.torque_fraction:g} |Tb|"
+            f"v {_span(kmh)} km/h, slip {_span([f'{x:.4g}' for x in self.slip])}, M {_span(mass)} kg, Ta {_span(Ta)} "
+            f"and |Tr| <= {self.random_torque:.4g} N m{loaded}, |Td| <= {self.torque_fraction:g} |Tb|{known}"
         )
 
 
@@ -128,7 +138,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
     torque = rest_adhesion_torque(vehicle, speed, slip)
     return ReachingSet(
-        random_torque=vehicle.wheel.radius * sigmas * ADHESION_NOISE,
+        random_torque=vehicle.wheel.radius * sigmas * ADHESION_NOISE * vehicle.wheel_load,
         torque_fraction=TORQUE_FRACTION if with_torque else 0.0,
         resistance=(0.0, resistance_force(vehicle, speed)),
         adhesion_torque=(torque, torque),
@@ -141,7 +151,8 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
 def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
     """The published run on dry rail: 100 to 5 km/h, from free rolling to twice the reference slip, empty to loaded.
 
-    The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip.
+    The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
+    the random force are the loaded wheel load's where the vehicle is loaded. The estimates are right.
     """
     speed = INITIAL_SPEED_KMH * KMH
     return replace(
@@ -150,6 +161,7 @@ def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
         speed=(LOWEST_SPEED_KMH * KMH, speed),
         slip=(0.0, 2.0 * reference_slip()),
         mass=(vehicle.mass, vehicle.mass_loaded),
+        heavier=vehicle.wheel_load_loaded / vehicle.wheel_load,
     )
 
 
@@ -166,12 +178,20 @@ def resistance_force(vehicle: Vehicle, speed: float) -> float:
     return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 
 
-def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float) -> float:
-    """Ta, N*m, of the bristle model at rest on dry rail at a speed, m/s, and a slip ratio."""
-    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
+    """Ta, N*m, of the bristle model at rest at a speed, m/s, and a slip ratio."""
+    law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
     functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
     z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
+
+
+def wet_share(vehicle: Vehicle) -> float:
+    """Ta of the wet rail over that of the dry one, at rest at vanishing slip and 100 km/h."""
+    wet, dry = (
+        rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY)
+    )
+    return wet / dry
 
 
 def holding_torque(vehicle: Vehicle, speed: float) -> float:
@@ -195,37 +215,50 @@ _s, _D, _K, _e, _lambda = (sliding_symbol(name) for name in ("s", "D", "K", "e",
 _HATS = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
 _Mn, _Mp, _Bn, _rho = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "rho"))
 
-BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS)
+_ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 1, v'_hat/v' - 1
+
+BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS)
 """What the bound is affine in, one at a time."""
 
 _PARAMETERS = (_SIDE, _FRACTION, _SIZE, _ETA, _D, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
+def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
+    """s' under (45) less theta_tilde' phi_hat, phi_hat = (Ta_hat, omega), m/s^2, with Td = (share - 1) Tb.
+
+    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
+    """
+    estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
+    seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
+    hats = dict(zip((sliding_symbol("Ta_hat"), sliding_symbol("v_rate_hat")), estimates, strict=True))
+    # share - 1 first: the torque that Td is a fraction of has the estimates in it
+    disturbed = made.error_dynamics.subs(plant.Td, (share - 1) * made.adaptive_law_control.subs(seen))
+    tilde = [sliding_symbol(f"theta{i}_tilde") for i in (1, 2)]
+    taken = sum(one * phi.subs(seen) for one, phi in zip(tilde, made.phi, strict=True))
+    rate = disturbed + made.estimation_disturbance.subs(hats) - taken
+    true = {one: theta - hat for one, theta, hat in zip(tilde, made.theta, _HATS, strict=True)}
+    return sp.expand(rate.subs(true))
+
+
 @cache
 def required_gain() -> sp.Expr:
-    """K, N*m, at which s s' = -eta |s| under (45) with theta_hat = theta and Td = q Tb; in `BOX_VARIABLES` and side.
+    """K, N*m, at which s s' = -eta |s| under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`, side.
 
     ArithmeticError where it is not affine in each of them, as with another plant.
     """
-    made = derive()
-    known = dict.fromkeys((sliding_symbol("theta1_tilde"), sliding_symbol("theta2_tilde")), 0)
-    rate = made.error_dynamics.subs(known).subs(plant.Td, _FRACTION * made.adaptive_law_control)
+    rate = effective_rate(derive(), 1 + _FRACTION)
     sign = sp.Dummy("sgn", real=True)
     on_side = sp.expand(rate.subs(sp.sign(_s), sign).subs({_s: _SIDE * _SIZE, sign: _SIDE}))
     approach = sp.expand(_SIDE * on_side).subs(_SIDE**2, 1) + _ETA
-    gain = -approach.subs(_K, 0) / sp.factor(sp.diff(approach, _K))  # it is linear in K
+    slope = sp.expand(sp.diff(approach, _K))  # it is linear in K
     train = sp.solve(plant.TRAIN.subs(plant.Fa, sp.solve(plant.ADHESION_TORQUE, plant.Fa)[0]), plant.v_rate)[0]
-    gain = gain.subs(plant.v_rate, train.subs(plant.M, _Mn + _Mp)).subs(_Mp, 1 / _INVERSE_MASS - _Mn)
+    rest = approach.subs(_K, 0).subs(plant.v_rate, train.subs(plant.M, _Mn + _Mp)).subs(_Mp, 1 / _INVERSE_MASS - _Mn)
     wheel_speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0].subs(plant.sigma, _SLIP * plant.v)
-    gain = sp.factor(gain.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
-    if any(sp.diff(gain, x, 2) != 0 for x in BOX_VARIABLES) or not _monotone_in_fraction(gain):
+    rest = sp.expand(rest.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
+    # both linear in q: K = -rest/slope is monotone in it
+    if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
         raise ArithmeticError("the bound on K is not affine in what it is asked over; the plant has been changed")
-    return gain
-
-
-def _monotone_in_fraction(gain: sp.Expr) -> bool:
-    """Whether dK/dq has a numerator without q over a square: then K has no extremum inside -c < q < c."""
-    return not sp.numer(sp.cancel(sp.diff(gain, _FRACTION))).has(_FRACTION)
+    return -rest / slope
 
 
 @cache
@@ -248,15 +281,51 @@ def least_gain(
     D in N*m/(m/s); `surface` is |s|, m/s, from which on it is asked (0: down to the surface itself); eta in m/s^2; the
     law's nominal parameters are the vehicle's.
     """
-    scale = vehicle.inertia_scale
-    inverse = tuple(1.0 / (scale * mass) for mass in box.mass)
-    random = (-box.random_torque, box.random_torque)
-    axes = (inverse, random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
-    fractions = (-box.torque_fraction, box.torque_fraction)
-    corners = np.array(list(itertools.product(*axes, (-1.0, 1.0), fractions))).T
+    return max(0.0, float(np.max(_at_corners(vehicle, box, D=D, surface=surface, eta=eta, rho=rho))))
+
+
+def _at_corners(
+    vehicle: Vehicle,
+    box: ReachingSet,
+    *,
+    D: float = 0.0,
+    surface: float = 0.0,
+    eta: float = 0.0,
+    rho: float = PUBLISHED_LAW.rho,
+) -> Any:
+    """What (40) asks of K, N*m, at every corner, in an order that does not depend on the numbers."""
+    random, c = (-box.random_torque, box.random_torque), box.torque_fraction
+    axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
+    errors, sides = (box.torque_error, box.rate_error), ((-1.0, 1.0), (-c, c))
+    loads = ((box.mass[0], 1.0), (box.mass[1], box.heavier))
+    corners = [
+        (1.0 / (vehicle.inertia_scale * mass), factor * Tr, Fr, factor * Ta, *others)
+        for mass, factor in loads
+        for Tr, Fr, Ta, *others in itertools.product(*axes, *errors, *sides)
+    ]
     parameters = (surface, eta, D, rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
     nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
-    return max(0.0, float(np.max(_required_function()(*corners, *parameters, *nominal))))
+    return _required_function()(*np.array(corners).T, *parameters, *nominal)
+
+
+def tolerated_error(
+    vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
+) -> float:
+    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
+
+    The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
+    """
+    exact, wrong = (
+        _at_corners(
+            vehicle,
+            replace(box, torque_error=(-x, x)) if name == "torque_error" else replace(box, rate_error=(-x, x)),
+        )
+        for x in (0.0, 1.0)
+    )
+    if np.max(exact) >= K:
+        return 0.0
+    grows = wrong > exact
+    return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
 
 
 def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:

@@ -21,7 +21,6 @@ from .reaching_bound import (
     operating_set,
     reaching_time,
     reference_set,
-    reference_slip,
     surface_needed,
 )
 from .robust import LAYER_WIDTH
@@ -66,14 +65,14 @@ def reaching(vehicle: Vehicle, gains: LawGains) -> Condition:
     return Condition(
         "reaching condition (40)",
         "D |s| + K > (J/r)|(1/(r M) + r/J) Tr + Fr/M - (r/J) Td| + (J/r) eta for all s, eta -> 0, Td = q Tb with the "
-        "acting Tb = Ueq + D s + K sgn s, |q| <= 0.05.",
+        "acting Tb = Ueq + D s + K sgn s, |q| <= 0.05; Ta and v' known exactly.",
         asked < gains.K,
         "symbolic",
-        "Td has the law's own torque in it: (1 - c)(K + D|s|) > max[(J/r)|d(Tr, Fr)| + c |Ueq|] with c = 0.05, where "
-        f"(J/r) rho |e| is part of Ueq; the maximum is at a corner of the box. K = {gains.K:g} N m against, at s = 0: "
-        f"{_at_reference(vehicle, gains)}. Over the box ({box.text(reference_slip())}): 1 sigma K_min = {asked:.1f} "
-        f"N m, {_ratio(asked, gains.K)} K, 3 sigma {_least(vehicle, gains, operating_set(vehicle, sigmas=3.0)):.1f} "
-        f"N m; at inertia scale {other:g} (J/r) rho e weighs {other / vehicle.inertia_scale:.3g} times: "
+        "(1 - c)(K + D|s|) > max[(J/r)|d(Tr, Fr)| + c |Ueq|], c = 0.05, at a corner of the box. "
+        f"K = {gains.K:g} N m against, at s = 0: {_at_reference(vehicle, gains)}. Over the box ({box.text()}): 1 sigma "
+        f"K_min = {asked:.1f} N m, {_ratio(asked, gains.K)} K, 3 sigma "
+        f"{_least(vehicle, gains, operating_set(vehicle, sigmas=3.0)):.1f} N m; "
+        f"at inertia scale {other:g} (J/r) rho e weighs {other / vehicle.inertia_scale:.3g} times: "
         f"{again:.1f} N m (1 sigma). {_needed(vehicle, gains)}",
         claimed=True,
     )
@@ -117,7 +116,7 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     unknown = worst_point(box, vehicle, gains, seed=seed, estimated=False)
     return Condition(
         "s s' < -eta |s| over the box",
-        "Under (45) s s' < -eta |s| with some eta > 0 at every point of the operating box.",
+        "Under (45) with exact estimates s s' < -eta |s| with some eta > 0 at every point of the operating box.",
         known.excess < 0 and unknown.excess < 0,
         "sampled",
         f"Largest s s'/|s| found, theta_hat = theta: {known.excess:.4g} m/s^2 at {known.text()}; theta_hat = 0: "

@@ -1,9 +1,10 @@
 """Variants of the law whose promises survive disturbances, derived: layer, dead zone, projection, leak, matrix gain.
 
 All start from the derived error dynamics and from V with a gain for each component. With Td = q Tb, Tb acting, they
-are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, with an effective disturbance d in which neither
-s, D nor K is left (`effective_disturbance`). d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of
-(40). Nothing here is about the actuator: the torque acts at once.
+are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, phi = (Ta_hat, omega) as the law has it, with an
+effective disturbance d in which the errors of Ta_hat and v'_hat are, and neither s, D nor K (`effective_disturbance`).
+d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of (40). Nothing here is about the actuator: the
+torque acts at once.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .derivation import Derivation, derive
 from .gains import PUBLISHED_LAW, LawGains
 from .ideal_loop import true_theta
 from .identities import identical
-from .reaching_bound import TORQUE_FRACTION, ReachingSet, least_gain, operating_set
+from .reaching_bound import TORQUE_FRACTION, ReachingSet, effective_rate, least_gain, operating_set
 from .symbols import sliding_symbol
 
 s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
@@ -41,6 +42,9 @@ D0, K0 = plant.r / plant.J * D, plant.r / plant.J * K
 
 SIGMAS = 3.0
 """The random adhesion force is bounded at this many standard deviations in the designs here."""
+
+ESTIMATE_ERROR = 0.1
+"""Share by which Ta_hat and v'_hat may be wrong in the designs here, each."""
 
 GAIN_MARGIN = 1.1
 """K over the least gain of (40)."""
@@ -78,10 +82,8 @@ def effective_disturbance() -> sp.Expr:
     ArithmeticError where s, D or K is left in it: then no bound of d could be given before the gains.
     """
     made = derive()
-    rate = made.error_dynamics.subs(plant.Td, (SHARE - 1) * made.adaptive_law_control)
-    ideal = made.error_dynamics - made.disturbance_perturbed
-    known = ideal.subs(dict.fromkeys(TILDE, 0))
-    effective = sp.factor(sp.expand(rate - (ideal - known) - SHARE * known) / SHARE)
+    free = effective_rate(made, SHARE) + SHARE * (D0 * s + K0 * sp.sign(s))
+    effective = sp.expand(free / SHARE)
     if effective.has(s, D, K, *TILDE):
         raise ArithmeticError("the effective disturbance depends on s, D or K; the plant or the law has been changed")
     return effective
@@ -122,8 +124,7 @@ def boundary_layer() -> Variant:
         "boundary layer",
         sp.factor(bound),
         all(map(bool, proved)),
-        "with h = 1 + Td/Tb > 0, outside the layer s'/h = -(spare gain) - (slack of d) - D0 x < 0 at s = Phi + x, "
-        "inside s'/h <= -(D0 + K0/Phi) x at x above the bound; both odd in (s, d)",
+        "s'/h < 0 above the layer, and <= -(D0 + K0/Phi) x within it at x above the bound, h = 1 + Td/Tb > 0",
     )
 
 
@@ -151,8 +152,7 @@ def dead_zone() -> Variant:
         "dead zone",
         -SHARE * D0 * _outside**2,
         all(proved),
-        "theta_hat' solved from the cross term is k_i (s - Phi) phi_i above the layer; there "
-        "-V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
+        "above the layer -V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
     )
 
 
@@ -176,8 +176,8 @@ def projection() -> Variant:
         "projection",
         sp.factor(rate.subs(free)),
         all(signs),
-        "where the free law would leave the box its rate is 0 and the cross term is theta_tilde_i s phi_i = -w g <= 0 "
-        "(w >= 0 the distance of theta from the face, g > 0 the push); else the cross term is 0",
+        "on a face that the free law would pass the cross term is -w g <= 0 (w >= 0 the distance of theta from it, "
+        "g > 0 the push), else it is 0",
     )
 
 
@@ -203,8 +203,7 @@ def leak() -> Variant:
         "sigma-modification",
         LEAK * of_theta / sp.Min(2 * SHARE * D0, LEAK),
         identical(slack, squares + rest),
-        "V' = -h D0 s^2 - ell V_error + ell V_theta - sum ell theta_hat_i^2/(2 k_i) - h |s| (K0 - d sgn s): "
-        "the last two are never positive where K0 >= d_max",
+        "V' is that bound less sum ell theta_hat_i^2/(2 k_i) + h |s| (K0 - d sgn s), not negative where K0 >= d_max",
     )
 
 
@@ -241,9 +240,11 @@ def _gain_unit(phi: str) -> str:
 
 
 def robust_set(vehicle: Vehicle) -> ReachingSet:
-    """The published run with the random force at `SIGMAS` deviations and theta_hat anywhere in `parameter_box`."""
+    """The published run with the random force at `SIGMAS` deviations, theta_hat in `parameter_box`, estimates wrong."""
     first, second = parameter_box(vehicle)
-    return replace(operating_set(vehicle, sigmas=SIGMAS), theta_hat1=first, theta_hat2=second)
+    wrong = (-ESTIMATE_ERROR, ESTIMATE_ERROR)
+    box = operating_set(vehicle, sigmas=SIGMAS)
+    return replace(box, theta_hat1=first, theta_hat2=second, torque_error=wrong, rate_error=wrong)
 
 
 def effective_torque(vehicle: Vehicle) -> float:

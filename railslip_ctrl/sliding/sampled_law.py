@@ -5,6 +5,10 @@ ring, whatever h/tau is), the adhesion state of a dynamic law too; the estimates
 the next sample on. Each update is solved from its differential equation. sgn s is s/boundary, held to -1 .. 1, where
 `boundary` > 0. The torque is held to torque_min .. torque_max.
 
+A wheel that locks leaves the domain of the bristle law, whose state would diverge: the slip velocity that an adhesion
+state is driven with is held to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`, Fs/alpha,
+on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way.
+
 The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gains.gain_parameters`) and anti-windup; at
 their default 0 the law is the paper's:
 
@@ -14,28 +18,41 @@ their default 0 the law is the paper's:
 - anti_windup 1: while the torque is at a limit the estimates rest, and so does the integral where e would drive the
   torque, which grows with s, farther beyond the limit.
 
-Defined for every measurement: one that is not finite is a sample left out (state unchanged, s = 0, a torque of 0 held
-to its limits), which `valid` tells the caller beforehand. What is measured, kept or put out is held to +-`LARGEST`, no
-number becomes 0, the inverse of 0 is `LARGEST`^2, of parameters too. So finite measurements of any size give finite
-numbers, the same in Python and C.
+Parameters that break a rule of `RULES` are refused by `init`, and a state that it refused keeps the torque at 0.
+
+Defined for every measurement: one that is not finite is a sample left out (state of the law unchanged, s = 0), which
+`valid` tells the caller beforehand. The command before it is held for `HOLD_TIME`, then the brake is released, a torque
+of 0, until the next valid sample. What is measured, kept or put out is held to +-`LARGEST`, no number becomes 0, the
+inverse of 0 is `LARGEST`^2, of parameters too. So finite measurements of any size give finite numbers, the same in
+Python and C.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import sympy as sp
 
 from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class
+from railslip_ctrl.adhesion import AdhesionLaw, law_class
 from railslip_ctrl.notation import NOTATION
 
+from .code_head import file_hash
 from .derivation import Derivation
 from .symbols import SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
 SWITCHING = sp.Symbol("switching", real=True)
 """What stands for sgn s."""
+
+LIMITED = sp.Function("limited")
+"""limited(x, limit): x held to -limit .. limit."""
+
+DOMAIN_SHARE = 0.999
+"""Of an adhesion law's `sigma_limit`, to which |sigma| is held: there the bristle law has 1/1000 of Fs left."""
 
 _V_FILTERED = sp.Symbol("v_filtered", real=True)
 _DRIVE, _BOUNDARY = sp.Symbol("drive", real=True), sp.Symbol("boundary", nonnegative=True)
@@ -45,23 +62,44 @@ LARGEST = 1e12
 """What numbers of the generated code are held to, SI: far beyond a train's, far from overflow in products of them."""
 
 _OWN_MEANINGS = {
-    "period": ("s", "sampling period, > 0"),
-    "filter_time": ("s", "time constant of the filter of v', > 0"),
+    "period": ("s", "sampling period"),
+    "filter_time": ("s", "time constant of the filter of v'"),
     "boundary": ("m/s", "half width of the boundary layer; 0: sgn"),
     "torque_min": ("N*m", "least torque"),
     "torque_max": ("N*m", "largest torque"),
     "v_filtered": ("m/s", "state of the filter of v'"),
     "leak": ("1/s", "rate at which the estimates leak; 0: none"),
-    "dead_zone": ("1", "1: the adaptation rests within the boundary layer; 0: it does not"),
+    "dead_zone": ("1", "1: the adaptation rests within the boundary layer; 0: not"),
     "theta1_min": ("1/(kg*m)", "least theta1_hat, in force where below the largest"),
     "theta1_max": ("1/(kg*m)", "largest theta1_hat"),
     "theta2_min": ("m/s", "least theta2_hat, in force where below the largest"),
     "theta2_max": ("m/s", "largest theta2_hat"),
-    "anti_windup": ("1", "1: integral and estimates rest while the torque is at a limit; 0: they do not"),
+    "anti_windup": ("1", "1: at a torque limit integral and estimates rest; 0: not"),
+    "command": ("N*m", "torque commanded last"),
+    "missing": ("s", "time since the last valid sample"),
+    "ready": ("1", "1: init took the parameters; else the brake stays released"),
+    "from_adhesion": ("m/s^2", "what the adhesion adds to s'"),
+    "from_friction": ("m/s^2", "what the wheel's friction adds to s'"),
+    "s_drift": ("m/s^2", "s' without a brake, as the law knows it"),
+    "drive": ("m/s", "what stands for s in the adaptation"),
+    "z_decay": ("1/s", "rate at which z is forgotten"),
+    "z_limit": ("m", "largest deflection that slip builds up"),
 }
+EXPLAINED = ("from_adhesion", "from_friction", "s_drift", "Ueq", "Ur", "drive", "z_decay", "z_limit")
+"""Intermediate values that have a comment in the code."""
+
 _LIMITS = ("boundary", "torque_min", "torque_max", "period")
 OPTIONS = ("leak", "dead_zone", "theta1_min", "theta1_max", "theta2_min", "theta2_max", "anti_windup")
 """Parameters that have a default, 0: with it the law is the paper's."""
+
+_MAY_BE_ZERO = ("Bn", "K", "k1", "k2", "boundary", "leak", "dead_zone", "anti_windup")
+RULES: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(_MAY_BE_ZERO, ("{} >= 0.0",)),
+    **{f"theta{i}_{side}": () for i in (1, 2) for side in ("min", "max")},
+    "lambda_d": ("{} > 0.0", "{} < 1.0"),
+    "torque_min": ("{} <= 0.0",),
+}
+"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `gains.LawGains`."""
 
 PREFIX = "adhesion_"
 """Before the names of an adhesion law's parameters."""
@@ -79,53 +117,92 @@ class SampledLaw:
         Arguments of a step: v, omega, and Ta where no adhesion law is put in.
     parameters, states : tuple of str
         Names, in order, the `OPTIONS` last. A state starts at 0, `v_filtered` at v.
+    rules : mapping
+        As `RULES`, of every parameter.
+    meanings : mapping
+        Unit and meaning of the adhesion law's parameters.
     prepare : tuple of assignments
         From measured values and states to e, e_integral, v_rate, Ta; what is a state is its new value.
     surface : Expr
         s.
     control : tuple of assignments
-        torque, drive (what stands for s in the adaptation), theta1_hat_rate, theta2_hat_rate; `SWITCHING` for sgn s.
+        from_adhesion, from_friction, s_drift, Ueq, Ur, torque, drive, theta1_hat_rate, theta2_hat_rate; `SWITCHING`
+        for sgn s.
     control_arguments : tuple of str
         What the continuous law is a function of, besides the parameters.
-    note : str
-        What the reader must know of Ta.
+    note : tuple of str
+        What the reader must know of Ta, in paragraphs.
     """
 
     measured: tuple[str, ...]
     parameters: tuple[str, ...]
+    rules: Mapping[str, tuple[str, ...]]
+    meanings: Mapping[str, str]
     states: tuple[str, ...]
     prepare: tuple[Assignment, ...]
     surface: sp.Expr
     control: tuple[Assignment, ...]
     control_arguments: tuple[str, ...]
-    note: str
+    note: tuple[str, ...]
+
+    def meaning(self, name: str) -> str:
+        """Unit and meaning of a parameter, a state or one of `EXPLAINED`."""
+        if name in _OWN_MEANINGS:
+            unit, text = _OWN_MEANINGS[name]
+            return f"{text}, {unit}"
+        if name in self.meanings:
+            return self.meanings[name]
+        entry = SLIDING_NOTATION.get(name) or NOTATION[name]
+        return f"{entry.meaning}, {entry.unit}"
 
 
 def sampled_law(derivation: Derivation) -> SampledLaw:
     """The derivation's law with its integrals and filters made discrete."""
     own = _own_expressions(derivation)
-    torque = derivation.adaptive_law_control.replace(sp.sign, lambda _: SWITCHING)
     s = sliding_symbol("s")
     rates = (
         (f"theta{i}_hat_rate", rate.subs(s, _DRIVE) - _LEAK * sliding_symbol(f"theta{i}_hat"))
         for i, rate in enumerate(derivation.adaptation_matrix, 1)
     )
-    control = (("torque", torque), ("drive", s - _DEAD_ZONE * _BOUNDARY * SWITCHING), *rates)
+    control = (*_torque(derivation), ("drive", s - _DEAD_ZONE * _BOUNDARY * SWITCHING), *rates)
     used = set().union(*(e.free_symbols for _, e in (*own.prepare, *control))) | derivation.s.free_symbols
     names = {str(symbol) for symbol in used}
     order = ("J", "r", "Mn", "Bn", "lambda_d", "sigma_d", "rho", "D", "K", "k1", "k2", "filter_time", "N")
     plain = tuple(name for name in order if name in names)
-    adhesion = tuple(sorted(name for name in names if name.startswith(PREFIX)))
+    computed = {name for name, _ in own.prepare}
+    adhesion = tuple(sorted(name for name in names - computed if name.startswith(PREFIX)))
+    parameters = (*plain, *adhesion, *_LIMITS, *OPTIONS)
     arguments = ("e", "e_integral", "omega", "Ta", "v_rate", "theta1_hat", "theta2_hat")
     return SampledLaw(
         measured=("v", "omega") if own.has_torque else ("v", "omega", "Ta"),
-        parameters=(*plain, *adhesion, *_LIMITS, *OPTIONS),
+        parameters=parameters,
+        rules={name: own.rules.get(name, RULES.get(name, ("{} > 0.0",))) for name in parameters},
+        meanings=own.meanings,
         states=(*own.states, "theta1_hat", "theta2_hat"),
         prepare=own.prepare,
         surface=derivation.s,
         control=control,
-        control_arguments=tuple(name for name in arguments if name != "v_rate" or plant.v_rate in torque.free_symbols),
+        control_arguments=tuple(name for name in arguments if name != "v_rate" or plant.v_rate in used),
         note=own.note,
+    )
+
+
+def _torque(derivation: Derivation) -> tuple[Assignment, ...]:
+    """The law in steps that a reader can follow: Tb = Ueq + Ur, Ueq = (J/r) s_drift, as they stand in it."""
+    equivalent = derivation.adaptive_law_control - derivation.robust_term
+    drift = equivalent * plant.r / plant.J
+    parts = {
+        name: sum(term for term in drift.args if symbol in term.free_symbols)
+        for name, symbol in (("from_adhesion", plant.Ta), ("from_friction", plant.omega))
+    }
+    own = {part: sp.Symbol(name, real=True) for name, part in parts.items()}
+    s_drift, Ueq, Ur = sp.Symbol("s_drift", real=True), sliding_symbol("Ueq"), sliding_symbol("Ur")
+    return (
+        *parts.items(),
+        ("s_drift", drift.subs(own)),
+        ("Ueq", equivalent.subs(drift, s_drift)),
+        ("Ur", derivation.robust_term.replace(sp.sign, lambda _: SWITCHING)),
+        ("torque", Ueq + Ur),
     )
 
 
@@ -134,13 +211,14 @@ class _Own:
     prepare: tuple[Assignment, ...]
     states: tuple[str, ...]
     has_torque: bool
-    note: str
+    note: tuple[str, ...]
+    rules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    meanings: Mapping[str, str] = field(default_factory=dict)
 
 
 def _own_expressions(derivation: Derivation) -> _Own:
     """Assignments up to what the continuous law takes."""
-    sigma = plant.SLIP_VELOCITY.rhs
-    error = derivation.error.subs(plant.sigma, sigma)
+    error = derivation.error.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     e, integral = sliding_symbol("e"), sliding_symbol("e_integral")
     prepare: list[Assignment] = [("e", error), ("e_integral", _backward_euler(integral, e))]
     states = ["e_integral"]
@@ -149,22 +227,83 @@ def _own_expressions(derivation: Derivation) -> _Own:
         prepare += [("v_filtered", _backward_euler(_V_FILTERED, low_pass)), ("v_rate", low_pass)]
         states.append("v_filtered")
     if derivation.adhesion is None or derivation.adhesion_torque is None:
-        return _Own(tuple(prepare), tuple(states), False, "Ta is an argument: an observer's or a model's estimate.")
+        note = ("Ta is an argument: an observer's or a model's estimate.",)
+        return _Own(tuple(prepare), tuple(states), False, note)
     law = law_class(derivation.adhesion)
     if law.statement().functions:
-        note = f"Ta is an argument: the adhesion law {law.name!r} has no closed form; evaluate it outside."
+        note = (f"Ta is an argument: the adhesion law {law.name!r} has no closed form; evaluate it outside.",)
         return _Own(tuple(prepare), tuple(states), False, note)
-    renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
-    if derivation.adhesion_state_rate is not None:
-        # the slip velocity of the moment; z' is linear in z for every law here, so the implicit step is solved for z
-        rate = derivation.adhesion_state_rate.xreplace(renamed)
-        prepare += [("sigma", sigma), ("z", _backward_euler(plant.z, rate))]
+    if law.has_state:
         states.append("z")
-    else:
-        prepare.append(("sigma", sigma))
-    torque = derivation.adhesion_torque.xreplace(renamed)
-    note = f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain."
-    return _Own((*prepare, ("Ta", torque)), tuple(states), True, note)
+    adhesion = _adhesion(law, derivation.adhesion_torque, derivation.adhesion_state_rate)
+    return _Own((*prepare, *adhesion), tuple(states), True, _origin(law), _rules(law), _meanings(law))
+
+
+def _adhesion(law: type[AdhesionLaw], torque: sp.Expr, state_rate: sp.Expr | None) -> list[Assignment]:
+    """Ta of a law in closed form at the measured slip velocity, its state a step farther, its parts beforehand."""
+    statement = law.statement()
+    renamed = {symbol: sp.Symbol(PREFIX + symbol.name, **symbol.assumptions0) for symbol in law.symbols()}
+    named: dict[sp.Expr, sp.Symbol] = {}
+    before: list[Assignment] = []
+    after: list[Assignment] = []
+
+    def shown(expression: sp.Expr) -> sp.Expr:
+        for part, symbol in reversed(named.items()):
+            number, rest = part.as_coeff_Mul()  # products of the part are found whatever number is before them
+            expression = expression.subs({rest: symbol / number, sp.Abs(rest): sp.Abs(symbol) / abs(number)})
+        return expression.xreplace(renamed)
+
+    for name, part in statement.parts.items():
+        (after if plant.z in part.free_symbols else before).append((PREFIX + name, shown(part)))
+        named[part] = sp.Symbol(PREFIX + name, real=True)
+    sigma: list[Assignment] = [("sigma", plant.SLIP_VELOCITY.rhs)]
+    if statement.sigma_limit is not None:
+        sigma.append(("sigma", LIMITED(plant.sigma, DOMAIN_SHARE * shown(statement.sigma_limit))))
+    state: list[Assignment] = []
+    if state_rate is not None:
+        # z' is linear in z for every law here, so the implicit step is solved for z
+        decay = sp.Symbol("z_decay", real=True)
+        slope = sp.diff(state_rate, plant.z)
+        rate = state_rate.subs(plant.z, 0) - decay * plant.z
+        state = [("z_decay", shown(-slope)), ("z", _backward_euler(plant.z, rate))]
+    if statement.state_limit is not None:
+        limit = sp.Symbol("z_limit", real=True)
+        state += [("z_limit", shown(statement.state_limit)), ("z", LIMITED(plant.z, limit))]
+    return [*sigma, *before, *state, *after, ("Ta", shown(torque))]
+
+
+def _origin(law: type[AdhesionLaw]) -> tuple[str, ...]:
+    """The note of a law that is in the code."""
+    path, statement = Path(inspect.getfile(law)), law.statement()
+    held = []
+    if statement.sigma_limit is not None:
+        held.append(f"the slip velocity it is driven with to +-{DOMAIN_SHARE:g} {statement.sigma_limit}")
+    if statement.state_limit is not None:
+        held.append(f"its state z to +-{statement.state_limit}")
+    return (
+        f"Ta comes from the adhesion law {law.name!r} at the measured slip velocity, inside its domain:",
+        f"{path.name}, SHA-256 {file_hash(path)}.",
+        *([f"Held, so that a locked wheel cannot make it diverge: {' and '.join(held)}."] if held else []),
+    )
+
+
+def _rules(law: type[AdhesionLaw]) -> dict[str, tuple[str, ...]]:
+    """The bounds that the fields of a law have."""
+    signs = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+    return {
+        PREFIX + name: tuple(
+            f"{{}} {sign} {float(bound)!r}"
+            for one in law.model_fields[name].metadata
+            for key, sign in signs
+            if (bound := getattr(one, key, None)) is not None
+        )
+        for name in law.parameter_names()
+    }
+
+
+def _meanings(law: type[AdhesionLaw]) -> dict[str, str]:
+    """Meaning and unit of a law's fields."""
+    return {PREFIX + name: f"{law.model_fields[name].description}, {unit}" for name, unit in law._units().items()}
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
@@ -172,14 +311,3 @@ def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:
     slope = sp.diff(rate, state)
     constant = rate.subs(state, 0)
     return (state + PERIOD * constant) / (1 - PERIOD * slope)
-
-
-def meaning(name: str) -> str:
-    """Unit and meaning of a parameter, state or argument."""
-    if name in _OWN_MEANINGS:
-        unit, text = _OWN_MEANINGS[name]
-        return f"{text}, {unit}"
-    if name.startswith(PREFIX):
-        return f"{name.removeprefix(PREFIX)} of the adhesion law, SI"
-    entry = SLIDING_NOTATION.get(name) or NOTATION[name]
-    return f"{entry.meaning}, {entry.unit}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 How = Literal["symbolic", "sampled", "simulated"]
@@ -27,6 +28,10 @@ class Condition:
         What decided it: the identity, or the numbers and the set they belong to; or why it was not decided.
     claimed : bool
         Whether [Park2008] claims it or relies on it.
+    down_to_kmh : float or None
+        Speed from 100 km/h down to which it holds, km/h; None where it does not hold or speed is no part of it.
+    tolerated : mapping
+        What the law may have wrong, by name, and by which share either way it then still holds; inf without bound.
     """
 
     name: str
@@ -35,6 +40,8 @@ class Condition:
     how: How | None
     evidence: str
     claimed: bool = False
+    down_to_kmh: float | None = None
+    tolerated: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def decided(self) -> bool:

@@ -12,15 +12,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.errors import InfeasibleDesignError
-from railslip_ctrl.linearization import LinearPlant
-from railslip_ctrl.parameters import PIGains, Rail, Vehicle
-from railslip_ctrl.sliding.ideal_loop import disturbance_function
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize
+from railslip_ctrl.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail, Vehicle
 from railslip_ctrl.sliding.reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from railslip_ctrl.switching import (
     LayerBound,
@@ -32,9 +33,16 @@ from railslip_ctrl.switching.layered import Impulse, torque_impulse
 from railslip_ctrl.switching.simulate import holding_torque, simulate
 from railslip_ctrl.switching.stepped import LayeredLaw
 
-from .rail_adhesion import PUBLISHED_ADHESION, RailAdhesion
+from .published import SPEEDS_KMH
+from .rail_adhesion import PUBLISHED_ADHESION, RailAdhesion, load_cases
 
 Torque = Callable[[float], float]
+
+
+def bounded_disturbance(vehicle: Vehicle) -> float:
+    """Torque at the wheel the bound is asked for, N*m."""
+    return DISTURBANCE * vehicle.wheel_load * vehicle.wheel.radius * vehicle.inertia_scale
+
 
 LEAD_FILTER_SHARE = 0.1
 """Time constant of the lead's filter over that of the lag, as in designs/pi_lead.py."""
@@ -42,8 +50,9 @@ LEAD_FILTER_SHARE = 0.1
 LEAST_INTEGRAL_GAIN = 100.0
 """N*m/m, times the inertia scale."""
 
-DISTURBANCE = 20.0
-"""Torque at the wheel the bound is asked for, N*m, times the inertia scale."""
+DISTURBANCE = 20.0 / (PARK2008.wheel_load * PARK2008.wheel.radius)
+"""Torque at the wheel the bound is asked for, over wheel load and radius, times the inertia scale: of the published
+vehicle 20 N*m."""
 
 OFFSET = 0.1
 """Error at t = 0 that must be taken in, m/s."""
@@ -54,7 +63,7 @@ HOLD_ERROR = 0.1
 AUTHORITY_MARGIN = 1.05
 """K over what is asked of it."""
 
-DURATION, STEP = 15.0, 2.5e-3  # s
+DURATION, STEP = 15.0, 5e-3  # s; the step is a twelfth of the lead's filter
 _NOISE_HELD = 0.02  # s
 _NO_LAG_FILTER = 0.01  # s, of the lead filter where the actuator has no lag
 
@@ -92,16 +101,20 @@ def layered_design(
 
 
 def least_authority(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION) -> float:
-    """Largest |Tb - hold|, N*m, on any rail: of the bound from `OFFSET`, and for a hold wrong by `HOLD_ERROR`.
+    """Largest |Tb - hold|, N*m, on any rail, empty and loaded: of the bound from `OFFSET`, and for a hold wrong by
+    `HOLD_ERROR`.
 
     Where the wheel's nonlinearity leaves no bound, that of the linear loop takes its place.
     """
-    plants = adhesion.plants(vehicle).values()
-    try:
-        asked = [bounds.from_offset.command for bounds in rail_bounds(design, vehicle, adhesion).values()]
-    except InfeasibleDesignError:
-        asked = [_linear_command(design, plant) for plant in plants]
-    return max(*asked, *(_hold_command(design, plant) for plant in plants))
+    asked = []
+    for laden in load_cases(vehicle).values():
+        plants = adhesion.plants(laden).values()
+        try:
+            asked += [bounds.from_offset.command for bounds in rail_bounds(design, laden, adhesion).values()]
+        except InfeasibleDesignError:
+            asked += [_linear_command(design, plant) for plant in plants]
+        asked += [_hold_command(design, plant) for plant in plants]
+    return max(asked)
 
 
 def _hold_command(design: LayeredDesign, plant: LinearPlant) -> float:
@@ -118,22 +131,72 @@ def _linear_command(design: LayeredDesign, plant: LinearPlant) -> float:
     impulse = torque_impulse(design, plant, vehicle.actuator)
     of_offset = OFFSET / plant.gain * float(np.abs(impulse.command).max())
     gains = induced_gains(design, plant, vehicle.actuator)
-    return gains.command * DISTURBANCE * vehicle.inertia_scale + of_offset
+    return gains.command * bounded_disturbance(vehicle) + of_offset
 
 
 def rail_bounds(
     design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
 ) -> dict[Rail, RailBounds]:
-    """Bounds for |d| <= `DISTURBANCE` times the inertia scale; InfeasibleDesignError where none exists."""
-    height, actuator = DISTURBANCE * vehicle.inertia_scale, vehicle.actuator
-    return {
-        rail: RailBounds(
-            plant,
-            layer_bound(design, plant, actuator, height),
-            layer_bound(design, plant, actuator, height, offset=OFFSET),
-        )
-        for rail, plant in adhesion.plants(vehicle).items()
-    }
+    """Bounds at 100 km/h for |d| <= `bounded_disturbance`; InfeasibleDesignError where none exists."""
+    found = {}
+    for rail, plant in adhesion.plants(vehicle).items():
+        rest, away = (_bound(design, plant, offset) for offset in (0.0, OFFSET))
+        if isinstance(rest, InfeasibleDesignError):
+            raise rest
+        if isinstance(away, InfeasibleDesignError):
+            raise away
+        found[rail] = RailBounds(plant, rest, away)
+    return found
+
+
+def _bound(design: LayeredDesign, plant: LinearPlant, offset: float) -> LayerBound | InfeasibleDesignError:
+    """The bound, or why there is none. K only enters what it is compared with, and a stop's points come up again."""
+    found = _bound_of(replace(design, K=1.0), plant.point, offset)
+    return found if isinstance(found, InfeasibleDesignError) else replace(found, K=design.K)
+
+
+@lru_cache(maxsize=128)
+def _bound_of(design: LayeredDesign, point: OperatingPoint, offset: float) -> LayerBound | InfeasibleDesignError:
+    try:
+        plant, impulse = _impulse_of(design, point)
+        height = bounded_disturbance(point.vehicle)
+        return layer_bound(design, plant, point.vehicle.actuator, height, offset=offset, impulse=impulse)
+    except InfeasibleDesignError as error:
+        return error
+
+
+@lru_cache(maxsize=4)
+def _impulse_of(design: LayeredDesign, point: OperatingPoint) -> tuple[LinearPlant, Impulse]:
+    plant = linearize(point)
+    return plant, torque_impulse(design, plant, point.vehicle.actuator)
+
+
+@dataclass(frozen=True)
+class LowestSpeeds:
+    """Speeds, km/h, from 100 on down to which every rail and load has the property; None: not even there.
+
+    `held`: from rest the bound on the slip is within 0 and twice the reference; `kept`: K is enough, from rest and from
+    `OFFSET`.
+    """
+
+    held: float | None
+    kept: float | None
+
+
+def lowest_speeds(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION) -> LowestSpeeds:
+    """The bounds at each of `SPEEDS_KMH`, from the highest on."""
+    held: float | None = None
+    kept: float | None = None
+    keeps = True
+    for speed_kmh in reversed(SPEEDS_KMH):
+        for laden in load_cases(vehicle).values():
+            for plant in adhesion.plants(laden, speed_kmh=speed_kmh).values():
+                rest, away = (_bound(design, plant, offset) for offset in (0.0, OFFSET))
+                if isinstance(rest, InfeasibleDesignError) or rest.error >= plant.point.sigma:
+                    return LowestSpeeds(held, kept)
+                keeps &= rest.layer_kept and isinstance(away, LayerBound) and away.layer_kept
+        held, kept = speed_kmh, speed_kmh if keeps else kept
+    return LowestSpeeds(held, kept)
 
 
 # --- simulations ----------------------------------------------------------------------------------------------------
@@ -153,21 +216,23 @@ def bounded_torques(height: float, impulse: Impulse) -> dict[str, Torque]:
     }
 
 
-def published_torque(design: LayeredDesign, plant: LinearPlant, seed: int) -> Torque:
-    """The published random force (cut at 3 sigma) and Td as a torque at the wheel, N*m, over time, s.
+def random_torque(point: OperatingPoint, seed: int, duration: float) -> Torque:
+    """The published random force, cut at 3 sigma, as a torque at the wheel, N*m, over time, s."""
+    vehicle = point.vehicle
+    count = math.ceil(duration / _NOISE_HELD) + 2
+    force = ADHESION_NOISE * vehicle.wheel_load * np.clip(np.random.default_rng(seed).standard_normal(count), -3.0, 3.0)
+    # what sigma' gets from 1 N*m of Tr, and that over the (r/J) it gets from a torque at the wheel
+    rates, p = numeric_plant(type(point.law)).rates, plant_parameters(point.law, vehicle)
+    state = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0)
+    of_random = float(rates(*state, 1.0, p)[1] - rates(*state, 0.0, p)[1])
+    torque = of_random * vehicle.effective_inertia * force  # (J/r) r force
+    return lambda t: float(torque[int(t / _NOISE_HELD)])
 
-    Td is 0.05 of the largest torque the law can ask for, hold + K.
-    """
-    vehicle = plant.point.vehicle
-    r, M, J = vehicle.wheel.radius, vehicle.effective_mass, vehicle.effective_inertia
-    count = math.ceil(DURATION / _NOISE_HELD) + 1
-    force = ADHESION_NOISE * np.clip(np.random.default_rng(seed).standard_normal(count), -3.0, 3.0)
-    # s' = -sigma' with the speed frozen, and a torque at the wheel takes (r/J) of it from s'
-    torque = -np.asarray(disturbance_function()(r * force, 0.0, 0.0, M, J, r)) * J / r
-    largest = TORQUE_FRACTION * (holding_torque(plant.point) + design.K)
-    return lambda t: (
-        float(torque[int(t / _NOISE_HELD)]) + largest * math.exp(-TORQUE_DECAY * t) * math.sin(TORQUE_FREQUENCY * t)
-    )
+
+def published_torque(design: LayeredDesign, point: OperatingPoint, seed: int, duration: float) -> Torque:
+    """`random_torque`, and the published Td: 0.05 of the largest torque the law can ask for, hold + K."""
+    random, largest = random_torque(point, seed, duration), TORQUE_FRACTION * (holding_torque(point) + design.K)
+    return lambda t: random(t) + largest * math.exp(-TORQUE_DECAY * t) * math.sin(TORQUE_FREQUENCY * t)
 
 
 def run_errors(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
@@ -28,7 +29,7 @@ def published_behind_actuator(
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     advice = joint_advice(stop_loops(K, D, vehicle))
     told = conclusion(effects, advice, POINTS)
-    if is_published(vehicle):  # of another vehicle nothing is published
+    if is_published(vehicle) and not effects[0].existence.exists:  # of another vehicle nothing is published
         told = f"{told} {_as_published(D, vehicle)}"
     return tuple(_conditions(effects)), effects, told
 
@@ -84,7 +85,7 @@ def _conditions(effects: tuple[ActuatorEffect, ...]) -> list[Condition]:
             "sampled",
             f"Limit cycles of the nonlinear wheel over: {set_of_points}. "
             + "; ".join(f"{effect.name}: {effect.cycle_text}" for effect in effects)
-            + ". This is not yet the law: the next condition has its adaptation on.",
+            + ".",
         ),
         _spared(effects),
         Condition(
@@ -116,7 +117,7 @@ def _spared(effects: tuple[ActuatorEffect, ...]) -> Condition:
 
 def _adaptation(effect: ActuatorEffect) -> str:
     survives = (
-        f"up to k = {effect.survivors.k:.3g} none"
+        (f"up to k = {effect.survivors.k:.3g} none" if math.isfinite(effect.survivors.k) else "nor at any other k")
         if effect.survivors.stable
         else f"{effect.unstable_linear:g} of them without any adaptation"
     )

@@ -63,13 +63,12 @@ def _conclusion(conditions: tuple[Condition, ...], carried: float, asked: float)
     if all(one.holds for one in conditions):
         return "The variants keep their promise with this actuator too."
     both = (
-        f"Behind the actuator the layer carries at most K = {carried:.4g} N m on both rails, while the reaching "
-        f"condition asks more than {asked:.4g} N m: no K does both. "
+        f"The layer carries at most K = {carried:.4g} N m on both rails behind it, while the reaching condition asks "
+        f"more than {asked:.4g} N m: no K does both. "
         if carried < asked
         else ""
     )
     return (
-        "These variants are proved for torque that acts at once; do not use them behind the pneumatic brake. "
-        f"{both}If it is to be a sliding-mode law, use the layered one with a lead on the actuator's lag: "
-        "`railslip verify --law layered` decides its conditions with the actuator, designs/asmc_robust.py designs it."
+        "Proved for torque that acts at once; do not use these variants behind the pneumatic brake. "
+        f"{both}A sliding-mode law that has the actuator in it: `railslip verify --law layered`."
     )

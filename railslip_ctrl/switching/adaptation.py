@@ -126,6 +126,8 @@ def most_favourable_adaptation(loop: SurfaceLoop) -> tuple[float, float]:
     top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
     best, at = largest_adaptation(loop), 0.0
     for n in np.linspace(0.0, top, _RELAY_SAMPLES).tolist()[1:]:
+        if math.isinf(best):  # as with an ideal actuator: nothing to better
+            break
         if best == 0.0 or loop.is_stable(relay_gain=n, adaptation=best * (1 + _TOLERANCE)):  # else no better
             best, at = max((best, at), (largest_adaptation(loop, relay_gain=n), n))
     return best, at

@@ -244,6 +244,8 @@ def _why_no_cycle(loop: SurfaceLoop, unstable: float) -> str:
             f"K = {K:g} N*m does not carry the {loop.load:.1f} N*m of travelling resistance: the relay rests on one "
             f"side, D s carries the rest, and nothing cycles ({gains} are stable by themselves)"
         )
+    if loop.sliding_existence().exists:
+        return f"no cycle: the relay acts at once, K = {K:g} N*m"
     return f"K = {K:g} N*m has no cycle with two switches a period ({gains} are stable by themselves)"
 
 
@@ -295,12 +297,10 @@ def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: s
     if not effects:
         raise DomainError("conclusion: no operating point was analysed; give at least one")
     first = effects[0]
+    if first.existence.exists:
+        return "This actuator acts at once: sliding exists, nothing cycles, and it sets no limit to K, D, rho and k."
     small = [cycle for effect in effects for cycle in effect.cycles if cycle.actual is not None and cycle.linear_holds]
-    opening = (
-        f"With the actuator no ideal sliding mode exists: {first.existence.reason}."
-        if not first.existence.exists
-        else "With this actuator an ideal sliding mode exists."
-    )
+    opening = f"With the actuator no ideal sliding mode exists: {first.existence.reason}."
     if any(effect.cycles for effect in effects):
         opening += (
             " What takes its place is a limit cycle whose period depends little on K and whose amplitude grows with K"

@@ -143,7 +143,10 @@ def induced_gains(design: LayeredDesign, plant: LinearPlant, actuator: Actuator)
     InfeasibleDesignError
         That loop is unstable.
     """
-    impulse = torque_impulse(design, plant, actuator)
+    return _gains_of(torque_impulse(design, plant, actuator))
+
+
+def _gains_of(impulse: Impulse) -> InducedGains:
     signals = (impulse.error, impulse.surface, impulse.command)
     return InducedGains(*(_norm(impulse.time, signal) for signal in signals))
 
@@ -247,7 +250,13 @@ class LayerBound:
 
 
 def layer_bound(
-    design: LayeredDesign, plant: LinearPlant, actuator: Actuator, disturbance: float, *, offset: float = 0.0
+    design: LayeredDesign,
+    plant: LinearPlant,
+    actuator: Actuator,
+    disturbance: float,
+    *,
+    offset: float = 0.0,
+    impulse: Impulse | None = None,
 ) -> LayerBound:
     """What a layered design guarantees at one operating point.
 
@@ -261,6 +270,8 @@ def layer_bound(
         Bound on |torque at the wheel|, N*m, >= 0.
     offset : float
         Bound on |error of the slip velocity| at t = 0, m/s, >= 0.
+    impulse : Impulse, optional
+        `torque_impulse` of the three, where it is known already.
 
     Raises
     ------
@@ -272,8 +283,8 @@ def layer_bound(
     for name, value in (("disturbance", disturbance), ("offset", offset)):
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
-    gains = induced_gains(design, plant, actuator)
-    impulse = torque_impulse(design, plant, actuator)
+    impulse = impulse or torque_impulse(design, plant, actuator)
+    gains = _gains_of(impulse)
     start = offset / plant.gain
     of_offset = start * float(np.abs(impulse.error).max())
     remainder = _fixed_remainder(plant, gains.error, disturbance, of_offset)

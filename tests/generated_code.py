@@ -1,0 +1,89 @@
+"""Generated controllers for tests: parameters of them, and the C compiled and called."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+
+import pytest
+from sample_laws import sample_law
+
+from railslip_ctrl.sliding.code_head import KEPT
+from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
+
+COMPILER = shutil.which("cc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc) on this system")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
+
+RANGES = {
+    **{"J": (20.0, 900.0), "r": (0.3, 0.6), "Mn": (1500.0, 2e4), "Bn": (0.0, 1.0), "lambda_d": (0.02, 0.3)},
+    **{"sigma_d": (0.1, 5.0), "rho": (0.1, 5.0), "D": (0.1, 500.0), "K": (1.0, 3000.0), "k1": (1e-10, 1e-7)},
+    **{"k2": (1e-8, 1e-5), "filter_time": (0.01, 0.5), "N": (2e4, 6e4), "period": (1e-3, 0.05)},
+}
+
+
+def parameters(code, generator, adhesion, **given):
+    """Random parameters; the adhesion law's own; no boundary layer, limits or options unless given."""
+    values = {"boundary": 0.0, "torque_min": -LARGEST, "torque_max": LARGEST, **dict.fromkeys(OPTIONS, 0.0)}
+    for name in code.law.parameters:
+        if name in RANGES:
+            values[name] = generator.uniform(*RANGES[name])
+    if adhesion is not None:
+        law = sample_law(adhesion)
+        named = zip(type(law).parameter_names(), law.parameters(), strict=True)
+        values |= {f"adhesion_{name}": value for name, value in named}
+    return [{**values, **given}[name] for name in code.law.parameters]
+
+
+def begun(module, v, p):
+    """The Python state when the brake is applied at speed v."""
+    code, state = module.init(v, p)
+    assert code == 0
+    return state
+
+
+class Compiled:
+    """The C source as a shared object, called through ctypes."""
+
+    def __init__(self, code, folder, *flags) -> None:
+        source, target = folder / "law.c", folder / "law.so"
+        source.write_text(code.c)
+        command = [COMPILER, *FLAGS, *flags, "-shared", "-fPIC", "-o", target, source, "-lm"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        library = ctypes.CDLL(str(target))
+        law = self.law = code.law
+        self.Parameters = _structure(law.parameters)
+        self.State = _structure((*law.states, *KEPT))
+        output = _structure(("torque", "s", "theta1_hat_rate", "theta2_hat_rate"))
+        pointer = ctypes.POINTER
+        self.init = library.railslip_asmc_init
+        self.init.argtypes = [pointer(self.State), ctypes.c_double, pointer(self.Parameters)]
+        self.control = library.railslip_asmc_control
+        self.control.argtypes = [ctypes.c_double] * len(law.control_arguments) + [pointer(self.Parameters)]
+        self.step = library.railslip_asmc_step
+        self.step.argtypes = [pointer(self.State)] + [ctypes.c_double] * len(law.measured) + [pointer(self.Parameters)]
+        self.control.restype = self.step.restype = output
+        self.valid = library.railslip_asmc_valid
+        self.valid.argtypes = [ctypes.c_double] * len(law.measured)
+
+    def begun(self, v, p):
+        """The state when the brake is applied at speed v."""
+        state = self.State()
+        assert self.init(state, v, p) == 0
+        return state
+
+
+def _structure(fields):
+    return type("Structure", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_double) for name in fields]})
+
+
+def fields(state):
+    """A C state's fields, as Python's are."""
+    return tuple(getattr(state, name) for name, _ in state._fields_)
+
+
+def same(left, right) -> bool:
+    """Equal to 1e-12, relative to the size where that is above 1."""
+    return all(abs(a - b) <= 1e-12 * max(1.0, abs(a), abs(b)) for a, b in zip(left, right, strict=True))

@@ -1,0 +1,323 @@
+"""Do the tests notice? Faults are put into a copy of the package, one at a time, and the tests of its room are run.
+
+    python tests/mutants.py adhesion/ --sample 40 --seed 1
+
+names the faults that no test noticed. Not a test itself: a fault takes some seconds. POSIX alone, as it forks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import hashlib
+import importlib.util
+import multiprocessing
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+# in every fork already
+import control  # noqa: F401
+import matplotlib.pyplot  # noqa: F401
+import numba  # noqa: F401
+import pytest
+import scipy.optimize  # noqa: F401
+import sympy  # noqa: F401
+from platformdirs import user_cache_path
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = "railslip_ctrl"
+ENOUGH = 0.9  # of the faults that are not equivalent
+
+ROOMS = {
+    "": "input_errors",
+    "adhesion/": "adhesion more_laws plant linearization numeric",
+    "adhesion/files": "adhesion law_files",
+    "adhesion/modules": "law_files",
+    "design/": "tuning compensators robustness rules",
+    "design/compensators": "compensators",
+    "design/controllers": "assessment compensators",
+    "design/decomposition": "stabilizing",
+    "design/effort": "compensators",
+    "design/certified": "stabilizing",
+    "design/forbidden": "tuning",
+    "design/limits": "limits",
+    "design/region_maps": "stabilizing",
+    "design/robustness": "robustness",
+    "design/rules": "rules",
+    "design/sampled": "sampled sampled_margins",
+    "design/shaping": "assessment",
+    "design/stabilizing": "stabilizing",
+    "design/sweeps": "robustness",
+    "linearization": "linearization numeric",
+    "loop/": "loop_oracles loop_regressions loop_properties responses",
+    "loop/batch": "loop_batch",
+    "loop/realisation": "responses",
+    "loop/responses": "responses",
+    "loop/sampled": "sampled_margins sampled",
+    "loop/steps": "responses",
+    "numeric": "numeric",
+    "plant": "plant linearization numeric",
+    "simulation/": "scenarios simulation_controllers",
+    "simulation/clairvoyant": "compare_runs",
+    "simulation/happenings": "simulation_engine",
+    "simulation/kernel": "simulation_engine simulation_physics",
+    "simulation/plan": "simulation_engine",
+    "simulation/run": "simulation_engine simulation",
+    "simulation/steps/": "simulation_controllers scenarios",
+}
+"""Tests of a module, of the longest key that its path begins with; those that notice most come first."""
+
+LEFT_OUT = " or ".join([
+    "committed",  # any change of a statement makes them fail
+    "no_observer_based_design_beats", "no_pi_beats", "margins_equal_those_of_the_dead", "root_count_equals_that",
+    "gain_margins_of_observer_designs", "a_run_takes_the_law_at_the_speed", "is_told_as_such_at_its_v0",
+])  # fmt: skip
+"""Tests that are not run: they would notice everything, or take long."""
+
+EQUIVALENT = {
+    r"(rest_state|force|jacobian)\(.*=> .*\(1\.0\).*, p\)": "these do not depend on Tb, Td, Tr, nor the first on z",
+    r"last = 3 .*=> last = \(4\)": "there are three",
+    r"_DEPTH = 42": "as good to 4e-14",
+    r"_KINK_TOLERANCE .*=> .* < _KINK_TOLERANCE": "a slip just there is not computed",
+    r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
+    r"np.arange\(count // 2 \+ 1\).*=> .*\(count // 2 - 1\)": "two of 10 000 frequencies, where the taper is 0",
+    r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
+    r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
+    r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
+    r"_BISECTIONS \+ \(2\)": "one halving more than needed",
+    r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
+}
+"""Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
+
+SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
+    **{ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Pow: (ast.Mult,)},
+    **{ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.Lt), ast.GtE: (ast.Gt, ast.Lt)},
+    **{ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,)},
+    **{ast.In: (ast.NotIn,), ast.NotIn: (ast.In,), ast.And: (ast.Or,), ast.Or: (ast.And,)},
+    **{ast.FloorDiv: (ast.Mult,), ast.Mod: (ast.Mult,), ast.USub: (ast.UAdd,)},
+}
+DELETED = (ast.Expr, ast.AugAssign, ast.Raise, ast.Continue, ast.Break)
+UNMUTATED = (ast.JoinedStr, ast.Assert)  # words, and what is known to hold
+WORDS = ("__repr__", "__str__", "__all__")
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """What takes the place of the bytes from start to end of a module, by its path below the package."""
+
+    path: str
+    line: int
+    start: int
+    end: int
+    text: str
+
+    def put_into(self, content: bytes) -> bytes:
+        """The module with the fault."""
+        return content[: self.start] + self.text.encode() + content[self.end :]
+
+    def lines(self, content: bytes) -> tuple[str, str]:
+        """The lines it changes, and what they become."""
+        first, last = content.rfind(b"\n", 0, self.start) + 1, content.find(b"\n", self.end)
+        after = content[first : self.start] + self.text.encode() + content[self.end : last]
+        return content[first:last].decode().strip(), after.decode().strip()
+
+
+def mutants(path: str, content: bytes) -> list[Mutant]:
+    """All faults of a module."""
+    begins = [0]
+    for line in content.splitlines(keepends=True):
+        begins.append(begins[-1] + len(line))
+    return [
+        Mutant(path, node.lineno, begins[node.lineno - 1] + node.col_offset,
+               begins[node.end_lineno - 1] + node.end_col_offset,
+               ast.unparse(wrong) if isinstance(wrong, ast.stmt) else f"({ast.unparse(wrong)})")
+        for node, wrong in faults(ast.parse(content))
+    ]  # fmt: skip
+
+
+def faults(node: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Nodes from this one downwards, and what takes their place."""
+    if isinstance(node, UNMUTATED) or _words(node):
+        return
+    yield from _of_its_own(node)
+    if isinstance(node, ast.Raise):
+        return
+    for name, value in ast.iter_fields(node):
+        if name not in ("annotation", "returns", "decorator_list"):
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.AST):
+                    yield from faults(child)
+
+
+def _words(node: ast.AST) -> bool:
+    """What is for readers or the type checker alone."""
+    if isinstance(node, ast.Expr):
+        return isinstance(node.value, ast.Constant) or "logger." in ast.unparse(node)
+    if isinstance(node, ast.Assign):
+        return getattr(node.targets[0], "id", "") in WORDS
+    if isinstance(node, ast.keyword):
+        return node.arg == "strict"
+    return getattr(node, "name", "") in WORDS or (
+        isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+    )
+
+
+def _of_its_own(node: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    if isinstance(node, DELETED) or (
+        isinstance(node, ast.Assign) and not isinstance(node.targets[0], ast.Name | ast.Tuple)
+    ):
+        yield node, ast.Pass()
+    if isinstance(node, ast.Compare):
+        for place, operator in enumerate(node.ops):
+            for other in SWAPPED[type(operator)]:
+                yield node, _with(node, ops=[*node.ops[:place], other(), *node.ops[place + 1 :]])
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        yield node, _with(node, value=_another(node.value))
+    for other in SWAPPED.get(type(getattr(node, "op", None)), ()):
+        yield node, _with(node, op=other())
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        yield node, node.operand
+    conditions = [node.test] if isinstance(node, ast.If | ast.IfExp | ast.While) else getattr(node, "ifs", [])
+    for test in conditions:
+        if isinstance(test, ast.Name | ast.Call | ast.Attribute):
+            yield test, ast.UnaryOp(ast.Not(), test)
+
+
+def _another(value: float) -> float:
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int):
+        return value + 1 if value < 10 else value // 2
+    return value + 1.0 if value < 1.0 else 2.0 * value
+
+
+def _with(node: ast.AST, **changed: object) -> ast.AST:
+    other = copy.copy(node)
+    for name, value in changed.items():
+        setattr(other, name, value)
+    return other
+
+
+# --- running ---------------------------------------------------------------------------------------------------------
+
+
+def prepare(folder: Path) -> None:
+    """A worker's own copy of the project, in which it runs."""
+    mine = folder / str(os.getpid())
+    kernels = user_cache_path(PACKAGE) / "kernels"  # those of the package as it is need not be compiled again
+    if kernels.is_dir():
+        shutil.copytree(kernels, folder / "kernels", dirs_exist_ok=True)
+    shutil.copytree(ROOT, mine, ignore=shutil.ignore_patterns(".*", "__pycache__", "_build"))
+    os.chdir(mine)
+    os.environ.update(PYTHONPATH=str(mine), RAILSLIP_CACHE=str(folder), HYPOTHESIS_PROFILE="mutants")
+    sys.path[:0] = [str(mine)]
+    sys.dont_write_bytecode = False
+
+
+def survives(mutant: Mutant, tests: tuple[str, ...], limit: int) -> bool:
+    """Whether the tests pass with a fault in the copy, within some seconds."""
+    module = Path(PACKAGE) / mutant.path
+    content = module.read_bytes()
+    _write(module, mutant.put_into(content))
+    try:
+        return run(tests, limit)[0]
+    finally:
+        _write(module, content)
+
+
+def _write(module: Path, content: bytes) -> None:
+    Path(importlib.util.cache_from_source(module)).unlink(missing_ok=True)  # else taken if of equal size and second
+    module.write_bytes(content)
+
+
+def run(tests: tuple[str, ...], limit: int = 3600) -> tuple[bool, float]:
+    """Whether tests pass in a fork of this process within some seconds of its processor, and how many these were."""
+    child = os.fork()
+    if not child:
+        try:
+            resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+            signal.alarm(20 * limit)
+            for stream in (1, 2):
+                os.dup2(os.open("output", os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+            options = ["-xq", "-n0", "-pno:cacheprovider", f"-knot ({LEFT_OUT})"]
+            failed = any(pytest.main([*options, test]) not in (0, 5) for test in tests)  # 5: no test
+            sys.stdout.flush()
+            os._exit(failed)
+        finally:
+            os._exit(1)
+    _, status, used = os.wait4(child, 0)
+    return status == 0, used.ru_utime + used.ru_stime
+
+
+def limit_of(tests: tuple[str, ...]) -> int:
+    """Seconds that the tests of a module may take; an error if they do not pass without a fault."""
+    passed, seconds = run(tests)
+    if not passed:
+        raise RuntimeError(Path("output").read_text())
+    return 10 + round(3.0 * seconds)
+
+
+def tests_of(path: str) -> tuple[str, ...]:
+    """The test files of a module, most telling first."""
+    room = max((room for room in ROOMS if path.startswith(room)), key=len)
+    return tuple(f"tests/test_{name}.py" for name in ROOMS[room].split())
+
+
+def sample(rooms: list[str], size: int, seed: int) -> list[Mutant]:
+    """Faults of the modules whose paths begin as said; a module that changes leaves the others' in the sample."""
+    found: dict[str, Mutant] = {}
+    for module in sorted((ROOT / PACKAGE).rglob("*.py")):
+        path, content = module.relative_to(ROOT / PACKAGE).as_posix(), module.read_bytes()
+        if path.startswith(tuple(rooms)) and not path.startswith("_generated"):
+            for mutant in mutants(path, content):
+                key = f"{seed} {path} {mutant.lines(content)}"
+                found[hashlib.sha256(key.encode()).hexdigest()] = mutant
+    return [found[key] for key in sorted(found)[:size]]
+
+
+def explained(before: str, after: str) -> bool:
+    """Whether a fault is known to change nothing."""
+    return any(re.search(pattern, f"{before} => {after}") for pattern in EQUIVALENT)
+
+
+def main() -> None:
+    """Print each survivor, and how many were noticed; exit status 1 if these are not enough."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rooms", nargs="+", help="what the modules' paths below the package begin with: plant, design/")
+    parser.add_argument("--sample", type=int, default=40, help="faults at most")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    arguments = parser.parse_args()
+    chosen = sample(arguments.rooms, arguments.sample, arguments.seed)
+    contents = {mutant: (ROOT / PACKAGE / mutant.path).read_bytes() for mutant in chosen}
+    asked = [mutant for mutant in chosen if not explained(*mutant.lines(contents[mutant]))]
+    survivors = 0
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(arguments.jobs, multiprocessing.get_context("fork"), prepare, (Path(folder),)) as pool,
+    ):
+        suites = sorted({tests_of(mutant.path) for mutant in asked})
+        limits = dict(zip(suites, pool.map(limit_of, suites), strict=True))
+        of_each = [tests_of(mutant.path) for mutant in asked]
+        for mutant, survived in zip(asked, pool.map(survives, asked, of_each, map(limits.get, of_each)), strict=True):
+            if survived:
+                survivors += 1
+                before, after = mutant.lines(contents[mutant])
+                print(f"{mutant.path}:{mutant.line}\n  - {before}\n  + {after}", flush=True)
+    noticed = f"{len(asked) - survivors} of {len(asked)} noticed"
+    print(f"{' '.join(arguments.rooms)}: {noticed}, {len(chosen) - len(asked)} more explained")
+    sys.exit(survivors > (1.0 - ENOUGH) * len(asked))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""Ctrl-C, a kill, a second command in the same folder, no cache folder: one line, and nothing stays behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from railslip_ctrl.folders import LOCK, claimed
+from railslip_ctrl.kernels.compilation import CACHE_VARIABLE
+from railslip_ctrl.report.files import write_files
+
+# A command whose work is done by two processes, for minutes; the word is written once they are there, or about to be.
+WORK = """
+import os, time
+from railslip_ctrl.cli import main, program
+from railslip_ctrl.machine import processes
+
+def run(_):
+    with processes(2) as submit:
+        sleeping = [submit(time.sleep, 300.0) for _ in range(2)]
+        while {wait} and not all(one.running() for one in sleeping):
+            time.sleep(0.01)
+        print("begun", flush=True)
+        sleeping[0].result()
+
+program.run = run
+main()
+"""
+ENDED = 30.0  # s; an import or two on a busy machine, a tenth of what the processes would sleep
+
+
+def started(*command: str, cwd: Path | None = None) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        cwd=cwd,
+    )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals to groups of processes")
+@pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["kill", "terminal"])
+@pytest.mark.parametrize("wait", [False, True], ids=["starting", "at work"])
+def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, int], None], wait: bool) -> None:
+    command = started("-c", WORK.format(wait=wait))
+    assert command.stdout is not None
+    assert command.stdout.readline() == "begun\n"
+    send(command.pid, signal.SIGINT)
+    out, err = command.communicate(timeout=ENDED)  # to the end of what every process of it might write
+    assert (command.returncode, out, err) == (130, "", "railslip: interrupted\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="as above")
+def test_processes_end_with_the_one_that_started_them() -> None:
+    command = started("-c", WORK.format(wait=True))
+    assert command.stdout is not None
+    assert command.stdout.readline() == "begun\n"
+    command.kill()
+    command.communicate(timeout=ENDED)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="as above")
+def test_a_report_interrupted_leaves_nothing(tmp_path: Path) -> None:
+    command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
+    assert command.stderr is not None
+    assert "Table 4's gains" in command.stderr.readline()
+    os.killpg(command.pid, signal.SIGINT)
+    out, err = command.communicate(timeout=ENDED)
+    lines = [line for line in err.splitlines() if " s  " not in line]  # progress
+    assert (command.returncode, out, lines) == (130, "", ["railslip: interrupted"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interruption_waits_for_the_last_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a report written over another there is all or nothing."""
+    writers = {name: lambda path: path.write_text("new") for name in "abc"}
+    replace = os.replace
+
+    def interrupted(*arguments: Path) -> None:
+        replace(*arguments)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_files(tmp_path, writers)
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["a", "b", "c"]
+
+
+# --- folders --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spelling", ["out", "other/../out", "link"])
+def test_a_second_report_into_a_folder_is_refused(railslip, tmp_path: Path, spelling: str) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    with claimed(tmp_path / "out"):
+        before = sorted(tmp_path.rglob("*"))
+        status, out, err = railslip("report", "--no-html", "--out", f"{tmp_path}/{spelling}")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert err.startswith(f"railslip: error: --out: '{tmp_path}/{spelling}' is being written to by another process")
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_lock_that_a_killed_command_left_is_none(tmp_path: Path) -> None:
+    (tmp_path / LOCK).touch()
+    with claimed(tmp_path):
+        (tmp_path / "file").touch()
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("variable", [CACHE_VARIABLE, "HOME"])
+def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable: str) -> None:
+    """One for the run and its processes, which goes with it."""
+    code = (
+        "from railslip_ctrl.kernels.compilation import cache_folder\n"
+        "from railslip_ctrl.machine import processes\n"
+        "mine = cache_folder()\n"
+        "with processes(1) as submit: print(mine == cache_folder() == submit(cache_folder).result(), mine.is_dir())\n"
+    )
+    kept = {name: value for name, value in os.environ.items() if name not in (CACHE_VARIABLE, "XDG_CACHE_HOME")}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**kept, variable: os.devnull, "TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("True True\n", "")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,194 @@
+"""Verdicts on sampled loops that no grid may decide: the delay margin over fractions of the period, narrow peaks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.sampled import SampledController
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.sampled_boxes import BoxedResponse
+from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.parameters import PIGains
+
+
+def gain(value: float) -> Rational:
+    return Rational(np.array([]), np.array([]), value)
+
+
+class FractionalModel:
+    """PI control kp + ki h/(z - 1) of k (zero - s)/zero/(lag s + 1)^2 behind any dead time, with NumPy and SciPy alone.
+
+    The period is 1 s; states: the lag's two, the integral, and the commands that are under way.
+    """
+
+    def __init__(self, zero: float, lag: float, kp: float, ki: float) -> None:
+        self.a = np.array([[0.0, 1.0], [-(lag**-2), -2 / lag]])
+        self.c = np.array([1.0, -1 / zero]) / lag**2
+        self.kp, self.ki = kp, ki
+        self.loop = SampledLoop(
+            Rational(np.array([1 - ki / kp]), np.array([1.0]), kp),
+            Rational(np.array([zero]), np.full(2, -1 / lag), -1 / (zero * lag**2)),
+            0.0,
+            1.0,
+        )
+
+    def driven(self, times: np.ndarray) -> np.ndarray:
+        block = np.zeros((times.size, 3, 3))
+        block[:, :2, :2], block[:, 1, 2] = self.a * times[:, None, None], times
+        return expm(block)[:, :2, 2]
+
+    def radius(self, dead_times: np.ndarray) -> np.ndarray:
+        """Spectral radius at each dead time, s; all in one period."""
+        whole = int(dead_times[0])
+        now = self.driven(1 - (dead_times - whole))
+        before = self.driven(np.ones(1)) - now
+        command = np.zeros(4 + whole)
+        command[:2], command[2] = -self.kp * self.c, 1.0
+        matrix = np.zeros((dead_times.size, 4 + whole, 4 + whole))
+        matrix[:, :2, :2], matrix[:, 2, 2], matrix[:, 2, :2] = expm(self.a), 1.0, -self.ki * self.c
+        matrix[:, :2, 3 + whole] = before
+        if whole:
+            matrix[:, :2, 2 + whole] += now
+            matrix[:, 4:, 3:-1] = np.eye(whole)
+        else:
+            matrix[:, :2] += now[:, :, None] * command
+        matrix[:, 3] = command
+        return np.abs(np.linalg.eigvals(matrix)).max(axis=1)
+
+    def first_loss(self, dead_time: float, periods: int) -> float:
+        """Least added dead time at which a scan in 64ths of a period, then bisected, finds the loop unstable, s."""
+        for whole in range(int(dead_time), int(dead_time) + periods):
+            times = whole + np.arange(64) / 64
+            times = times[times > dead_time]
+            unstable = np.flatnonzero(self.radius(times) >= 1) if times.size else times
+            if unstable.size:
+                high = times[unstable[0]]
+                low = max(dead_time, high - 1 / 64)
+                for _ in range(40):
+                    middle = (low + high) / 2
+                    low, high = (low, middle) if self.radius(np.array([middle]))[0] >= 1 else (middle, high)
+                return high - dead_time
+        return math.inf
+
+
+def test_delay_margin_of_the_reproduced_case():
+    # stable up to 0.52481 s more, and again later: crossovers at the old dead time promised 177.9 s
+    controller = SampledController(PIController(PIGains(kp=0.4, ki=0.01)), 1.0)
+    plant = Rational(np.array([0.75]), np.array([-5.0, -5.0]), -25 / 0.75)
+    m = SampledLoop(controller.transfer_function, plant, 1.0, 1.0).margins()
+    assert m.delay_s == pytest.approx(0.52481, abs=5e-6)
+    assert m.delay_frequency == pytest.approx(math.pi, rel=1e-12)
+    assert m.mt == 1.0
+
+
+def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_finds():
+    rng, beyond, checked = np.random.default_rng(15), 0, 0
+    while checked < 32:
+        zero, lag = 10 ** rng.uniform(-0.5, 0.7), 10 ** rng.uniform(-1, 0.3)
+        model = FractionalModel(zero, lag, rng.uniform(0.05, 1.2), rng.uniform(0.005, 0.4))
+        dead_time = rng.uniform(0.2, 2.5)
+        if model.radius(np.array([dead_time]))[0] >= 1:
+            continue
+        checked += 1
+        margin, expected = model.loop.delayed(dead_time).margins().delay_s, model.first_loss(dead_time, 8)
+        if math.isinf(expected):
+            beyond += 1
+            assert margin > 7
+        else:
+            # the eigenvalues are good to some 1e-15, and the radius grows by more than 1e-5 of the added share
+            assert margin == pytest.approx(expected, rel=1e-9)
+    assert beyond < 12  # most are decided by the scan
+
+
+RESONANT = {
+    # resonance, its damping, the dip beside it, its damping, gain, dead time; period 0.1 s; with a lag of 1 s
+    "peak": (15.806749, 4.306e-6, 15.804366, 8.014e-5, 0.441226, 0.146655),
+    "crossovers": (0.39231810, 1.0538e-4, 0.39216351, 2.843e-6, 0.742162, 0.08961),
+    "phase crossover above 1": (0.33770287, 7.1609e-5, 0.33804286, 1.0664e-4, 2.012753, 0.131492),
+}
+
+
+@pytest.mark.parametrize("name", RESONANT)
+def test_no_resonance_is_too_narrow_to_be_seen(name):
+    # a grid of 40 points a decade sees none of these: Ms 1.06 for 11.9, gain margin 20.9 for 1.10, no crossover for two
+    resonance, damping, dip, damping_dip, k, dead_time = RESONANT[name]
+    roots = [
+        w * np.exp(1j * (math.pi / 2 + math.asin(z)) * np.array([1, -1]))
+        for w, z in ((resonance, damping), (dip, damping_dip))
+    ]
+    loop = SampledLoop(gain(1.0), Rational(roots[1], np.append(roots[0], -1.0), k), dead_time, 0.1)
+    m = loop.margins()
+    top = loop.nyquist_frequency
+    grid = np.union1d(resonance * (1 + np.linspace(-2e-3, 2e-3, 200_000)), np.geomspace(1e-4, top, 2000))
+    response = loop.frequency_response(grid[grid <= top])
+    # the grid's step is a few hundredths of the narrowest peak's width
+    assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-3)
+    assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-3)
+    assert 1 / m.disk == pytest.approx(np.max(np.abs(1 / (1 + response) - 0.5)), rel=1e-3)
+    crossings = np.count_nonzero(np.diff(np.abs(response) > 1))
+    assert crossings <= m.gain_crossovers.size <= crossings + 1
+    for limit in (m.gain_increase, m.gain_decrease):
+        if 0 < limit < math.inf:
+            outward = 1e-9 if limit > 1 else -1e-9
+            assert not loop.scaled(limit * (1 + outward)).is_stable()
+            assert loop.scaled(limit * (1 - outward)).is_stable()
+
+
+def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box():
+    # at random points of random boxes, against the state-space response of the loop with that dead time
+    rng = np.random.default_rng(2)
+    controller = SampledController(
+        PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06), 0.1
+    ).transfer_function
+    plant = Rational(np.array([3.0, -0.2]), np.array([0.5, -40.0, -1 + 3j, -1 - 3j]), 2.0)
+    loop = SampledLoop(controller, plant, 0.0, 0.1)
+    response, n = BoxedResponse(loop), 12
+    theta, fraction = rng.uniform(0.02, 3.1, n), rng.uniform(0.05, 0.95, n)
+    expansion = response.expand(theta, fraction)
+    previous = None
+    for size in (0.04, 0.01, 0.0025):
+        half, half_fraction = size * theta, np.full(n, size)
+        top, rest, level = expansion.bounds(half, half_fraction)
+        assert np.all(level <= rest)
+        for move, late in rng.uniform(-1, 1, (20, 2)):
+            at, at_fraction = theta + move * half, fraction + late * half_fraction
+            exact = [
+                loop.delayed((2 + f) * 0.1).frequency_response(np.array([w]))[0]
+                for w, f in zip(at / 0.1, at_fraction, strict=True)
+            ]
+            found = np.log(exact) + 3j * at - expansion.value
+            found -= move * half * expansion.slope + late * half_fraction * expansion.drift
+            found = found.real + 1j * np.angle(np.exp(1j * found.imag))
+            assert np.all(np.abs(found) <= rest)
+            assert np.all(np.abs(found.real) <= level)
+            assert np.all(np.log(np.abs(exact)) <= top)
+        if previous is not None:
+            # 16 in the limit; less while higher powers count, as near the fast pole and where roots are near
+            assert np.median(previous / rest) > 13
+        previous = rest
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9])
+def test_delay_margin_does_not_hang_on_where_the_search_begins(fraction):
+    # windows of stability: what is left of one and the same margin as dead time is added
+    model = FractionalModel(0.75, 0.2, 0.4, 0.01)
+    whole = model.loop.delayed(1.0).margins().delay_s
+    assert model.loop.delayed(1 + fraction * whole).margins().delay_s == pytest.approx((1 - fraction) * whole, rel=1e-9)
+
+
+@pytest.mark.parametrize("period", [0.003, 0.1, 1.0])
+def test_gain_1_at_frequency_0_and_less_elsewhere_is_no_crossover(period):
+    m = SampledLoop(gain(1.0), Rational(np.array([]), np.array([-1.0]), 1.0), 0.3, period).margins()
+    assert (m.gain_crossovers.size, m.phase_deg, m.delay_s) == (0, math.inf, math.inf)
+
+
+def test_a_flat_gain_of_1_reports_no_false_crossovers():
+    # a Butterworth filter: over a decade |L| - 1 is less than rounding, and its sign no crossover
+    poles = np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
+    m = SampledLoop(gain(1.0), Rational(np.array([]), poles, 1.0), 0.3, 0.003).margins()
+    assert m.gain_crossovers.size == 0
