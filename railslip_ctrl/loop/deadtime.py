@@ -319,7 +319,7 @@ class DeadTimeLoop:
     def _decided(self, limit: GainLimit) -> GainLimit:
         """A limit that rounding does not tell from 1, moved to the side of 1 on which the exact root count changes."""
         away = abs(limit.factor - 1)
-        if away > _NEAR_ONE:
+        if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # then no side of 1 is stable
             return limit
         below = count_right_of(self._system * (1 - 2 * _NEAR_ONE), self._dead_time)
         return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))
