@@ -134,6 +134,7 @@ class StabilizingRegion(Region):
         return ki >= 0 and self._count(kp, ki).stable
 
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
+        """As of `Region`. InputError also for a PID with a derivative part, which is not covered."""
         if self.decomposition.derivative_filter:
             raise InputError("certified rectangle: a PID with a derivative part is not covered; use certified_contains")
         return certain_rectangle(self.plant, self.dead_time, kp, ki)

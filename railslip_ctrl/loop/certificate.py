@@ -58,7 +58,7 @@ class Certificate:
     stable : bool
         Whether every closed-loop pole lies left of the imaginary axis.
     unstable_poles : float
-        Closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
+        Number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
     gain_crossovers : tuple of tuple
         Enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root count.
     bits : int
