@@ -20,30 +20,31 @@ leaves unstable poles. As |C| >= |kp| - |B| and |C| >= ki/omega - |Im (kp A + B)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import fmpq_poly
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, frequency_nodes, gain_crossovers
+from railslip_ctrl.loop.crossings import Response, gain_crossovers
+from railslip_ctrl.loop.exact import Axis, fraction, polynomial
 from railslip_ctrl.loop.rational import polynomial_roots
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+
+from .real_values import monotone_roots, real_frequencies
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
-    Sampled = tuple[Floats, Floats, Floats]  # value, slope, rounding error of the value
 
-_PHASE_STEP = 0.25  # rad of dead time between nodes
-_MORE_DECADES = 4  # beyond the plant's own: where the real or imaginary part alone vanishes may lie far off
-_MORE_PER_DECADE = 8
-_MOST_NODES = 4_000_000
+_S = fmpq_poly([0, 1])
+_MOST_TURNED = 1e6  # rad of dead time up to the last frequency of interest
 _ROUNDING = 2.3e-16
 _SURELY_FALLING = 1e-9  # relative slope below which a crossing is taken for one of unknown direction
 
@@ -90,30 +91,36 @@ class Decomposition:
 
     # -- the boundary curve -------------------------------------------------------------------------------
 
-    def inverse(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
-        """R(j omega), dR/d omega and the sum of the sizes of its terms; omega > 0 in rad/s."""
+    def inverse(self, omega: Floats) -> Complexes:
+        """R(j omega); omega > 0 in rad/s."""
+        delayed = self._delayed(omega)
+        return delayed + self.derivative_gain * self._derivative(omega) if self.derivative_gain else delayed
+
+    def _delayed(self, omega: Floats) -> Complexes:
+        """R - B."""
         plant, s = self.plant, 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            value = np.prod(s - plant.poles, axis=-1) / np.prod(s - plant.zeros, axis=-1) / plant.gain
-            value = value * np.exp(1j * omega * self.dead_time)
-            slope = value * (1j * self.dead_time - plant.log_slope(omega))
-            d, d_slope = self._derivative(omega)
-            size = np.abs(value) + abs(self.derivative_gain) * np.abs(d)
-        return value + self.derivative_gain * d, slope + self.derivative_gain * d_slope, size
+            value = np.prod(s - plant.poles, axis=-1) / np.prod(s - plant.zeros, axis=-1)
+            return np.asarray(value / plant.gain * np.exp(1j * omega * self.dead_time))
 
-    def proportional(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """A(j omega) and dA/d omega."""
-        d, d_slope = self._derivative(omega)
-        return 1 + self.derivative_time * d, self.derivative_time * d_slope
+    def proportional(self, omega: Floats) -> Complexes | float:
+        """A(j omega)."""
+        return 1 + self.derivative_time * self._derivative(omega) if self.derivative_time else 1.0
 
-    def _derivative(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        filtered = 1 + 1j * omega * self.derivative_filter
-        return np.asarray(1j * omega / filtered), np.asarray(1j / filtered**2)
+    def slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Floats]:
+        """dR/d omega, dA/d omega and the sum of the sizes of the terms of R."""
+        delayed = self._delayed(omega)
+        d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
+        slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
+        size = np.abs(delayed) + np.abs(self.derivative_gain * self._derivative(omega))
+        return slope, self.derivative_time * d_slope, size
+
+    def _derivative(self, omega: Floats) -> Complexes:
+        return np.asarray(1j * omega / (1 + 1j * omega * self.derivative_filter))
 
     def curve(self, omega: Floats) -> tuple[Floats, Floats]:
         """(kp, ki) that put a pair of poles at +-j omega; shapes of `omega`, rad/s."""
-        inverse, _slope, _size = self.inverse(omega)
-        shape, _ = self.proportional(omega)
+        inverse, shape = self.inverse(omega), self.proportional(omega)
         kp = -inverse.real / shape.real
         return np.asarray(kp), np.asarray(omega * (inverse.imag + kp * shape.imag))
 
@@ -121,58 +128,104 @@ class Decomposition:
 
     def proportional_gains(self) -> CriticalGains:
         """All kp at which the loop without integral action has a pole on the axis; origin and infinity included."""
-
-        def imaginary_part(omega: Floats, _: NDArray[np.intp]) -> Sampled:
-            inverse, slope, size = self.inverse(omega)
-            shape, shape_slope = self.proportional(omega)
-            with np.errstate(invalid="ignore"):
-                ratio = inverse / shape
-                return ratio.imag, ((slope - ratio * shape_slope) / shape).imag, size / np.abs(shape)
-
-        omega, leftward = self._roots(imaginary_part, self._nodes)
-        on_curve = -(self.inverse(omega)[0] / self.proportional(omega)[0]).real
+        den, num, lag, lead = self._polynomials
+        # Im (R/A) = 0, times the positive |N A|^2
+        turned = _mirrored(num * lead)
+        omega = self._real(den * lag * turned, self._fixed * num * turned)
+        shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)
+        ratio = self.inverse(omega) / shape
+        leftward = _may_rise(omega, ((slope - ratio * shape_slope) / shape).imag, size / np.abs(shape))
         # kp = 0 leaves the plant's own poles on the axis, as many as there are
         fixed = [0.0] * int(np.count_nonzero(self.plant.poles.real == 0))
         dc = self.plant.dc_gain
         if np.isfinite(dc) and dc != 0:
             fixed.append(-1.0 / dc)
         at_infinity = self._gain_at_infinity()
-        values = np.concatenate([on_curve, fixed, at_infinity])
+        values = np.concatenate([-ratio.real, fixed, at_infinity])
         omega = np.concatenate([omega, np.zeros(len(fixed)), np.full(at_infinity.size, np.inf)])
         leftward = np.append(leftward, np.ones(omega.size - leftward.size, dtype=bool))
         return CriticalGains.within(-self.largest_kp, self.largest_kp, values, omega, leftward)
 
     def integral_gains(self, kp: float) -> CriticalGains:
         """All ki > 0 at which the loop with this kp, at most `largest_kp` in size, has a pair of poles on the axis."""
+        low, high, first, last = self._branches
+        at = np.flatnonzero((first < kp) != (last < kp))
 
-        def real_part(omega: Floats, _: NDArray[np.intp]) -> Sampled:
-            inverse, slope, size = self.inverse(omega)
-            shape, shape_slope = self.proportional(omega)
-            return (
-                inverse.real + kp * shape.real,
-                slope.real + kp * shape_slope.real,
-                size + abs(kp) * np.abs(shape),
-            )
+        def away(omega: Floats, _: NDArray[np.intp]) -> Floats:
+            return self.curve(omega)[0] - kp
 
-        nodes = self._nodes if self.dead_time > 0 else self._make_nodes(kp, np.inf)
-        omega, leftward = self._roots(real_part, nodes)
-        inverse, shape = self.inverse(omega)[0], self.proportional(omega)[0]
-        values = omega * (inverse.imag + kp * shape.imag)
+        omega = monotone_roots(away, low[at], high[at], np.sign(first[at] - kp))
+        turns, at_turn, error = self._turns
+        omega = np.unique(np.concatenate([omega, turns[np.abs(at_turn - kp) <= error]]))
+        shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)
+        leftward = _may_rise(omega, slope.real + kp * shape_slope.real, size + abs(kp) * np.abs(shape))
+        values = omega * (self.inverse(omega).imag + kp * shape.imag)
         return CriticalGains.within(0.0, self.largest_ki, values, omega, leftward)
 
     def turning_points(self) -> Floats:
         """Frequencies, rad/s, at which kp(omega) turns back: there ki intervals appear or vanish."""
-        nodes = self._nodes
-        step = np.sign(np.diff(self.curve(nodes)[0]))
-        over_pole = self._over_pole(nodes)
-        at = np.flatnonzero((step[:-1] * step[1:] < 0) & ~over_pole[:-1] & ~over_pole[1:])
+        return self._turns[0]
 
-        def slope(omega: Floats, _: NDArray[np.intp]) -> Floats:
-            inverse, inverse_slope, _size = self.inverse(omega)
-            shape, shape_slope = self.proportional(omega)
-            return np.asarray(inverse_slope.real * shape.real - inverse.real * shape_slope.real)
+    @cached_property
+    def _turns(self) -> tuple[Floats, Floats, Floats]:
+        """`turning_points`, kp there and its rounding."""
+        # kp = -Re H with H = exp(tau s) a/b + B: Im H' = 0, times the positive |b lag|^4
+        a, b, lag = self._rational
+        slope = fraction(self.dead_time) * a * b + a.derivative() * b - a * b.derivative()
+        turned = _mirrored(b * lag) ** 2
+        omega = self._real(slope * lag**2 * turned, fraction(self.derivative_gain) * b**2 * turned)
+        size = self.slopes(omega)[2]
+        return omega, self.curve(omega)[0], _ROUNDING * (8 + self.plant.poles.size + omega * self.dead_time) * size
 
-        return bracketed_roots(slope, nodes[at], nodes[at + 2])
+    @cached_property
+    def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Parts of omega > 0, from and to, on which kp(omega) is monotone, and kp at or in the limit to their ends."""
+        zeros = self.plant.zeros
+        poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # of R
+        turns = self._turns[0]
+        edges = np.unique(np.concatenate([turns[~np.isin(turns, poles)], poles]))
+        edges = edges[edges < self._limit]
+        beside = np.isin(edges, poles)
+        low = np.append(0.0, np.where(beside, np.nextafter(edges, np.inf), edges))
+        high = np.append(np.where(beside, np.nextafter(edges, 0.0), edges), self._limit)
+        dc, curve = self.plant.dc_gain, self.curve
+        first = np.append(-1 / dc if dc else np.inf, curve(low[1:])[0])
+        end = self._kp_at_infinity() if self.dead_time == 0 else curve(high[-1:])[0]
+        return low, high, first, np.append(curve(high[:-1])[0], end)
+
+    def _kp_at_infinity(self) -> float:
+        """kp(omega) as omega tends to infinity, without dead time."""
+        a, b, lag = self._rational
+        below = Axis(b * lag).power
+        above = Axis((a * lag + self._fixed * b) * _mirrored(b * lag)).even
+        if above.degree() < below.degree():
+            return 0.0
+        ratio = -float(above.coeffs()[-1] / below.coeffs()[-1])
+        return ratio if above.degree() == below.degree() else math.copysign(math.inf, ratio)
+
+    @property
+    def _fixed(self) -> fmpq_poly:
+        """Numerator of B."""
+        return fraction(self.derivative_gain) * _S
+
+    @cached_property
+    def _polynomials(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly, fmpq_poly]:
+        """D and N of the plant, then the denominator and the numerator of A."""
+        lag, lead = fraction(self.derivative_filter), fraction(self.derivative_filter) + fraction(self.derivative_time)
+        den, num = polynomial(self.plant.poles, 1.0), polynomial(self.plant.zeros, self.plant.gain)
+        return den, num, 1 + lag * _S, 1 + lead * _S
+
+    @property
+    def _rational(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly]:
+        """a and b with exp(tau s) a/b = R - B, divided by Re A where A is not 1, and the denominator of B."""
+        den, num, lag, lead = self._polynomials
+        if self.derivative_gain:
+            return den, num, lag
+        # Re A = Re (lead conj(lag))/|lag|^2
+        return den * lag * _mirrored(lag), num * _even(lead * _mirrored(lag)), fmpq_poly([1])
+
+    def _real(self, factor: fmpq_poly, other: fmpq_poly) -> Floats:
+        return real_frequencies(factor, other, self.dead_time, self._limit)
 
     # -- how far to look ----------------------------------------------------------------------------------
 
@@ -220,7 +273,7 @@ class Decomposition:
     ) -> float:
         """A gain k that satisfies the module's inequality, |L| being at least |system| factor(k) up to highest(k)."""
         needed = np.pi * (2 * self.plant.poles.size + self.plant.zeros.size + 7) / self.dead_time
-        size, _ = system.log_magnitude(np.linspace(0.0, 1.5 * needed, 301)[1:])
+        size = system.log_size(np.linspace(0.0, 1.5 * needed, 301)[1:])
         gain = float(np.exp(-np.quantile(size, 0.25)))
         while self._width_above_one(system * factor(gain), highest(gain)) < needed:
             gain *= 2
@@ -240,10 +293,12 @@ class Decomposition:
         return float(np.max(gain_crossovers(response), initial=0.0))
 
     @cached_property
-    def _nodes(self) -> Floats:
-        """Frequencies, rad/s, that separate the critical ones, up to where none is left within the largest gains."""
-        if self.dead_time == 0 or self.plant.gain == 0:
-            return self._make_nodes(1.0, np.inf)
+    def _limit(self) -> float:
+        """Frequency, rad/s, beyond which no gain within the largest is critical; inf without dead time."""
+        if self.dead_time == 0:
+            return np.inf
+        if self.plant.gain == 0:
+            return 0.0
         integrated = Rational(self.plant.zeros, np.append(self.plant.poles, 0.0), self.plant.gain)
         # poles on the axis need |P| (|kp A + B| + ki/omega) >= 1, so that one of the two terms is at least half
         proportional = self.largest_kp * self._largest_shape() + self._largest_fixed()
@@ -251,58 +306,31 @@ class Decomposition:
             self._last_crossover(self.plant * (2 * proportional)),
             self._last_crossover(integrated * (2 * self.largest_ki)),
         )
-        turns = limit * self.dead_time / _PHASE_STEP
-        if turns > _MOST_NODES:
+        turned = limit * self.dead_time
+        if turned > _MOST_TURNED:
             raise InputError(
                 f"plant: its gain stays level up to {limit:.3g} rad/s, over which the dead time of {self.dead_time:g} "
-                f"s turns {turns * _PHASE_STEP:.3g} rad: too many stability boundaries; add the actuator's lag"
+                f"s turns {turned:.3g} rad: too many stability boundaries; add the actuator's lag"
             )
-        return self._make_nodes(1.0, limit)
+        return limit
 
-    def _make_nodes(self, gain: float, limit: float) -> Floats:
-        nodes = frequency_nodes(Response(self.plant * (gain or 1.0), self.dead_time))
-        count = _MORE_DECADES * _MORE_PER_DECADE
-        low, high = float(nodes[0]), float(nodes[-1])
-        parts = [nodes, np.geomspace(low * 10.0**-_MORE_DECADES, low, count, endpoint=False)]
-        if self.derivative_filter:
-            corner = 1 / self.derivative_filter
-            parts.append(np.geomspace(1e-3 * corner, 1e3 * corner, 96))
-        if np.isinf(limit):
-            parts.append(np.geomspace(high, high * 10.0**_MORE_DECADES, count))
-            return np.unique(np.concatenate(parts))
-        turns = np.arange(1, int(limit * self.dead_time / _PHASE_STEP) + 1)
-        found = np.unique(np.concatenate([*parts, turns * (_PHASE_STEP / self.dead_time), [limit]]))
-        return found[found <= limit]
 
-    def _over_pole(self, points: Floats) -> NDArray[np.bool_]:
-        """Which intervals between points hold a pole of R, a zero of the plant on the axis."""
-        poles = np.sort(self.plant.zeros.imag[(self.plant.zeros.real == 0) & (self.plant.zeros.imag > 0)])
-        return np.asarray(np.searchsorted(poles, points[1:]) > np.searchsorted(poles, points[:-1]))
+def _mirrored(polynomial: fmpq_poly) -> fmpq_poly:
+    """That of -s."""
+    return polynomial(-_S)
 
-    def _roots(
-        self, function: Callable[[Floats, NDArray[np.intp]], Sampled], nodes: Floats
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Zeros of a function of omega over the nodes, extrema between them looked at, poles of R left out; and
-        whether it rises there.
 
-        With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds),
-        of which the real part has the sign of -d/d omega of Im (R/A) for k = kp, of Re (R + kp A) for k = ki.
-        """
-        side, rise = (np.sign(q) for q in function(nodes, np.zeros(nodes.size, dtype=np.intp))[:2])
-        # only an extremum on the way to zero can hide a pair of zeros
-        towards = (rise[:-1] * rise[1:] < 0) & (side[:-1] * rise[:-1] < 0)
-        at = np.flatnonzero(towards & (side[:-1] * side[1:] > 0))
-        extrema = bracketed_roots(lambda w, i: function(w, i)[1], nodes[at], nodes[at + 1])
-        points = np.union1d(nodes, extrema)
-        value, _, size = function(points, np.zeros(points.size, dtype=np.intp))
-        # a value that is all rounding has no sign (the real part of 1/s is zero everywhere)
-        terms = 8 + self.plant.poles.size + self.plant.zeros.size
-        sure = np.abs(value) > _ROUNDING * (terms + points * self.dead_time) * size
-        points, value = points[sure], value[sure]
-        at = np.flatnonzero((np.sign(value[:-1]) != np.sign(value[1:])) & ~self._over_pole(points))
-        found = bracketed_roots(lambda w, i: function(w, i)[0], points[at], points[at + 1])
-        _, slope, size = function(found, at)
-        return found, np.asarray(slope * found > -_SURELY_FALLING * size)
+def _even(polynomial: fmpq_poly) -> fmpq_poly:
+    return (polynomial + _mirrored(polynomial)) / 2
+
+
+def _may_rise(omega: Floats, slope: Floats, size: Floats) -> NDArray[np.bool_]:
+    """Where a function of this slope over omega, whose terms are of this size, does not fall for certain.
+
+    With F(s, k) the left side of the module's equation, a pole on the axis moves by ds = -dk (dF/dk)/(dF/ds),
+    of which the real part has the sign of -d/d omega of Im (R/A) for k = kp, of Re (R + kp A) for k = ki.
+    """
+    return np.asarray(slope * omega > -_SURELY_FALLING * size)
 
 
 @lru_cache(maxsize=16)  # the plants of a family are asked about the same gains one after another

@@ -229,7 +229,7 @@ class StabilizingRegion(Region):
     @cached_property
     def _reference_gain(self) -> float:
         """1/|P| at about that frequency."""
-        inverse = np.abs(self.decomposition.inverse(self._reference_frequency * np.array([0.83, 1.0, 1.21]))[0])
+        inverse = np.abs(self.decomposition.inverse(self._reference_frequency * np.array([0.83, 1.0, 1.21])))
         usable = inverse[np.isfinite(inverse) & (inverse > 0)]
         return float(usable.min()) if usable.size else 1.0
 

@@ -35,7 +35,7 @@ class ExactLoop:
 
     def __init__(self, system: Rational, dead_time: float) -> None:
         self._system = system
-        self._given, self._dead_time = dead_time, _fraction(dead_time)
+        self._given, self._dead_time = dead_time, fraction(dead_time)
         self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
@@ -45,12 +45,12 @@ class ExactLoop:
     @cached_property
     def numerator(self) -> fmpq_poly:
         """N(s), gain included."""
-        return _polynomial(self._system.zeros, self._system.gain)
+        return polynomial(self._system.zeros, self._system.gain)
 
     @cached_property
     def denominator(self) -> fmpq_poly:
         """D(s), monic."""
-        return _polynomial(self._system.poles, 1.0)
+        return polynomial(self._system.poles, 1.0)
 
     @property
     def pole_at_origin(self) -> bool:
@@ -72,7 +72,7 @@ class ExactLoop:
         """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with their multiplicities."""
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
-                self._found[kind, bits] = _positive_square_roots(self._polynomials[kind])
+                self._found[kind, bits] = positive_square_roots(self._polynomials[kind])
         return self._found[kind, bits]
 
     def value(self, omega: arb) -> tuple[acb, acb]:
@@ -140,33 +140,34 @@ class ExactLoop:
 
     @cached_property
     def _polynomials(self) -> dict[str, fmpq_poly]:
-        num, den = _Axis(self.numerator), _Axis(self.denominator)
+        num, den = Axis(self.numerator), Axis(self.denominator)
         common = num.power.gcd(den.power)
         p, r = num.power // common, den.power // common
         turned = num.turning * r - den.turning * p - self._dead_time * common * p * r
         return {GAIN: p - r, SIZE: p.derivative() * r - p * r.derivative(), PHASE: turned}
 
 
-class _Axis:
+class Axis:
     """A polynomial on the axis, F(j omega) = E(x) + j omega O(x): |F|^2 and |F|^2 d(arg F)/d omega, both in x."""
 
     def __init__(self, polynomial: fmpq_poly) -> None:
         coefficients = polynomial.coeffs()
         even, odd = (fmpq_poly([(-1) ** k * c for k, c in enumerate(coefficients[i::2])]) for i in (0, 1))
+        self.even, self.odd = even, odd
         x = fmpq_poly([0, 1])
         self.power = even * even + x * odd * odd
         self.turning = (odd + 2 * x * odd.derivative()) * even - 2 * x * odd * even.derivative()
 
 
-def _fraction(value: float) -> fmpq:
+def fraction(value: float) -> fmpq:
     return fmpq(*float(value).as_integer_ratio())
 
 
-def _polynomial(roots: Iterable[complex], gain: float) -> fmpq_poly:
+def polynomial(roots: Iterable[complex], gain: float) -> fmpq_poly:
     """gain prod(s - roots); of a pair the upper root stands for both."""
-    found = fmpq_poly([_fraction(gain)])
+    found = fmpq_poly([fraction(gain)])
     for root in roots:
-        a, b = _fraction(root.real), _fraction(root.imag)
+        a, b = fraction(root.real), fraction(root.imag)
         if root.imag == 0:
             found *= fmpq_poly([-a, 1])
         elif root.imag > 0:
@@ -174,7 +175,7 @@ def _polynomial(roots: Iterable[complex], gain: float) -> fmpq_poly:
     return found
 
 
-def _positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
+def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
     """Square roots of the positive real roots, ascending, with multiplicities."""
     if polynomial.degree() < 1:
         return []
