@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import control as ct
 import numpy as np
 import pytest
@@ -78,6 +80,16 @@ def test_plants_without_dead_time_follow_routh():
     assert stabilizing_pi(1 / S).ki_intervals(0.5) == ((0.0, np.inf),)
     assert stabilizing_pi(1 / S**2).kp_range is None
     assert stabilizing_pi(Rational(np.array([]), np.array([-1.0]), 1.0)).ki_limit(1e9) == np.inf
+
+
+def test_a_lag_of_many_equal_parts_has_its_closed_form():
+    # (1 + s/n)^-n turns by 180 deg at n tan(pi/n), where its gain is cos(pi/n)^n; its R turns back every 3 degrees
+    n = 60
+    region = stabilizing_pi(Rational(np.array([]), np.full(n, -float(n)), float(n) ** n))
+    assert region.kp_range == pytest.approx((-1, math.cos(math.pi / n) ** -n), rel=1e-13)  # n roundings and more
+    limit = region.ki_limit(0.3)
+    assert region.certified_contains(0.3, limit * (1 - NEAR))
+    assert not region.certified_contains(0.3, limit * (1 + NEAR))
 
 
 def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():
@@ -191,6 +203,50 @@ def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
                 assert region.contains(kp, ki) == any(a < ki < b for a, b in intervals)
             points += 1 + len(values)
     assert points > 1000
+
+
+def resonant_region(rng):
+    """Up to three resonances and antiresonances of damping down to 1e-6, or many equal lags; dead time up to 20 s."""
+    if rng.random() < 0.2:
+        order = int(rng.integers(8, 30))
+        plant = Rational(np.array([]), np.full(order, -float(order)), float(order) ** order)
+    else:
+        counts = rng.integers([1, 0], [4, 2]).tolist()
+        pairs = []
+        for count in counts:
+            size, damping = 10 ** rng.uniform(-1, 1, count), 10 ** rng.uniform(-6, -0.5, count)
+            upper = size * (-damping + 1j * np.sqrt(1 - damping**2))
+            pairs.append(np.concatenate([upper, upper.conj()]))
+        plant = Rational(pairs[1], np.append(pairs[0], -(10 ** rng.uniform(-1, 0.5))), 1.0)
+        plant = plant * (1 / plant.dc_gain)
+    dead_time = 10 ** rng.uniform(-2, 1.3)
+    kind = rng.integers(3)
+    if kind == 0:
+        return stabilizing_pi(plant, dead_time)
+    derivative = {"derivative_time": rng.uniform(0, 2)} if kind == 1 else {"derivative_gain": rng.uniform(-0.5, 0.5)}
+    return stabilizing_pid(plant, dead_time, derivative_filter=10 ** rng.uniform(-2, 0), **derivative)
+
+
+def test_resonances_and_long_dead_times_hide_no_boundary():
+    rng = np.random.default_rng(15)
+    for _ in range(60):
+        region = resonant_region(rng)
+        low, high = region.kp_range or (-1.0, 1.0)
+        turns = region.decomposition.curve(region.decomposition.turning_points())[0]
+        turns = turns[(turns > low) & (turns < high)]
+        columns = [
+            *rng.uniform(low, high, 3),
+            *(rng.choice(turns, 2) * (1 + 1e-9 * rng.normal(size=2)) if turns.size else ()),
+        ]
+        gains = [(e * (1 + side * NEAR), 0.0) for pair in region.p_intervals for e in pair for side in (-1, 1)]
+        sets = {kp: region.ki_intervals(kp) for kp in columns}
+        for kp, intervals in sets.items():
+            ends = [e for pair in intervals for e in pair if 0 < e < np.inf]
+            gains += [(kp, e * (1 + side * NEAR)) for e in ends for side in (-1, 1)]
+            gains += [(kp, max(ends, default=1.0) * 10 ** rng.uniform(-4, 0.3)) for _ in range(8)]
+        for kp, ki in gains[:100]:
+            expected = region.p_intervals if ki == 0 else sets[kp]
+            assert region.contains(kp, ki) == any(a < (ki or kp) < b for a, b in expected), (kp, ki)
 
 
 def generator_spectrum(plant, dead_time, kp, ki, derivative, points):

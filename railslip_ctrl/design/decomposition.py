@@ -8,6 +8,10 @@ and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + 
 two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). Together with the line
 ki = 0 (a pole at the origin) this curve divides the plane into cells of constant root count ([Gryazina2008]).
 
+Where ki = 0, R/A is real; where kp(omega) turns back, the derivative of R/Re A has a real factor: both are frequencies at
+which polynomials and exp(tau s) together are real (`real_values`). Between its turns kp(omega) is monotone, so that
+each kp is met at most once there.
+
 With dead time the curve has infinitely many branches. Where they cease to matter is bounded, not guessed: the
 argument of the characteristic function (`loop.stability`) is made of the angles of the n poles and m zeros of
 the plant and two each of the controller, each turning by at most pi, of a principal value that moves by at most
@@ -113,7 +117,7 @@ class Decomposition:
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
         size = np.abs(delayed) + np.abs(self.derivative_gain * self._derivative(omega))
-        return slope, self.derivative_time * d_slope, size
+        return np.asarray(slope), self.derivative_time * d_slope, size
 
     def _derivative(self, omega: Floats) -> Complexes:
         return np.asarray(1j * omega / (1 + 1j * omega * self.derivative_filter))
@@ -149,12 +153,13 @@ class Decomposition:
     def integral_gains(self, kp: float) -> CriticalGains:
         """All ki > 0 at which the loop with this kp, at most `largest_kp` in size, has a pair of poles on the axis."""
         low, high, first, last = self._branches
-        at = np.flatnonzero((first < kp) != (last < kp))
+        side = np.sign(first - kp)
+        at = np.flatnonzero(side * np.sign(last - kp) < 0)
 
         def away(omega: Floats, _: NDArray[np.intp]) -> Floats:
             return self.curve(omega)[0] - kp
 
-        omega = monotone_roots(away, low[at], high[at], np.sign(first[at] - kp))
+        omega = monotone_roots(away, low[at], high[at], side[at])
         turns, at_turn, error = self._turns
         omega = np.unique(np.concatenate([omega, turns[np.abs(at_turn - kp) <= error]]))
         shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)

@@ -217,10 +217,6 @@ class Rational:
         signs = np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
         return roots.real.copy(), roots.imag.copy(), signs
 
-    def log_magnitude(self, omega: Floats) -> tuple[Floats, Floats]:
-        """ln abs G(j omega) and its derivative with respect to omega; shapes of `omega`, rad/s."""
-        return self.log_size(omega), self.log_size_slope(omega)
-
     def log_size(self, omega: Floats) -> Floats:
         """ln abs G(j omega); shape of `omega`, rad/s."""
         real, imag, sign = self._roots
