@@ -8,9 +8,8 @@ and B = derivative_gain d; a PI has A = 1, B = 0. With R(s) = exp(tau s)/P(s) + 
 two real equations, linear in the gains: kp = -Re R/Re A, ki = omega (Im R + kp Im A). Together with the line
 ki = 0 (a pole at the origin) this curve divides the plane into cells of constant root count ([Gryazina2008]).
 
-Where ki = 0, R/A is real; where kp(omega) turns back, the derivative of R/Re A has a real factor: both are frequencies at
-which polynomials and exp(tau s) together are real (`real_values`). Between its turns kp(omega) is monotone, so that
-each kp is met at most once there.
+Where ki = 0, R/A is real. Where kp(omega) turns back, so is d/d omega of R/Re A but for a real function; `real_values`
+finds both without a grid. Between its turns kp(omega) is monotone and has each value once at most.
 
 With dead time the curve has infinitely many branches. Where they cease to matter is bounded, not guessed: the
 argument of the characteristic function (`loop.stability`) is made of the angles of the n poles and m zeros of
@@ -39,7 +38,7 @@ from railslip_ctrl.loop.crossings import Response, gain_crossovers
 from railslip_ctrl.loop.exact import Axis, fraction, polynomial
 from railslip_ctrl.loop.rational import polynomial_roots
 
-from .real_values import monotone_roots, real_frequencies
+from .real_values import monotone_roots, parts, real_frequencies
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -117,7 +116,7 @@ class Decomposition:
         d_slope = 1j / (1 + 1j * omega * self.derivative_filter) ** 2
         slope = delayed * (1j * self.dead_time - self.plant.log_slope(omega)) + self.derivative_gain * d_slope
         size = np.abs(delayed) + np.abs(self.derivative_gain * self._derivative(omega))
-        return np.asarray(slope), self.derivative_time * d_slope, size
+        return np.asarray(slope), np.asarray(self.derivative_time * d_slope), size
 
     def _derivative(self, omega: Floats) -> Complexes:
         return np.asarray(1j * omega / (1 + 1j * omega * self.derivative_filter))
@@ -187,12 +186,7 @@ class Decomposition:
         """Parts of omega > 0, from and to, on which kp(omega) is monotone, and kp at or in the limit to their ends."""
         zeros = self.plant.zeros
         poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # of R
-        turns = self._turns[0]
-        edges = np.unique(np.concatenate([turns[~np.isin(turns, poles)], poles]))
-        edges = edges[edges < self._limit]
-        beside = np.isin(edges, poles)
-        low = np.append(0.0, np.where(beside, np.nextafter(edges, np.inf), edges))
-        high = np.append(np.where(beside, np.nextafter(edges, 0.0), edges), self._limit)
+        low, high = parts(self._turns[0], poles, self._limit)
         dc, curve = self.plant.dc_gain, self.curve
         first = np.append(-1 / dc if dc else np.inf, curve(low[1:])[0])
         end = self._kp_at_infinity() if self.dead_time == 0 else curve(high[-1:])[0]

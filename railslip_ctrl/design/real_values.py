@@ -41,16 +41,14 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
     if factor == 0:
         return np.array([])
     angles = _Angles(factor, other, dead_time)
-    turns, ends = angles.turns(), angles.ends()
-    edges = np.unique(np.concatenate([turns, ends, angles.on_axis]))
-    edges = edges[edges < highest]
-    low, high = np.append(0.0, edges), np.append(edges, highest)
+    turns, ends = np.setdiff1d(angles.turns(), angles.on_axis), angles.ends()
+    low, high = parts(np.concatenate([turns, ends]), angles.on_axis, highest)
     inside = angles.log_ratio(_between(low, high)) < 0
     low, high = low[inside], high[inside]
     found = [np.array([])]
     for side in (0, 1):
-        start, end = (angles.half_turns(omega, side, ends, towards) for omega, towards in ((low, 1), (high, -1)))
-        start, end = (start - side) / 2, (end - side) / 2  # a real value at each whole number
+        # a real value at each whole number
+        start, end = ((angles.half_turns(omega, side, ends) - side) / 2 for omega in (low, high))
         rising = end > start
         first = np.where(rising, np.floor(start) + 1, np.ceil(start) - 1)
         last = np.where(rising, np.ceil(end) - 1, np.floor(end) + 1)
@@ -69,23 +67,32 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
     return np.unique(np.concatenate(found))
 
 
+def parts(edges: Floats, jumps: Floats, highest: float) -> tuple[Floats, Floats]:
+    """0 < omega < `highest`, divided at edges and at jumps, rad/s: from and to, beside the latter by one bit."""
+    every = np.union1d(edges, jumps)
+    every = every[every < highest]
+    jump = np.isin(every, jumps)
+    low, high = (np.where(jump, np.nextafter(every, side), every) for side in (np.inf, 0.0))
+    return np.append(0.0, low), np.append(high, highest)
+
+
 def monotone_roots(
     function: Callable[[Floats, NDArray[np.intp]], Floats], low: Floats, high: Floats, side: Floats
 ) -> Floats:
     """Roots, as of `bracketed_roots`, of functions that are monotone from `low`, 0 too, to `high`, infinity too, and
     have the sign `side` at the low and the other at the high end."""
-    inner, outer = np.where(low == 0, _between(low, high), low), np.where(np.isinf(high), np.maximum(low, 1.0), high)
+    inner = np.where(low == 0, _between(low, high), low)
+    outer = np.where(np.isinf(high), inner * _STEP_OUT, high)
     every = np.arange(low.size)
     for _ in range(_MOST_STEPS):
-        wrong = (low == 0) & (function(inner, every) * side < 0)
-        if not wrong.any():
+        below = (low == 0) & (function(inner, every) * side < 0)
+        beyond = np.isinf(high) & (function(outer, every) * side > 0)
+        if not (below | beyond).any():
             break
-        inner, outer = np.where(wrong, inner / _STEP_OUT, inner), np.where(wrong, inner, outer)
-    for _ in range(_MOST_STEPS):
-        wrong = np.isinf(high) & (outer <= inner) | np.isinf(high) & (function(outer, every) * side > 0)
-        if not wrong.any():
-            break
-        inner, outer = np.where(wrong, outer, inner), np.where(wrong, outer * _STEP_OUT, outer)
+        inner, outer = (
+            np.where(below, inner / _STEP_OUT, np.where(beyond, outer, inner)),
+            np.where(below, inner, np.where(beyond, outer * _STEP_OUT, outer)),
+        )
     return bracketed_roots(function, inner, outer)
 
 
@@ -141,21 +148,17 @@ class _Angles:
             size -= np.log(np.hypot(self._roots.real, omega[:, None] - self._roots.imag)).sum(axis=-1)
         return np.asarray(size + self._log_lead)
 
-    def half_turns(self, omega: Floats, side: int, ends: Floats | None = None, towards: int = 0) -> Floats:
-        """phi + asin kappa over pi, for side 1 phi - asin kappa; 0 and infinity allowed, beside roots on the axis
-        `towards` above or below. `ends` are the frequencies where |kappa| is taken for 1."""
+    def half_turns(self, omega: Floats, side: int, ends: Floats | None = None) -> Floats:
+        """phi + asin kappa over pi, for side 1 phi - asin kappa; 0 and infinity allowed. |kappa| is 1 at `ends`."""
         inner = np.clip(omega, 1e-100, 1e100)
-        beside = (
-            np.where(np.isin(inner, self.on_axis), np.nextafter(inner, np.inf * towards), inner) if towards else inner
-        )
-        phase = angle_sum(self._roots, beside) / np.pi + self._turned + self._dead_time * beside / np.pi
+        phase = angle_sum(self._roots, inner) / np.pi + self._turned + self._dead_time * inner / np.pi
         right, origin = np.count_nonzero(self._roots.real > 0), np.count_nonzero(self._roots == 0)
         phase = np.where(omega == 0, right + origin / 2 + self._turned, phase)
         phase = np.where(np.isinf(omega), self._roots.size / 2 + self._turned, phase)
         if self._other == 0:
             return phase
         with np.errstate(over="ignore"):
-            kappa = np.minimum(np.exp(self.log_ratio(beside)), 1.0)
+            kappa = np.minimum(np.exp(self.log_ratio(inner)), 1.0)
         if ends is not None:
             kappa = np.where(np.isin(omega, ends), 1.0, kappa)
         return np.asarray(phase + (1 - 2 * side) * self._sign * np.arcsin(kappa) / np.pi)
