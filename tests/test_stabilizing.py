@@ -232,7 +232,7 @@ def test_resonances_and_long_dead_times_hide_no_boundary():
     for _ in range(60):
         region = resonant_region(rng)
         low, high = region.kp_range or (-1.0, 1.0)
-        turns = region.decomposition.curve(region.decomposition.turning_points())[0]
+        turns = region.decomposition.curve(region.decomposition.turning_points)[0]
         turns = turns[(turns > low) & (turns < high)]
         columns = [
             *rng.uniform(low, high, 3),

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 _S = fmpq_poly([0, 1])
 _MOST_TURNED = 1e6  # rad of dead time up to the last frequency of interest
-_ROUNDING = 2.3e-16
 _SURELY_FALLING = 1e-9  # relative slope below which a crossing is taken for one of unknown direction
 
 
@@ -152,45 +151,43 @@ class Decomposition:
     def integral_gains(self, kp: float) -> CriticalGains:
         """All ki > 0 at which the loop with this kp, at most `largest_kp` in size, has a pair of poles on the axis."""
         low, high, first, last = self._branches
-        side = np.sign(first - kp)
-        at = np.flatnonzero(side * np.sign(last - kp) < 0)
+        at = np.flatnonzero((first < kp) != (last < kp))
 
         def away(omega: Floats, _: NDArray[np.intp]) -> Floats:
             return self.curve(omega)[0] - kp
 
-        omega = monotone_roots(away, low[at], high[at], side[at])
-        turns, at_turn, error = self._turns
-        omega = np.unique(np.concatenate([omega, turns[np.abs(at_turn - kp) <= error]]))
+        omega = monotone_roots(away, low[at], high[at], np.where(first < last, -1.0, 1.0)[at])
         shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)
         leftward = _may_rise(omega, slope.real + kp * shape_slope.real, size + abs(kp) * np.abs(shape))
         values = omega * (self.inverse(omega).imag + kp * shape.imag)
         return CriticalGains.within(0.0, self.largest_ki, values, omega, leftward)
 
+    @cached_property
     def turning_points(self) -> Floats:
         """Frequencies, rad/s, at which kp(omega) turns back: there ki intervals appear or vanish."""
-        return self._turns[0]
-
-    @cached_property
-    def _turns(self) -> tuple[Floats, Floats, Floats]:
-        """`turning_points`, kp there and its rounding."""
         # kp = -Re H with H = exp(tau s) a/b + B: Im H' = 0, times the positive |b lag|^4
         a, b, lag = self._rational
         slope = fraction(self.dead_time) * a * b + a.derivative() * b - a * b.derivative()
         turned = _mirrored(b * lag) ** 2
-        omega = self._real(slope * lag**2 * turned, fraction(self.derivative_gain) * b**2 * turned)
-        size = self.slopes(omega)[2]
-        return omega, self.curve(omega)[0], _ROUNDING * (8 + self.plant.poles.size + omega * self.dead_time) * size
+        return self._real(slope * lag**2 * turned, fraction(self.derivative_gain) * b**2 * turned)
 
     @cached_property
     def _branches(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Parts of omega > 0, from and to, on which kp(omega) is monotone, and kp at or in the limit to their ends."""
         zeros = self.plant.zeros
         poles = np.unique(zeros.imag[(zeros.real == 0) & (zeros.imag > 0)])  # of R
-        low, high = parts(self._turns[0], poles, self._limit)
+        low, high = parts(self.turning_points, poles, self._limit)
         dc, curve = self.plant.dc_gain, self.curve
         first = np.append(-1 / dc if dc else np.inf, curve(low[1:])[0])
         end = self._kp_at_infinity() if self.dead_time == 0 else curve(high[-1:])[0]
-        return low, high, first, np.append(curve(high[:-1])[0], end)
+        last = np.append(curve(high[:-1])[0], end)
+        # the values at omega = 0 and infinity are not reached
+        return (
+            low,
+            high,
+            np.where(low == 0, np.nextafter(first, last), first),
+            np.where(np.isinf(high), np.nextafter(last, first), last),
+        )
 
     def _kp_at_infinity(self) -> float:
         """kp(omega) as omega tends to infinity, without dead time."""

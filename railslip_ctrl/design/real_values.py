@@ -3,7 +3,7 @@
 With phi = tau omega + arg F and kappa = Im G/|F| that is sin phi = -kappa: phi + asin kappa is an even multiple of pi,
 or phi - asin kappa an odd one. The frequencies at which |kappa| = 1 and those at which either of these angles turns
 back are roots of polynomials in x = omega^2, isolated with certainty. Between neighbours both are monotone, so that
-their values at the ends tell how many real values lie there. A turn that is at a multiple of pi to rounding counts.
+their values at the ends tell how many real values lie there.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
 
 _BITS = 128
-_ROUNDING = 1e-15  # of an angle over pi, for each root and for tau omega
 _STEP_OUT = 16.0  # factor by which an end at 0 or infinity is replaced until the function there has its sign
 _MOST_STEPS = 250
 
@@ -47,23 +46,20 @@ def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, high
     low, high = low[inside], high[inside]
     found = [np.array([])]
     for side in (0, 1):
-        # a real value at each whole number
+        # a real value at each whole number; those at omega = 0 and infinity are not reached
         start, end = ((angles.half_turns(omega, side, ends) - side) / 2 for omega in (low, high))
-        rising = end > start
-        first = np.where(rising, np.floor(start) + 1, np.ceil(start) - 1)
-        last = np.where(rising, np.ceil(end) - 1, np.floor(end) + 1)
-        count = np.maximum(np.where(rising, last - first, first - last) + 1, 0).astype(int)
+        start = np.where(low == 0, np.nextafter(start, end), start)
+        end = np.where(np.isinf(high), np.nextafter(end, start), end)
+        least = np.floor(np.minimum(start, end))
+        count = (np.floor(np.maximum(start, end)) - least).astype(int)
         at = np.repeat(np.arange(count.size), count)
         step = np.arange(at.size) - np.repeat(np.cumsum(count) - count, count)
-        target = 2 * (first[at] + np.where(rising[at], step, -step)) + side
+        target = 2 * (least[at] + 1 + step) + side
 
         def away(omega: Floats, index: NDArray[np.intp], side: int = side, target: Floats = target) -> Floats:
             return angles.half_turns(omega, side) - target[index]
 
-        found.append(monotone_roots(away, low[at], high[at], np.where(rising[at], -1.0, 1.0)))
-        there = angles.half_turns(turns, side, ends)
-        touch = np.abs(there - side - 2 * np.round((there - side) / 2)) <= angles.rounding(turns)
-        found.append(turns[touch & (turns < highest)])
+        found.append(monotone_roots(away, low[at], high[at], np.sign(start - end)[at]))
     return np.unique(np.concatenate(found))
 
 
@@ -134,10 +130,6 @@ class _Angles:
             return _frequencies(speed)
         bend = (g + 2 * x * g.derivative()) * power - x * g * power.derivative()
         return _frequencies((speed**2 * self._gap - bend**2) // power)
-
-    def rounding(self, omega: Floats) -> Floats:
-        """Error of `half_turns`."""
-        return np.asarray(_ROUNDING * (8 + self._roots.size + self._dead_time * omega))
 
     def log_ratio(self, omega: Floats) -> Floats:
         """ln|kappa|."""

@@ -287,7 +287,7 @@ class StabilizingRegion(Region):
     def _island(self) -> tuple[float, Interval] | None:
         """A kp with stabilising ki although small ki do not: looked for in a column between any two kp at which
         the boundary meets ki = 0 or turns back."""
-        turns = self.decomposition.turning_points()
+        turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
         for kp in probes_between([-math.inf, *edges.tolist(), math.inf], self._reference_gain):
             found = self.ki_intervals(kp)
