@@ -196,8 +196,8 @@ class Decomposition:
         above = Axis((a * lag + self._fixed * b) * _mirrored(b * lag)).even
         if above.degree() < below.degree():
             return 0.0
-        ratio = -float(above.coeffs()[-1] / below.coeffs()[-1])
-        return ratio if above.degree() == below.degree() else math.copysign(math.inf, ratio)
+        ratio = -above.coeffs()[-1] / below.coeffs()[-1]
+        return float(ratio) if above.degree() == below.degree() else math.copysign(math.inf, 1 if ratio > 0 else -1)
 
     @property
     def _fixed(self) -> fmpq_poly:
