@@ -59,7 +59,7 @@ ROOMS = {
     "design/stabilizing": "stabilizing",
     "design/sweeps": "robustness",
     "linearization": "linearization numeric",
-    "loop/": "loop_oracles loop_regressions certificate loop_properties",
+    "loop/": "loop_bounds loop_oracles loop_regressions certificate loop_properties",
     "loop/batch": "loop_batch",
     "loop/realisation": "responses",
     "loop/responses": "responses",

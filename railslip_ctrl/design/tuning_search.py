@@ -35,6 +35,7 @@ _NEARLY_NO_KI = 1e-9  # of that, at most
 _LIMITLESS = 0.1  # of the largest of them: without dead time a design so high could be as high as you like
 _AROUND = 0.01  # relative, of kp: how far from the samples' best gap the exact one may be
 _LOOKS = 7  # at the kp of a gap
+_NEXT_TO_END = 0.1  # of a gap's width
 _TOP = 2e-4  # relative: how near to the best row a bisection comes before the exact margins take over
 _PIECES = 8  # of a gap, where a crossover is asked for: another gain crossover may become the one that counts
 _LARGEST_MS = 1e6  # above 1: a loop with more is as good as unstable
@@ -219,11 +220,29 @@ def _highest_in(family: Family, specification: Specification, gap: Interval, ki:
         end = along(kp)
         best = _refined_ki(family, specification, kp, end) if math.isfinite(end) else 0.0
         if abs(best - end) <= _ELLIPSES_AGREE * best:
-            return kp, best
+            return _to_the_tip(family, specification, gap, kp, best)
     # several bounds together, or one beyond the samples: on the exact margins, past what the samples show of the gap
     wider = _AROUND * max(abs(gap[0]), abs(gap[1]))
     kp = _least(lambda kp: -exactly(kp), gap[0] - wider, gap[1] + wider)
-    return kp, exactly(kp)
+    return _to_the_tip(family, specification, gap, kp, exactly(kp))
+
+
+def _to_the_tip(
+    family: Family, specification: Specification, gap: Interval, kp: float, ki: float
+) -> tuple[float, float]:
+    """(kp, ki), or the tip in which the gains that meet end, where kp is next to an end of the gap."""
+    width = gap[1] - gap[0]
+    if not specification.only_ms or min(kp - gap[0], gap[1] - kp) > _NEXT_TO_END * width:
+        return kp, ki
+    step = width
+    while step > _KP_TOLERANCE * abs(kp):
+        tried = [(x, _refined_ki(family, specification, x, ki)) for x in (kp - step, kp + step)]
+        better = max(tried, key=lambda gains: gains[1])
+        if better[1] > ki:
+            kp, ki = better
+        else:
+            step *= 0.5
+    return kp, ki
 
 
 def _least(objective: Callable[[float], float], low: float, high: float) -> float:

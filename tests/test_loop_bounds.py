@@ -1,0 +1,65 @@
+"""What the engine decides with: extrema of |L| and of its phase, bounds over parts of the axis; against sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import random_loops
+
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.crossings import Response, pieces
+from railslip_ctrl.loop.exact import PHASE, SIZE
+from railslip_ctrl.loop.margins import _may_exceed, _second_order_bounds, box_bounds
+
+
+def responses(count):
+    for seed in range(count):
+        zeros, poles, gain, dead_time = random_loops.wheel_slip(np.random.default_rng(seed))
+        yield Response(Rational(np.array(zeros), np.array(poles), gain), dead_time)
+    pair = complex(-0.05, 1.0)
+    yield Response(Rational(np.array([-0.3, -4.0]), np.array([0.0, pair, pair.conjugate(), -2.0]), 0.7), 0.4)
+
+
+def shapes(response, omega):
+    loop = response(omega)
+    return np.abs([1 / (1 + loop), loop / (1 + loop), 0.5 * (1 - loop) / (1 + loop)])
+
+
+@pytest.mark.parametrize("kind", [SIZE, PHASE])
+def test_extrema_are_where_the_slope_changes_sign(kind):
+    for response in responses(8):
+        slope = response.log_size_slope if kind == SIZE else response.angle_slope
+        omega = np.geomspace(1e-4, 1e4, 20_000)
+        at = np.flatnonzero(np.diff(np.sign(slope(omega))))
+        found = np.array([float(w.mid()) for w, _ in response.exact.frequencies(kind)])
+        assert found.size == at.size
+        assert np.all((omega[at] <= found) & (found <= omega[at + 1]))
+
+
+def test_bounds_hold_over_a_part_and_tighten_to_second_order():
+    for response in responses(6):
+        cut = pieces(response)
+        middle = np.geomspace(0.05, 20, 60)
+        for share, slack in ((0.1, np.inf), (1e-3, 1e-3), (1e-5, 1e-7)):
+            low, high = middle * (1 - share), middle * (1 + share)
+            within = low + (high - low) * np.linspace(0, 1, 101)[:, None]
+            most = shapes(response, within).max(axis=1)
+            bounds = _second_order_bounds(response, low, high)
+            assert np.all(bounds >= most * (1 - 1e-12))  # less the rounding that it allows for
+            assert np.all(bounds <= most * (1 + slack))
+            # on parts without an edge inside, where |L| and the phase are monotone
+            own = np.searchsorted(cut.low, low) == np.searchsorted(cut.low, high)
+            boxes = box_bounds(*cut.ends(response, low[own], high[own]))
+            assert np.all(boxes >= most[:, own] * (1 - 1e-12))
+            assert np.all(boxes <= most[:, own] * (1 + 200 * share))
+
+
+def test_a_part_with_something_higher_is_not_dismissed():
+    for response in responses(6):
+        edges = np.geomspace(0.01, 100, 400)
+        low, high = edges[:-1], edges[1:]
+        most = shapes(response, low + (high - low) * np.linspace(0, 1, 201)[:, None]).max(axis=1)
+        for share in (0.5, 0.9, 1 - 1e-6):
+            best = [(share * peak, 1.0) for peak in most.max(axis=1)]
+            higher = np.any(most > np.array([[peak] for peak, _ in best]), axis=0)
+            assert np.all(_may_exceed(response, pieces(response), low, high, best)[higher])
