@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import random_loops
 from loop_checker import poles_right, refused
+from scipy.optimize import brentq
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.loop import Rational
@@ -78,3 +79,14 @@ def test_a_double_beside_half_pi_decides():
         certificate = made([], [0.0], gain, 1.0).certificate()
         assert certificate.stable is stable
         assert certificate.unstable_poles == (0 if stable else 2)
+
+
+def test_a_loop_without_gain_and_one_of_next_to_none_are_certified():
+    none = DeadTimeLoop(Rational([], [-1.0], 0.0), 1.0).certificate()
+    assert (none.stable, none.ms, none.mt, none.gain_increase) == (True, (1.0, 1.0), (0.0, 0.0), (np.inf, np.inf))
+    least = DeadTimeLoop(Rational([], [-1.0], 1e-150), 1.0)
+    low, high = least.certificate().gain_increase
+    omega = brentq(lambda w: np.arctan(w) + w - np.pi, 1.0, 3.0, xtol=1e-15)
+    assert low <= np.hypot(1, omega) * 1e150 * (1 + 1e-14)  # rounding of brentq's omega
+    assert high >= np.hypot(1, omega) * 1e150 * (1 - 1e-14)
+    assert least.margins().mt == pytest.approx(1e-150)

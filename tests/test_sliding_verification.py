@@ -209,7 +209,7 @@ def test_without_actuator_the_variants_keep_their_promise():
     ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
     conditions, told = variants_behind_actuator(1100.0, PUBLISHED_LAW.D, ideal)
     assert [one.holds for one in conditions] == [True, True]
-    assert told == "The variants keep their promise with this actuator too."
+    assert told == "With this actuator the layer carries the gain that the reaching condition asks for."
 
 
 # --- the layered law ------------------------------------------------------------------------------------------------

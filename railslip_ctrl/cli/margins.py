@@ -34,7 +34,9 @@ from .settings import HELP
     metavar="F",
     help="Its filter time constant F, s.  [default: a tenth of the lead]",
 )
-@click.option("--certify", is_flag=True, help="Enclosures of all margins by ball arithmetic, at most 1e-9 wide.")
+@click.option(
+    "--certify", is_flag=True, help="Enclosures of all margins by ball arithmetic, relative width at most 1e-9."
+)
 @click.pass_context
 def command(
     ctx: click.Context,

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from flint import arb, ctx
 
-from railslip_ctrl.arguments import number
+from railslip_ctrl.arguments import number, numbers
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.crossings import Response
@@ -32,7 +32,10 @@ def certainly_stable(loop: DeadTimeLoop) -> bool:
 
 def certain_rectangle(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
     """Whether (kp + ki/s) plant(s) exp(-dead_time s) is shown to be stable for all gains of a closed rectangle."""
-    for name, (low, high), least in (("kp", kp, None), ("ki", ki, 0.0)):
+    for name, ends, least in (("kp", kp, None), ("ki", ki, 0.0)):
+        low, high = numbers(name, ends).tolist() if np.shape(ends) == (2,) else (math.nan, math.nan)
+        if math.isnan(low):
+            raise InputError(f"{name}: {ends!r} is not allowed; give two finite ends, the lower first")
         number(name, low, gt=least)
         if number(name, high) < low:
             raise InputError(f"{name}: from {low:g} to {high:g} is not allowed; give ascending ends")

@@ -65,13 +65,13 @@ class Region(ABC):
     def contains(self, kp: float, ki: float) -> bool:
         """Whether (kp, ki) stabilises, by the exact root count; ki = 0 is P control, without an integrator.
 
-        False for ki < 0, and on the boundary: what cannot be told from it at rounding counts as on it.
+        False for ki < 0, and on the boundary itself; next to it the numbers as given decide.
         Raises InputError for a gain that is not finite.
         """
 
     def certified_contains(self, kp: float, ki: float) -> bool:
         """As `contains`, every step of the root count in ball arithmetic."""
-        return ki >= 0 and all(certainly_stable(loop) for loop in self.loops(kp, ki))
+        return number("ki", ki) >= 0 and all(certainly_stable(loop) for loop in self.loops(kp, ki))
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:

@@ -149,7 +149,10 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
     if not members:
         raise InputError("plants: none is given; give at least one")
     extra = Rational.from_control(1.0 if compensator is None else compensator, "compensator")
-    return [extra * Rational.from_control(plant, "plants") for plant in members]
+    systems = [extra * Rational.from_control(plant, "plants") for plant in members]
+    if not all(system.gain for system in systems):
+        raise InputError("plants: one is 0, with its compensator; give plants with a gain")
+    return systems
 
 
 def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:

@@ -53,6 +53,10 @@ class _TooWideError(Exception):
 class Certificate:
     """What is certain of a loop; each enclosure is (lowest, highest), at most 1e-9 wide relatively.
 
+    It holds for the zeros, poles and gain of `DeadTimeLoop.system` as the doubles they are. A transfer function's or
+    state space's are rounded as it is factored: of a loop that its coefficients put exactly on the boundary of
+    stability the certificate says on which side the rounded roots are.
+
     Attributes
     ----------
     stable : bool
@@ -92,6 +96,9 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
     if margins is None:
         return Certificate(count.stable, count.right, crossovers, _BITS[0])
+    if response.system.gain == 0:
+        without = (math.inf, math.inf)
+        return Certificate(True, 0.0, (), _BITS[0], 0, without, (0.0, 0.0), without, without, (1.0, 1.0), (0.0, 0.0))
     for bits in _BITS:
         with ctx.workprec(bits):
             try:

@@ -28,6 +28,7 @@ _ROUNDING = 1e-15  # relative, of L: for each root and for the phase of the dead
 _NEAR_PEAK = 1.5
 _FAR_FROM_PEAK = 0.2  # relative to its frequency
 _NEARLY_HIGHEST = 0.8  # of the highest point: lower ones are refined only if a bound does not exclude them
+_NOTHING = 1e-100  # a |T| that is not looked for; bounds are cut off below it
 _NARROWEST = 1e-15  # relative: a part that no double divides
 _FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
 _MOST_PARTS = 64
@@ -339,7 +340,7 @@ def _may_exceed(
     response: Response, cut: Pieces, low: Floats, high: Floats, best: list[tuple[float, float]]
 ) -> NDArray[np.bool_]:
     """Which parts may hold a value of |S|, |T| or |S - 1/2| above the best: no bound excludes it."""
-    most = np.array([[peak * (1 + _PEAK)] for peak, _ in best])
+    most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best])
     with np.errstate(all="ignore"):
         exceed = ~np.all(_second_order_bounds(response, low, high) <= most, axis=0)
         exceed &= (high > low * (1 + _NARROWEST)) & (high > 1 / _FARTHEST) & (low < _FARTHEST)

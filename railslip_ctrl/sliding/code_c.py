@@ -150,7 +150,7 @@ def _init(law: SampledLaw) -> str:
         refused += [f"    if (!({asked})) {{", f"        return {code};", "    }"]
     refused += ["    return 0;", "}"]
     about = (
-        "0 when the brake is applied at speed v, m/s. A parameter left at 0, not finite or out of its bounds is "
+        "0 when the brake is applied at speed v, m/s. A parameter not finite or out of its bounds is "
         "refused: then its place in railslip_asmc_parameters, from 1 on, one more for v; railslip_asmc_step then "
         "keeps the brake released, as it does with a state of zeros."
     )

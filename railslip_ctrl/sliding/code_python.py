@@ -124,7 +124,7 @@ def _init(law: SampledLaw) -> str:
         "def init(v, p):",
         '    """(0, state) when the brake is applied at speed v, m/s.',
         "",
-        "    A parameter left at 0, not finite or out of its bounds is refused: then (code, a state that",
+        "    A parameter not finite or out of its bounds is refused: then (code, a state that",
         "    keeps the brake released), the code its place in `Parameters`, from 1 on, one more for v.",
         '    """',
         "    code = refused(v, p)",

@@ -61,7 +61,7 @@ def _carried(loop: SurfaceLoop) -> float:
 
 def _conclusion(conditions: tuple[Condition, ...], carried: float, asked: float) -> str:
     if all(one.holds for one in conditions):
-        return "The variants keep their promise with this actuator too."
+        return "With this actuator the layer carries the gain that the reaching condition asks for."
     both = (
         f"The layer carries at most K = {carried:.4g} N m on both rails behind it, while the reaching condition asks "
         f"more than {asked:.4g} N m: no K does both. "
