@@ -210,8 +210,8 @@ def held_under_published_disturbances(
         DISTURBED,
         holds,
         "simulated",
-        f"{told}. Cut-out: {f'{cut_out:g} km/h' if holds else 'none'}, {_CUT_OUT_MARGIN:g} times the highest, rounded up. "
-        f"{runs}.",
+        f"{told}. Cut-out: {f'{cut_out:g} km/h' if holds else 'none'}, {_CUT_OUT_MARGIN:g} times the highest, "
+        f"rounded up. {runs}.",
         down_to_kmh=cut_out if cut_out < INITIAL_SPEED_KMH else None,
     )
     return found, cut_out if holds else None
