@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 import random_loops
+from flint import fmpz_poly
 from loop_checker import poles_right, refused
 from scipy.optimize import brentq
 
@@ -90,3 +92,63 @@ def test_a_loop_without_gain_and_one_of_next_to_none_are_certified():
     assert low <= np.hypot(1, omega) * 1e150 * (1 + 1e-14)  # rounding of brentq's omega
     assert high >= np.hypot(1, omega) * 1e150 * (1 - 1e-14)
     assert least.margins().mt == pytest.approx(1e-150)
+
+
+ON_THE_AXIS = [
+    *(([-1], [1, 3, 1], 0.0), ([-1], [1, 3, 1], 0.1), ([1, -1], [1, 3, 1], 0.1), ([-1], [1, 0.3, 1], 0.1)),
+    *(([-1], [1, 4, 2, 1], 0.2), ([-3], [1, 7, 5, 3], 0.0), ([-1], [1, 7, 1], 0.5), ([-2], [1, 5, 3, 2], 0.2)),
+    *(([3], [1, 1, 3, 0], 0.0), ([1, 0, 2], [1, 3, 2, 6], 0.3)),  # +-j sqrt 3; a hidden +-j sqrt 2
+]
+"""Numerators, denominators and dead times of loops with a closed-loop pole exactly on the axis."""
+
+
+def companion(num, den):
+    """A realisation of num/den, den monic and of the higher degree."""
+    order = len(den) - 1
+    a = np.vstack([-np.array(den[1:], dtype=float), np.eye(order)[:-1]])
+    return a, np.eye(order)[:, :1], np.array([[0.0] * (order - len(num)) + list(num)]), 0.0
+
+
+@pytest.mark.parametrize(("num", "den", "dead_time"), ON_THE_AXIS)
+@pytest.mark.parametrize("form", [control.tf, lambda num, den: control.ss(*companion(num, den))], ids=["tf", "ss"])
+def test_coefficients_that_put_a_pole_on_the_axis_are_told(num, den, dead_time, form):
+    certificate = DeadTimeLoop(form(num, den), dead_time).certificate()
+    assert (certificate.stable, certificate.marginal) == (False, True)
+    assert certificate.unstable_poles >= 1
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("den", [[1, 3, 1], [1, 5, 11, 1]])
+def test_the_last_bit_of_a_coefficient_decides(den, dead_time):
+    # D(0) + N(0) changes its sign; up to there |L| < 1, and the real pole through the origin is the first
+    for gain, stable in ((np.nextafter(1.0, 0.0), True), (1.0, False), (np.nextafter(1.0, 2.0), False)):
+        loop = DeadTimeLoop(control.tf([-gain], den), dead_time)
+        assert loop.certificate().stable is loop.is_stable() is stable
+        if stable:
+            assert loop.margins().ms == 2.0**53
+            assert loop.certificate().gain_increase[0] >= 1
+
+
+def test_loops_of_small_integers_agree_with_the_roots_of_their_polynomials():
+    random, marginal = np.random.default_rng(5), 0
+    for _ in range(400):
+        den = [1, *random.integers(1, 8, random.integers(2, 5)).tolist()]
+        num = [1, *random.integers(-5, 9, random.integers(0, len(den) - 1)).tolist()][::-1]
+        loop = DeadTimeLoop(control.tf(num, den))
+        roots = (fmpz_poly(num[::-1]) + fmpz_poly(den[::-1])).complex_roots()
+        right = sum(n for root, n in roots if not root.real < 0)
+        assert loop.unstable_closed_loop_poles == right, (num, den)
+        # balls of 53 bits: no other pole is so near the axis
+        assert loop.root_count.marginal is any(root.real.contains(0) for root, _ in roots), (num, den)
+        marginal += loop.root_count.marginal
+    assert marginal > 10
+
+
+def test_a_power_is_certified_as_its_rounded_coefficients_have_it():
+    # the exact roots lie on a ring of radius 0.1 to 0.3 about -1
+    for order in (9, 15, 21):
+        loop = DeadTimeLoop(control.tf([0.9], np.poly(-np.ones(order))), 0.3)
+        certificate, margins = loop.certificate(), loop.margins()
+        for name in MARGINS:
+            low, high = getattr(certificate, name)
+            assert low * (1 - 1e-12) <= getattr(margins, name) <= high * (1 + 1e-12), (order, name)

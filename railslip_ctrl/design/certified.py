@@ -43,7 +43,7 @@ def certain_rectangle(plant: Rational, dead_time: float, kp: Interval, ki: Inter
     controller = Rational.from_polynomials([*middle], [1.0, 0.0])
     if not certainly_stable(DeadTimeLoop(controller * plant, dead_time)):
         return False
-    integrated = Response(Rational(plant.zeros, np.append(plant.poles, 0.0), plant.gain), dead_time)
+    integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
         return band is not None and _keeps_out(integrated, *band, kp, ki)

@@ -35,8 +35,7 @@ from flint import fmpq_poly
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, gain_crossovers
-from railslip_ctrl.loop.exact import Axis, fraction, polynomial
-from railslip_ctrl.loop.rational import polynomial_roots
+from railslip_ctrl.loop.polynomials import Axis, fraction
 
 from .real_values import monotone_roots, parts, real_frequencies
 
@@ -208,7 +207,7 @@ class Decomposition:
     def _polynomials(self) -> tuple[fmpq_poly, fmpq_poly, fmpq_poly, fmpq_poly]:
         """D and N of the plant, then the denominator and the numerator of A."""
         lag, lead = fraction(self.derivative_filter), fraction(self.derivative_filter) + fraction(self.derivative_time)
-        den, num = polynomial(self.plant.poles, 1.0), polynomial(self.plant.zeros, self.plant.gain)
+        num, den = self.plant.polynomials
         return den, num, 1 + lag * _S, 1 + lead * _S
 
     @property
@@ -257,7 +256,7 @@ class Decomposition:
         """No ki beyond this stabilises, whatever kp; inf without dead time."""
         if self.dead_time == 0 or self.plant.gain == 0:
             return np.inf
-        integrated = Rational(self.plant.zeros, np.append(self.plant.poles, 0.0), self.plant.gain)
+        integrated = self.plant * Rational(np.array([]), np.array([0.0]), 1.0)
         if self.derivative_filter == 0:
             return self._unstable_from(integrated, lambda ki: ki, lambda _: np.inf)
         # |Im j omega/(1 + j omega Tf)| <= 1/(2 Tf); where ki/omega is twice that much, half of it remains
@@ -295,7 +294,7 @@ class Decomposition:
             return np.inf
         if self.plant.gain == 0:
             return 0.0
-        integrated = Rational(self.plant.zeros, np.append(self.plant.poles, 0.0), self.plant.gain)
+        integrated = self.plant * Rational(np.array([]), np.array([0.0]), 1.0)
         # poles on the axis need |P| (|kp A + B| + ki/omega) >= 1, so that one of the two terms is at least half
         proportional = self.largest_kp * self._largest_shape() + self._largest_fixed()
         limit = max(
@@ -345,7 +344,7 @@ def _controller(kp: float, ki: float, derivative: float, lag: float) -> Rational
 def _real_roots_first(coefficients: Floats) -> Complexes:
     """Roots of a polynomial of degree 0 to 2, real ones without cancellation."""
     if coefficients.size < 3:
-        return polynomial_roots(coefficients)
+        return np.asarray(-coefficients[1:] / coefficients[0], dtype=np.complex128)
     a, b, c = coefficients.tolist()
     discriminant = b * b - 4 * a * c
     if discriminant < 0:

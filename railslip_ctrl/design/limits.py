@@ -267,7 +267,7 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float) -> Structure
     unstable = plant.poles[plant.poles.real >= 0]
     if unstable.size != 1 or unstable[0].real == 0 or np.any(plant.zeros.real >= 0) or plant.gain == 0:
         return None
-    response = Response(Rational(plant.zeros, plant.poles, abs(plant.gain)), dead_time)
+    response = Response(plant * math.copysign(1.0, plant.gain), dead_time)
     nodes = frequency_nodes(response)
     phase, slope = response.phase(nodes)
     if slope[0] <= 0 and np.all(phase + np.pi <= 1e-12):

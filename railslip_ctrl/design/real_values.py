@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from railslip_ctrl.loop.exact import Axis, fraction, positive_square_roots
+from railslip_ctrl.loop.polynomials import Axis, fraction, positive_square_roots
 from railslip_ctrl.loop.rational import angle_sum
 from railslip_ctrl.loop.rootfinding import bracketed_roots
 

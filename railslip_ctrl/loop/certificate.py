@@ -18,7 +18,7 @@ from flint import arb, ctx
 from railslip_ctrl.errors import RailslipError
 
 from .crossings import Pieces, Response, limits, located
-from .exact import GAIN, PHASE, SIZE
+from .exact import AXIS, GAIN, MOST_BITS, PHASE, SIZE
 from .margins import SHAPES
 from .stability import root_count
 
@@ -53,20 +53,20 @@ class _TooWideError(Exception):
 class Certificate:
     """What is certain of a loop; each enclosure is (lowest, highest), at most 1e-9 wide relatively.
 
-    It holds for the zeros, poles and gain of `DeadTimeLoop.system` as the doubles they are. A transfer function's or
-    state space's are rounded as it is factored: of a loop that its coefficients put exactly on the boundary of
-    stability the certificate says on which side the rounded roots are.
+    It holds for the coefficients, matrices or roots, the gain and the dead time as the doubles they were given as.
 
     Attributes
     ----------
     stable : bool
         Whether every closed-loop pole lies left of the imaginary axis.
+    marginal : bool
+        Whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`.
     unstable_poles : float
         Number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
     gain_crossovers : tuple of tuple
         Enclosures of all frequencies with |L| = 1, rad/s: they and the phase there decide the root count.
     bits : int
-        Precision of the balls, bits.
+        Precision of the balls: their relative width is 2^-bits.
     parts : int
         Parts of the axis on each of which |S| and |T| were bounded.
     gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
@@ -75,6 +75,7 @@ class Certificate:
     """
 
     stable: bool
+    marginal: bool
     unstable_poles: float
     gain_crossovers: tuple[Enclosure, ...]
     bits: int
@@ -95,10 +96,12 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
     count = root_count(response, certain=True)
     crossovers = tuple(_ends(omega) for omega, _ in response.exact.frequencies(GAIN))
     if margins is None:
-        return Certificate(count.stable, count.right, crossovers, _BITS[0])
+        bits = MOST_BITS if count.marginal else _BITS[0]
+        return Certificate(False, count.marginal, count.right, crossovers, bits)
     if response.system.gain == 0:
         without = (math.inf, math.inf)
-        return Certificate(True, 0.0, (), _BITS[0], 0, without, (0.0, 0.0), without, without, (1.0, 1.0), (0.0, 0.0))
+        ends = (without, (0.0, 0.0), without, without, (1.0, 1.0), (0.0, 0.0))
+        return Certificate(True, False, 0.0, (), _BITS[0], 0, *ends)
     for bits in _BITS:
         with ctx.workprec(bits):
             try:
@@ -106,8 +109,9 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
                 phase, delay = _crossover_margins(response, bits)
                 cover = _Cover(response, margins, bits)
                 ms, mt = cover.peaks()
-                found = [_narrow(one) for one in (up, down, phase, delay, ms, mt)]
-                return Certificate(True, 0.0, crossovers, bits, cover.parts, *found)
+                # stable, so that the limits lie on either side of 1
+                found = [_narrow(one) for one in (up.max(arb(1)), down.min(arb(1)), phase, delay, ms, mt)]
+                return Certificate(True, False, 0.0, crossovers, bits, cover.parts, *found)
             except _TooWideError:
                 continue
     raise CertificateError(
@@ -159,18 +163,16 @@ class _End:
 
 def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
     """Both ends of each piece of the axis on which |L| and the phase are monotone, and whether |L| > 1 on it."""
-    exact, roots = response.exact, np.concatenate([response.system.zeros, response.system.poles])
-    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
-    nodes = [(w, kind == GAIN and n % 2 == 1) for kind in (GAIN, SIZE, PHASE) for w, n in exact.frequencies(kind, bits)]
-    nodes = [node for node in nodes if not any(node[0].contains(w) for w in on_axis)]
-    nodes = sorted([*nodes, *((arb(w), False) for w in on_axis)], key=lambda node: float(node[0].mid()))
+    exact = response.exact
+    nodes = [(w, kind, n % 2) for kind in (GAIN, SIZE, PHASE, AXIS) for w, n in exact.frequencies(kind, bits)]
+    nodes.sort(key=lambda node: node[0].mid())
     (first_size, first), (last_size, last) = limits(response)
     start, large = _End(None, first_size, arb(first)), exact.large_at_zero
-    for omega, crosses in nodes:
-        below, above = (exact.argument(omega, side) / arb.pi() for side in (-1, 1))
+    for omega, kind, odd in nodes:
+        below, above = (exact.argument(omega, side * (kind == AXIS)) / arb.pi() for side in (-1, 1))
         size = float(response.log_size(np.array([float(omega.mid())]))[0])
         yield start, _End(omega, size, below), large
-        start, large = _End(omega, size, above), large != crosses
+        start, large = _End(omega, size, above), large != (kind == GAIN and odd == 1)
     yield start, _End(None, last_size, None if math.isinf(last) else arb(last)), large
 
 
@@ -187,7 +189,7 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
         if odd is not None:
             size = abs(response.exact.value(_phase_crossover(response, start, end, odd))[0])
             (down if large else up).append(size if large else 1 / size)
-    num, den, through = response.exact.numerator, response.exact.denominator, response.system.feedthrough
+    num, den, through = response.exact.numerator, response.exact.denominator, response.exact.through
     at_zero = arb(num[0] / den[0]) if den[0] != 0 else arb(0)
     at_infinity = arb(-abs(through) if response.dead_time > 0 else through)
     for value in (at_zero, at_infinity):
@@ -244,7 +246,7 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
             raise _TooWideError
         phases.append(180 * abs(rest))
         delays.append((rest if rest > 0 else rest + 2) * arb.pi() / omega)
-    if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
+    if response.dead_time == 0 and abs(response.exact.through) >= 1:
         delays.append(arb(0))
     return _least(phases), _least(delays)
 
@@ -257,8 +259,9 @@ class _Cover:
 
     def __init__(self, response: Response, margins: Margins, bits: int) -> None:
         self._response, self._bits = response, bits
-        self._roots = np.concatenate([response.system.zeros, response.system.poles]).tolist()
-        self._poles_on_axis = [pole.imag for pole in response.system.poles.tolist() if pole.real == 0]
+        zeros, poles = response.exact.roots()
+        self._roots = zeros + poles
+        self._poles_on_axis = [pole.imag for pole in poles if pole.real.is_zero()]
         self._frequencies = margins.ms_frequency, margins.mt_frequency
         self._near: list[arb] = []
         self.parts = 0
@@ -284,7 +287,7 @@ class _Cover:
         """L as a fraction in the limit to frequency 0 or infinity; with dead time its phase there is any."""
         if omega == 0:
             return arb(self._response.exact.numerator[0]), arb(self._response.exact.denominator[0])
-        through = self._response.system.feedthrough
+        through = self._response.exact.through
         return arb(-abs(through) if self._response.dead_time > 0 else through), arb(1)
 
     def _cover(self, start: _End, end: _End) -> None:
@@ -314,7 +317,7 @@ class _Cover:
         bend = arb(0)
         for root in self._roots:
             offset = (low - root.imag).max(root.imag - high).max(arb(0))
-            distance = offset * offset + arb(root.real) * root.real
+            distance = offset * offset + root.real * root.real
             if not distance > 0:
                 return False
             bend += 1 / distance
@@ -344,7 +347,7 @@ class _Cover:
     def _size_at(self, end: _End, default: float) -> arb:
         """|L| at an end of a part, or in the limit to 0 or infinity."""
         if end.omega is not None:
-            on_pole = end.omega.is_exact() and float(end.omega) in self._poles_on_axis
+            on_pole = any(end.omega.overlaps(pole) for pole in self._poles_on_axis)
             return arb.pos_inf() if on_pole else abs(self._response.exact.value(end.omega)[0])
         num, den = self._fraction_at(default)
         return arb.pos_inf() if den.is_zero() else abs(num / den)

@@ -182,7 +182,6 @@ def pieces(response: Response) -> Pieces:
     on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
     kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
     found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
-    found = [one for one in found if one[0] not in on_axis]
     inner = np.array([omega for omega, _, _ in found])
     odd, rest = _phases(response, found)
     half = odd + rest

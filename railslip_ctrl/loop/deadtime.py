@@ -147,7 +147,7 @@ class DeadTimeLoop:
     @property
     def is_well_posed(self) -> bool:
         """False if 1 + L(inf) = 0 without dead time: then the feedback has no solution."""
-        return self._dead_time > 0 or self._system.feedthrough != -1.0
+        return self._dead_time > 0 or self._response.exact.through != -1
 
     @property
     def unstable_closed_loop_poles(self) -> float:
@@ -222,7 +222,7 @@ class DeadTimeLoop:
     def _margins(self) -> Margins:
         response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
         rest = crossover_phases(response)[1].copy()
-        for i in smallest_at(rest, crossovers) if rest.size else ():
+        for i in {*smallest_at(rest, crossovers)} if rest.size else ():
             if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
         found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)

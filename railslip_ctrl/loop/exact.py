@@ -2,8 +2,8 @@
 
 On the axis, with x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials
 in x, dead time included. Their positive roots are isolated with certainty (FLINT): all gain crossovers are known, and
-between neighbouring extrema |L| and its phase are monotone. No grid is asked. The numbers are those of the factored
-`Rational`, taken as exact.
+between neighbouring extrema |L| and its phase are monotone. No grid is asked. The polynomials are those of `Rational`:
+of the coefficients, matrices or roots as they were given.
 """
 
 from __future__ import annotations
@@ -14,20 +14,21 @@ from typing import TYPE_CHECKING
 
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
+from .polynomials import DOUBLE_BITS, Axis, complex_roots, fraction, positive_square_roots, without
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from .rational import Rational
 
-_BITS = 64  # of the frequencies that are then taken as doubles
 _NEWTON_STEPS = 4  # from a double
 _NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
 """Precision at which a sign that is still open is given up as zero."""
 
-GAIN, SIZE, PHASE = "gain", "size", "phase"
-"""Kinds of frequencies: |L| = 1, extrema of |L|, extrema of arg L."""
+GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
+"""Kinds of frequencies: |L| = 1, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
 
 
 class ExactLoop:
@@ -37,20 +38,33 @@ class ExactLoop:
         self._system = system
         self._given, self._dead_time = dead_time, fraction(dead_time)
         self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
+        self._roots: dict[int, tuple[list[acb], list[acb]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
         """To another process go the numbers it was made from: FLINT's do not."""
         return ExactLoop, (self._system, self._given)
 
-    @cached_property
+    @property
     def numerator(self) -> fmpq_poly:
         """N(s), gain included."""
-        return polynomial(self._system.zeros, self._system.gain)
+        return self._system.polynomials[0]
 
-    @cached_property
+    @property
     def denominator(self) -> fmpq_poly:
-        """D(s), monic."""
-        return polynomial(self._system.poles, 1.0)
+        """D(s)."""
+        return self._system.polynomials[1]
+
+    @property
+    def through(self) -> fmpq:
+        """G(infinity)."""
+        order = self.denominator.degree()
+        return self.numerator[order] / self.denominator[order]
+
+    @property
+    def hidden_on_axis(self) -> bool:
+        """Whether a zero and a pole of G meet on the axis, 0 aside."""
+        common = self._axis[0].undamped.gcd(self._axis[1].undamped)
+        return bool(positive_square_roots(common))
 
     @property
     def pole_at_origin(self) -> bool:
@@ -68,7 +82,7 @@ class ExactLoop:
         gap = self._polynomials[GAIN]
         return bool(next(c for c in gap.coeffs() if c != 0) > 0)
 
-    def frequencies(self, kind: str, bits: int = _BITS) -> list[tuple[arb, int]]:
+    def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
         """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with their multiplicities."""
         if (kind, bits) not in self._found:
             with ctx.workprec(bits):
@@ -77,12 +91,14 @@ class ExactLoop:
 
     def value(self, omega: arb) -> tuple[acb, acb]:
         """L(j omega) and d ln L/d omega, at the precision of the context."""
-        s, value, slope = acb(0, omega), acb(self._system.gain), acb(0)
-        for root in self._system.zeros.tolist():
-            away = s - acb(root)
+        s, slope = acb(0, omega), acb(0)
+        value = acb(self.numerator.leading_coefficient() / self.denominator.leading_coefficient())
+        zeros, poles = self.roots()
+        for root in zeros:
+            away = s - root
             value, slope = value * away, slope + 1 / away
-        for root in self._system.poles.tolist():
-            away = 1 / (s - acb(root))
+        for root in poles:
+            away = 1 / (s - root)
             value, slope = value * away, slope - away
         delay = arb(self._dead_time)
         return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
@@ -116,17 +132,25 @@ class ExactLoop:
         loop, _ = self.value(found)
         return found, abs((a + b * loop) / (1 + loop))
 
-    def argument(self, omega: arb, side: int = 1) -> arb:
-        """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the precision of the context; with a root
-        on the axis there, just above (`side` 1) or below it (-1)."""
+    def roots(self) -> tuple[list[acb], list[acb]]:
+        """Zeros and poles of G, at the precision of the context or higher; the real part is 0 on the axis alone."""
+        if not self._system.from_coefficients:
+            return [acb(root) for root in self._system.zeros], [acb(root) for root in self._system.poles]
+        if ctx.prec not in self._roots:
+            self._roots[ctx.prec] = complex_roots(self.numerator), complex_roots(self.denominator)
+        return self._roots[ctx.prec]
+
+    def argument(self, omega: arb, side: int = 0) -> arb:
+        """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the context's precision; at a frequency
+        of the kind `AXIS` just above (`side` 1) or below it (-1)."""
         turned = arb.pi() if self._system.gain < 0 else arb(0)
-        zeros, poles = (_angle(roots, omega, side) for roots in (self._system.zeros, self._system.poles))
+        zeros, poles = (_angle(roots, omega, side) for roots in self.roots())
         return turned + zeros - poles - arb(self._dead_time) * omega
 
     def offset(self, kind: str, index: int) -> tuple[int, float]:
         """The phase at frequency number `index` of a kind, as an odd n next to arg L/pi and the signed rest; 0.0 if
         `MOST_BITS` do not tell it from zero."""
-        bits = _BITS
+        bits = DOUBLE_BITS
         while True:
             bits = min(4 * bits, MOST_BITS)
             with ctx.workprec(bits):
@@ -139,60 +163,28 @@ class ExactLoop:
                 return odd, 0.0
 
     @cached_property
+    def _axis(self) -> tuple[Axis, Axis]:
+        return Axis(self.numerator), Axis(self.denominator)
+
+    @cached_property
     def _polynomials(self) -> dict[str, fmpq_poly]:
-        num, den = Axis(self.numerator), Axis(self.denominator)
+        num, den = self._axis
         common = num.power.gcd(den.power)
         p, r = num.power // common, den.power // common
         turned = num.turning * r - den.turning * p - self._dead_time * common * p * r
-        return {GAIN: p - r, SIZE: p.derivative() * r - p * r.derivative(), PHASE: turned}
+        undamped = num.undamped * den.undamped
+        size, phase = (without(undamped, one) for one in (p.derivative() * r - p * r.derivative(), turned))
+        return {GAIN: p - r, SIZE: size, PHASE: phase, AXIS: undamped}
 
 
-class Axis:
-    """A polynomial on the axis, F(j omega) = E(x) + j omega O(x): |F|^2 and |F|^2 d(arg F)/d omega, both in x."""
-
-    def __init__(self, polynomial: fmpq_poly) -> None:
-        coefficients = polynomial.coeffs()
-        even, odd = (fmpq_poly([(-1) ** k * c for k, c in enumerate(coefficients[i::2])]) for i in (0, 1))
-        self.even, self.odd = even, odd
-        x = fmpq_poly([0, 1])
-        self.power = even * even + x * odd * odd
-        self.turning = (odd + 2 * x * odd.derivative()) * even - 2 * x * odd * even.derivative()
-
-
-def fraction(value: float) -> fmpq:
-    return fmpq(*float(value).as_integer_ratio())
-
-
-def polynomial(roots: Iterable[complex], gain: float) -> fmpq_poly:
-    """gain prod(s - roots); of a pair the upper root stands for both."""
-    found = fmpq_poly([fraction(gain)])
-    for root in roots:
-        a, b = fraction(root.real), fraction(root.imag)
-        if root.imag == 0:
-            found *= fmpq_poly([-a, 1])
-        elif root.imag > 0:
-            found *= fmpq_poly([a * a + b * b, -2 * a, 1])
-    return found
-
-
-def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
-    """Square roots of the positive real roots, ascending, with multiplicities."""
-    if polynomial.degree() < 1:
-        return []
-    while polynomial[0] == 0:
-        polynomial = polynomial.right_shift(1)
-    signs = [c > 0 for c in polynomial.coeffs() if c != 0]
-    if all(signs) or not any(signs):
-        return []  # Descartes: no change of sign, no positive root
-    found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
-    return [(root.sqrt(), count) for root, count in sorted(found, key=lambda pair: pair[0].mid())]
-
-
-def _angle(roots: Iterable[complex], omega: arb, side: int) -> arb:
+def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
     """`rational.angle_sum` in balls."""
     total = arb(0)
     for root in roots:
-        real, away = abs(root.real), omega - root.imag
-        angle = side * arb.pi() / 2 if real == 0 and away.contains(0) else arb.atan2(away, arb(real))
+        away = omega - root.imag
+        if not (root.real.is_zero() and away.contains(0)):
+            angle = arb.atan2(away, abs(root.real))
+        else:
+            angle = side * arb.pi() / 2 if side else arb(0, 1.6)  # not known on which side: more than a quarter turn
         total += arb.pi() - angle if root.real > 0 else angle
     return total

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import fmpq
 
 from .crossings import Pieces, Response
 from .rootfinding import monotone_roots
@@ -431,13 +432,12 @@ def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]
 def _end_values(response: Response) -> list[list[tuple[float, float]]]:
     """Each response at omega = 0 and its supremum as omega tends to infinity."""
     n, d = response.exact.numerator[0], response.exact.denominator[0]
-    through = response.system.feedthrough
+    through = response.exact.through
     if response.dead_time > 0:
         through = -abs(through)  # the dead time turns it through every phase, -1 included
-    far = [abs((a + b * through) / (1 + through)) for a, b in zip(_A[:, 0], _B[:, 0], strict=True)]
     # exact, as D + N may be far smaller than both
-    near = [abs(one / (2 * (n + d))) for one in (2 * d, 2 * n, d - n)]
-    return [[(int(x.p) / int(x.q), 0.0), (float(y), float("inf"))] for x, y in zip(near, far, strict=True)]
+    near, far = ([abs(one / (2 * (n + d))) for one in (2 * d, 2 * n, d - n)] for n, d in ((n, d), (through, fmpq(1))))
+    return [[(int(x.p) / int(x.q), 0.0), (int(y.p) / int(y.q), math.inf)] for x, y in zip(near, far, strict=True)]
 
 
 def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[float, float] | None:

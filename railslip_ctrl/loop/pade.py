@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import fmpq, fmpq_poly
 
 from railslip_ctrl.arguments import checked, number
 
-from .rational import Rational, polynomial_roots
+from .polynomials import rounded_roots
+from .rational import Rational
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LARGEST_ORDER = 100
 """From order 10 on the approximation is exact to rounding where the phase of the dead time is a few radians."""
@@ -25,11 +32,12 @@ def pade(dead_time: float, order: int) -> Rational:
     number("dead time", dead_time, "s", ge=0)
     if dead_time == 0:
         return Rational(np.array([]), np.array([]), 1.0)
-    n = order
-    # roots are taken in tau*s, where the coefficients are well scaled
-    coefficients = [
-        factorial(2 * n - k) * factorial(n) / (factorial(2 * n) * factorial(k) * factorial(n - k))
-        for k in range(n, -1, -1)
-    ]
-    poles = polynomial_roots(coefficients) / dead_time
-    return Rational(-poles, poles, (-1.0) ** n)
+    poles = _poles(order) / dead_time
+    return Rational(-poles, poles, (-1.0) ** order)
+
+
+@lru_cache
+def _poles(n: int) -> NDArray[np.complex128]:
+    """Those of dead time 1."""
+    coefficients = [fmpq(factorial(2 * n - k), factorial(k) * factorial(n - k)) for k in range(n + 1)]
+    return rounded_roots(fmpq_poly(coefficients))

@@ -1,8 +1,8 @@
 """A rational SISO transfer function held as zeros, poles and gain.
 
 G(s) = gain * prod(s - zeros)/prod(s - poles). Factored form evaluates to full accuracy where expanded
-polynomials lose digits, gives the phase of G(j omega) as a *continuous* function of omega in closed form
-(no unwrapping over a grid), and makes shifting the contour (s -> s + c) exact.
+polynomials lose digits, and gives the phase of G(j omega) as a *continuous* function of omega in closed form
+(no unwrapping over a grid). Beside it stand the polynomials of what was given, exact: they decide (`exact`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from flint import fmpq_poly
 
 from railslip_ctrl.arguments import complexes, number, real, reals
 from railslip_ctrl.errors import InputError
+
+from .polynomials import characteristic_polynomial, coefficients, expanded, fraction, rounded_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -24,15 +27,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
-# A state-space system and its factored form must agree this well where they are compared. Zeros come out of a
-# generalised eigenvalue problem, so a double zero is only good to sqrt(eps) ~ 1e-8, though their product is
-# far better; what is refused beyond this bound is a system so badly scaled that no margin of it would be right.
-_FACTORING_TOLERANCE = 1e-7
-
-_AT_ORIGIN = 1e-14  # relative to the largest root: a pole that slow is an integrator in any loop with the others
-_MULTIPLE = 1e-4  # relative distance within which roots may be one multiple root (1e-16^(1/4): up to fourfold)
-_ON_AXIS = 1e-12  # real part over size of an undamped root after rounding
-_COEFFICIENT = 1e-13  # relative change of a polynomial's coefficient that counts as rounding of its sum
+_LEVEL = 20 * np.finfo(float).eps
+"""Relative rounding of a sum of products of matrix entries, for each state."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +81,53 @@ class Rational:
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
         if denominator.size == 0:
             raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
-        if numerator.size == 0:
-            return cls(np.array([]), cleaned(polynomial_roots(denominator)), 0.0)
-        zeros, poles = cleaned(polynomial_roots(numerator)), cleaned(polynomial_roots(denominator))
-        return cls(zeros, poles, numerator[0] / denominator[0])
+        return cls._from_exact(coefficients(numerator[::-1]), coefficients(denominator[::-1]))
+
+    @classmethod
+    def _from_exact(cls, num: fmpq_poly, den: fmpq_poly) -> Rational:
+        """From exact polynomials; the roots are rounded, each to its side of the axis or onto it."""
+        if num.degree() < 0:
+            return cls(np.array([]), rounded_roots(den), 0.0)._with(num, den)
+        gain = num.leading_coefficient() / den.leading_coefficient()
+        try:
+            size = int(gain.p) / int(gain.q)
+        except OverflowError:
+            size = math.inf
+        return cls(rounded_roots(num), rounded_roots(den), size)._with(num, den)
+
+    def _with(self, num: fmpq_poly, den: fmpq_poly) -> Rational:
+        """With the polynomials that the roots were rounded from."""
+        self.__dict__.update(polynomials=(num, den), from_coefficients=True)
+        return self
+
+    from_coefficients = False
+    """Whether the exact roots are those of `polynomials`, not the `zeros` and `poles` as the doubles they are."""
+
+    @cached_property
+    def polynomials(self) -> tuple[fmpq_poly, fmpq_poly]:
+        """Numerator, gain included, and denominator, exact: as given, or of the zeros, poles and gain."""
+        return expanded(self.zeros, self.gain), expanded(self.poles, 1.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """To another process go coefficients as text: FLINT's numbers do not."""
+        state = {"zeros": self.zeros, "poles": self.poles, "gain": self.gain}
+        if self.from_coefficients:
+            state["polynomials"] = [[str(c) for c in one.coeffs()] for one in self.polynomials]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """From another process."""
+        given = state.pop("polynomials", None)
+        self.__dict__.update(state)
+        if given:
+            self._with(*(coefficients(one) for one in given))
 
     @classmethod
     def from_state_space(cls, a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> Rational:
         """From a SISO realisation x' = A x + B u, y = C x + D u; hidden modes are kept as pole-zero pairs.
+
+        The matrices are exact, but for their structure: an eigenvalue that rounding may have moved away from 0 is an
+        integrator, and a zero that rounding may have brought from infinity is none.
 
         Parameters
         ----------
@@ -102,8 +137,7 @@ class Rational:
         Raises
         ------
         InputError
-            Entries that are no finite numbers, shapes that do not fit, or a factored form that does not reproduce the
-            realisation's frequency response.
+            Entries that are no finite numbers, or shapes that do not fit.
         """
         a, b = np.atleast_2d(reals("a", a)), reals("b", b).reshape(-1, 1)
         c, d = reals("c", c).reshape(1, -1), reals("d", d)
@@ -117,7 +151,12 @@ class Rational:
             return cls(np.array([]), np.array([]), d)
         if not all(np.isfinite(m).all() for m in (a, b, c, np.array(d))):
             raise InputError("state-space system has an entry that is not finite; give finite numbers")
-        return _factor(a, b, c, d)
+        den = characteristic_polynomial(a)
+        # det(sI - A + B C) = det(sI - A) (1 + C (sI - A)^-1 B)
+        num = characteristic_polynomial(a, b, c) - den
+        integrators, excess = _structure(a, b, c)
+        num = fmpq_poly(num.coeffs()[: max(b.size - excess, 0)])
+        return cls._from_exact(num + fraction(d) * den, fmpq_poly([0] * integrators + den.coeffs()[integrators:]))
 
     @classmethod
     def from_control(cls, system: Any, name: str = "loop") -> Rational:
@@ -160,21 +199,28 @@ class Rational:
 
     def __mul__(self, other: Rational | float) -> Rational:
         """Series connection, or a change of gain."""
-        if isinstance(other, Rational):
-            return Rational(
-                np.concatenate([self.zeros, other.zeros]),
-                np.concatenate([self.poles, other.poles]),
-                self.gain * other.gain,
-            )
-        if isinstance(other, (bool, str)) or not isinstance(other, Real):
+        if isinstance(other, (bool, str)) or not isinstance(other, Rational | Real):
             return NotImplemented
-        return Rational(self.zeros, self.poles, self.gain * other)
+        if not isinstance(other, Rational):
+            other = Rational(np.array([]), np.array([]), float(other))
+        product = Rational(
+            np.concatenate([self.zeros, other.zeros]),
+            np.concatenate([self.poles, other.poles]),
+            self.gain * other.gain,
+        )
+        if self.from_coefficients or other.from_coefficients:
+            (n, d), (m, e) = self.polynomials, other.polynomials
+            product._with(n * m, d * e)
+        return product
 
     __rmul__ = __mul__
 
     def shifted(self, c: float) -> Rational:
         """G(s + c) as a function of s; `c` is real, rad/s. InputError for one that is not finite."""
         number("c", c, "rad/s")
+        if self.from_coefficients:
+            there = coefficients([c, 1.0])
+            return Rational._from_exact(*(one(there) for one in self.polynomials))
         return Rational(self.zeros - c, self.poles - c, self.gain)
 
     @property
@@ -255,64 +301,6 @@ class Rational:
         return np.asarray(_angle_slope(self.zeros, omega) - _angle_slope(self.poles, omega))
 
 
-def polynomial_roots(coefficients: ArrayLike) -> Complexes:
-    """Roots of a polynomial given in descending powers, always complex."""
-    given = np.asarray(coefficients, dtype=float)
-    if given.shape == (2,) and given.all():  # what `np.roots` does by an eigenvalue solver: a PI's zero, asked often
-        return np.array([-given[1] / given[0]], dtype=np.complex128)
-    return np.asarray(np.roots(given), dtype=np.complex128)
-
-
-def cleaned(roots: Complexes) -> Complexes:
-    """Roots with what rounding did to multiple ones, to pairs on the axis and to those at the origin undone.
-
-    A double root comes out of an eigenvalue solver as two that are about 1e-8 apart; an undamped pair with a real part
-    of some 1e-17. Each is moved back only where that changes no coefficient by more than rounding.
-    """
-    if roots.size == 0:
-        return roots
-    top = float(np.abs(roots).max())
-    roots = np.where(np.abs(roots) <= _AT_ORIGIN * top, 0.0, roots)
-    merged = roots.copy()
-    for root in roots:
-        near = np.abs(roots - root) <= _MULTIPLE * np.abs(root)
-        if np.count_nonzero(near) > 1:
-            merged[near] = roots[near].mean()
-    for candidate in (_on_axis(merged), merged, _on_axis(roots)):
-        if np.array_equal(candidate, roots) or _same_coefficients(candidate, roots):
-            return candidate
-    return roots
-
-
-def _on_axis(roots: Complexes) -> Complexes:
-    """Roots whose real part is rounding of their size, put on the axis."""
-    return np.where(np.abs(roots.real) <= _ON_AXIS * np.abs(roots), 1j * roots.imag, roots)
-
-
-def _same_coefficients(candidate: Complexes, roots: Complexes) -> bool:
-    """Whether two sets of roots give one polynomial, each coefficient to rounding of the terms it sums."""
-    change = np.abs(np.atleast_1d(np.poly(candidate)) - np.atleast_1d(np.poly(roots)))
-    size = np.atleast_1d(np.poly(-np.abs(roots))).real
-    return bool(np.all(change <= _COEFFICIENT * size))
-
-
-def _zero_multiplicity(a: Floats) -> int:
-    """Algebraic multiplicity of the eigenvalue 0, by the nullity of powers of the matrix."""
-    order = int(a.shape[0])
-    size = float(np.linalg.norm(a, 2))
-    if size == 0:
-        return order
-    power, found = np.eye(order), 0
-    for _ in range(order):
-        power = power @ a / size
-        singular = np.linalg.svd(power, compute_uv=False)
-        nullity = int(np.count_nonzero(singular <= 20 * order * np.finfo(float).eps))
-        if nullity == found:
-            break
-        found = nullity
-    return found
-
-
 def angle_sum(roots: Complexes, omega: Floats) -> Floats:
     """Continuous argument of prod(j omega - roots), rad; a root on the axis counts as one left of it."""
     real = roots.real
@@ -328,55 +316,25 @@ def _angle_slope(roots: Complexes, omega: Floats) -> Floats:
         return np.asarray(np.where(real == 0, 0.0, -real / distance / distance).sum(axis=-1))
 
 
-def _factor(a: Floats, b: Floats, c: Floats, d: float) -> Rational:
-    """Zeros, poles and gain of a realisation; the number of finite zeros is the one that reproduces it best."""
-    from scipy.linalg import eigvals, matrix_balance
+def _structure(a: Floats, b: Floats, c: Floats) -> tuple[int, int]:
+    """Integrators of a realisation, and poles beyond its zeros but for D: what is not told from 0 by rounding is 0."""
+    from scipy.linalg import matrix_balance
 
-    order = a.shape[0]
-    a, (scale, permutation) = matrix_balance(a, separate=True)
-    b, c = b[permutation] / scale[:, None], c[:, permutation] * scale
-    poles = np.linalg.eigvals(a).astype(complex)
-    integrators = _zero_multiplicity(a)
-    poles[np.argsort(np.abs(poles))[:integrators]] = 0.0  # a multiple 0 comes out as a ring of about eps^(1/m)
-    poles = cleaned(poles)
-    input_size, output_size = np.linalg.norm(b), np.linalg.norm(c)
-    if input_size == 0 or output_size == 0:
-        # the whole dynamics is hidden: keep every mode as a pole with a zero on it
-        return Rational(poles if d != 0 else np.array([]), poles, d)
-    b, c, feedthrough = b / input_size, c / output_size, d / (input_size * output_size)
-    pencil = np.block([[a, b], [c, np.array([[feedthrough]])]])
-    with np.errstate(all="ignore"):
-        candidates = eigvals(pencil, np.diag([1.0] * order + [0.0]))
-    candidates = candidates[np.isfinite(candidates)]
-    candidates = candidates[np.argsort(np.abs(candidates))]
-    probes = _probe_points(poles)
-    truth = np.array([(c @ np.linalg.solve(s * np.eye(order) - a, b))[0, 0] + feedthrough for s in probes])
-    if not np.any(truth):
-        return Rational(np.array([]), poles, 0.0)
-    best, best_error = None, np.inf
-    for count in range(min(order, candidates.size) + 1):
-        zeros = cleaned(candidates[:count])
-        if abs(zeros.imag.sum()) > 1e-6 * (1e-300 + np.abs(zeros).sum()):
-            continue  # would split a conjugate pair
-        shape = Rational(zeros, poles, 1.0)(probes)
-        gain = float(np.real(np.vdot(shape / np.abs(truth), truth / np.abs(truth))))
-        gain /= float(np.real(np.vdot(shape / np.abs(truth), shape / np.abs(truth))))
-        error = float(np.max(np.abs(gain * shape / truth - 1.0)))
-        # a spurious zero near infinity may fit a digit better by chance: prefer fewer zeros
-        if error < 0.01 * best_error:
-            best, best_error = Rational(zeros, poles, float(gain * input_size * output_size)), error
-    if best is None or best_error > _FACTORING_TOLERANCE:
-        raise InputError(
-            f"state-space system of order {order} is too badly scaled to be factored "
-            f"(relative error {best_error:.1e}); give a transfer function or rescale the states"
-        )
-    return best
+    column, size, excess = b, np.abs(b), 0
+    while excess < b.size and abs(c @ column).item() <= _LEVEL * b.size * (np.abs(c) @ size).item():
+        scale = float(size.max()) or 1.0  # no overflow
+        column, size, excess = a @ (column / scale), np.abs(a) @ (size / scale), excess + 1
+    return _zero_multiplicity(matrix_balance(a, separate=False, permute=False)[0]), excess
 
 
-def _probe_points(poles: Complexes) -> Complexes:
-    """Points right of all poles, over the range of their sizes, at which realisations are compared."""
-    sizes = np.abs(poles)
-    top = float(sizes.max()) or 1.0
-    # below 1e-6 of the fastest pole the resolvent of a badly scaled matrix is rounding noise
-    low = float(np.min(sizes[sizes > 1e-6 * top], initial=top))
-    return np.asarray(np.geomspace(0.3 * low, 30.0 * top, 9) * np.exp(0.35j) + max(0.0, float(poles.real.max())))
+def _zero_multiplicity(a: Floats) -> int:
+    """Algebraic multiplicity of the eigenvalue 0, by the nullity of powers of the matrix."""
+    order, size = int(a.shape[0]), float(np.linalg.norm(a, 2))
+    power, found = np.eye(order), 0
+    while size and found < order:
+        power = power @ a / size
+        nullity = int(np.count_nonzero(np.linalg.svd(power, compute_uv=False) <= _LEVEL * order))
+        if nullity == found:
+            return found
+        found = nullity
+    return order

@@ -86,14 +86,15 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     """(closed-loop poles with positive real part, whether one is on the axis)."""
     system, dead_time = response.system, response.dead_time
     axis_zeros, axis_poles = (r[r.real == 0] for r in (system.zeros, system.poles))
-    if np.intersect1d(axis_zeros, axis_poles).size:
+    if axis_zeros.size and axis_poles.size and response.exact.hidden_on_axis:
         return float("nan"), True  # a hidden mode on the axis is a closed-loop pole there
     right = [int(np.count_nonzero(roots.real > 0)) for roots in (system.zeros, system.poles)]
     if system.gain == 0:
         return float(right[1]), bool(axis_poles.size)
-    if dead_time > 0 and abs(system.feedthrough) >= 1.0:
+    through = response.exact.through
+    if dead_time > 0 and abs(through) >= 1:
         return float("inf"), False  # neutral: a chain of poles tends to Re s = ln|G(inf)|/tau >= 0
-    if system.feedthrough == -1.0:
+    if through == -1:
         return float("inf"), False  # 1 + L(inf) = 0: not well posed
     if response.exact.pole_at_origin:
         return float("nan"), True

@@ -147,6 +147,7 @@ def _certificate_json(certificate: Certificate) -> dict[str, Any]:
     crossovers = [[number(w) for w in ends] for ends in certificate.gain_crossovers]
     found: dict[str, Any] = {
         "stable": certificate.stable,
+        "marginal": certificate.marginal,
         "unstable_closed_loop_poles": number(certificate.unstable_poles),
         "gain_crossovers_rad_s": crossovers,
         "bits": certificate.bits,

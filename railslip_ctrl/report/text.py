@@ -227,7 +227,8 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
     balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
     if not certificate.stable:
         poles = f"{certificate.unstable_poles:g} in the closed right half plane"
-        return [Text(f"Certificate: unstable, closed-loop poles: {poles}")]
+        axis = f"; one on the imaginary axis or within 2^-{certificate.bits} of it" if certificate.marginal else ""
+        return [Text(f"Certificate: unstable, closed-loop poles: {poles}{axis}")]
     rows = [
         (name, *map(str, ends), unit)
         for name, unit, ends in (
