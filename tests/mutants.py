@@ -95,6 +95,8 @@ EQUIVALENT = {
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
     r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
     r"_BISECTIONS \+ \(2\)": "one halving more than needed",
+    r"rising = .*here \* \(\(a": "a peak looked for on the wrong side is found by the bounds",
+    r">= 1 / _FARTHEST": "no part begins just there",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""

@@ -152,3 +152,24 @@ def test_a_power_is_certified_as_its_rounded_coefficients_have_it():
         for name in MARGINS:
             low, high = getattr(certificate, name)
             assert low * (1 - 1e-12) <= getattr(margins, name) <= high * (1 + 1e-12), (order, name)
+
+
+def test_a_certificate_has_no_unit_of_time():
+    # every number is moved by a power of two: no rounding differs, so that the same parts are bounded
+    for kind in (random_loops.wheel_slip, random_loops.KINDS[0]):
+        zeros, poles, gain, dead_time = next(one for one in random_loops.loops(kind, 100) if made(*one).is_stable())
+        found = []
+        for scale in (1.0, 2.0**20, 2.0**-20):
+            moved = [[scale * root for root in roots] for roots in (zeros, poles)]
+            loop = made(*moved, gain * scale ** (len(poles) - len(zeros)), dead_time / scale)
+            certificate = loop.certificate()
+            found.append((certificate.parts, certificate.ms, certificate.mt, certificate.phase_deg))
+        assert found == [found[0]] * 3
+
+
+def test_a_root_beside_the_axis_keeps_its_side_and_its_digits():
+    # s^2 + 2 a s + 1: real parts -a
+    for a in (1e-30, -1e-30, 1e-200):
+        poles = DeadTimeLoop(control.tf([0.5], [1, 2 * a, 1])).system.poles
+        assert poles.real.tolist() == [-a, -a]
+        assert poles.imag.tolist() == [-1.0, 1.0]

@@ -7,7 +7,7 @@ import pytest
 import random_loops
 
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, pieces
+from railslip_ctrl.loop.crossings import Response, frequency_nodes, pieces
 from railslip_ctrl.loop.exact import PHASE, SIZE
 from railslip_ctrl.loop.margins import _may_exceed, _second_order_bounds, box_bounds
 
@@ -63,3 +63,20 @@ def test_a_part_with_something_higher_is_not_dismissed():
             best = [(share * peak, 1.0) for peak in most.max(axis=1)]
             higher = np.any(most > np.array([[peak] for peak, _ in best]), axis=0)
             assert np.all(_may_exceed(response, pieces(response), low, high, best)[higher])
+
+
+def test_nodes_reach_four_decades_beyond_every_feature():
+    for response in responses(3):
+        roots = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
+        scales = np.concatenate([roots[roots > 0], response.gain_crossovers, [1 / response.dead_time]])
+        nodes = frequency_nodes(response)
+        # the closest to an end lies within its spacing, 16 a decade
+        assert nodes[0] == pytest.approx(1e-4 * scales.min(), rel=0.16)
+        assert nodes[-1] == pytest.approx(1e4 * scales.max(), rel=0.16)
+
+
+def test_frequencies_of_any_shape():
+    response = next(responses(1))
+    omega = np.array([[0.3, 0.7, 1.1], [1.3, 2.0, 5.0]])
+    for function in (response.system.angle, response.system.angle_slope, response.system.log_size):
+        assert function(omega) == pytest.approx(np.array([[function(np.array([w]))[0] for w in row] for row in omega]))
