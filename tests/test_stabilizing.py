@@ -103,6 +103,21 @@ def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():
     assert region.contains(-3.0, 0.0)
 
 
+def test_a_derivative_part_moves_the_gain_at_infinity():
+    plant = 2 * (S + 2) / (S + 1)  # C(inf) P(inf) = -1: kp + kd/Tf = -1/2, or kp (1 + Td/Tf) = -1/2
+    by_gain = stabilizing_pid(plant, derivative_gain=0.3, derivative_filter=0.1)
+    assert by_gain.p_intervals[0] == (-np.inf, pytest.approx(-3.5, rel=1e-14))
+    by_time = stabilizing_pid(plant, derivative_time=0.3, derivative_filter=0.1)
+    assert by_time.p_intervals[1] == (pytest.approx(-0.125, rel=1e-14), np.inf)
+
+
+def test_ki_is_bounded_across_a_zero_on_the_axis():
+    region = stabilizing_pi(Rational(np.array([0.7j, -0.7j]), np.array([-1.0, -0.5, -2.0]), 1.0), 0.4)
+    for kp in np.linspace(*region.kp_range, 9)[1:-1]:
+        ((low, high),) = region.ki_intervals(kp)
+        assert (low, region.contains(kp, high * (1 - NEAR)), region.contains(kp, high * (1 + NEAR))) == (0, True, False)
+
+
 def test_an_unstable_plant_may_need_ki_away_from_zero():
     islands = stabilizing_pi(Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0), 0.1)
     assert islands.kp_range is None
