@@ -104,6 +104,17 @@ EQUIVALENT = {
     r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
     r"_BISECTIONS \+ \(2\)": "one halving more than needed",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
+    r"axis=-1\).*=> .*axis=\(\+1\)": "of two dimensions",
+    r"_reference_frequency \* np.array": "any gain of the plant's size is a scale",
+    r"=> .*_sign_at_origin / far": "the sign alone counts",
+    r"zeros.size \+ \(8\)|linspace\(\(1.0\), 1.5 \* needed": "a bound, as good if larger",
+    r"np.maximum\(low, 1.0\)": "a start, stepped out",
+    r"bound \* |arb\(2\) \*\* -": "rounding upwards, as good if larger",
+    r"=> .*range\(\(30\)\)": "16^30 is as far as any frequency",
+    r"radius >= max": "a ball never is",
+    r"gain_margins=\(True\)": "not asked for, only slower",
+    r"1e30\)": "any number beyond what a loop has",
+    r"dead_time or \(2.0\)": "any time serves an actuator that has none",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
 

@@ -10,7 +10,6 @@ from railslip_ctrl.design.tuning_cases import tune_cases
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PARK2008, Actuator, Rail
 
-
 PLANTS = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
 
 
