@@ -114,6 +114,8 @@ EQUIVALENT = {
     r"radius >= max": "a ball never is",
     r"gain_margins=\(True\)": "not asked for, only slower",
     r"1e30\)": "any number beyond what a loop has",
+    r"failing - \(2\)": "a wider bracket",
+    r"=> draft = .*\(2.0\)\)": "what a draft says of itself is not read",
     r"dead_time or \(2.0\)": "any time serves an actuator that has none",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
