@@ -216,9 +216,7 @@ def test_the_best_that_can_be_had_is_of_what_was_asked():
     with pytest.raises(InfeasibleDesignError, match=r"least worst Ms 1\.27\d"):
         tune_pi(FAMILY, DEAD_TIMES, ms_max=1.1)
     # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
-    with pytest.raises(
-        InfeasibleDesignError, match=r"least worst Ms 1\.107, largest delay margin 1\.899 s; each"
-    ):
+    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms 1\.107, largest delay margin 1\.899 s; each"):
         tune_pi(1 / (S - 0.5), 0.1, ms_max=1.6, delay_min_s=1.5)
 
 
