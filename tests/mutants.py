@@ -61,7 +61,7 @@ ROOMS = {
     "design/sampled": "sampled sampled_margins",
     "design/schedule": "robustness",
     "design/shaping": "assessment",
-    "design/stabilizing": "stabilizing",
+    "design/stabilizing": "certified_gains stabilizing",
     "design/specification": "tuning",
     "design/sweeps": "robustness",
     "design/tuning": "tuning",
