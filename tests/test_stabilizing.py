@@ -32,6 +32,7 @@ def test_p_and_pi_sets_of_an_unstable_lag_with_dead_time():
     assert region.ki_limit(2) == pytest.approx(1.077454753, abs=0.5001e-9, rel=0)
     assert region.ki_limit(12) == pytest.approx(6.719615019, abs=0.5001e-9, rel=0)
     assert region.boundary_curves()[1].omega[[0, -1]] == pytest.approx((2.90231629e-6, 2.90231629), rel=1e-8)
+    assert region.boundary_curves()[0].ki.tolist() == [0.0, 0.0]
     assert np.diff(region.boundary_curves(1000.0, 100)[1].omega).max() * 0.15 < 2 * np.pi / 100
     assert region.reason == ""
     assert not region.is_empty
