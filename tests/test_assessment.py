@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import control as ct
 import numpy as np
@@ -109,12 +110,24 @@ def test_holding_gains_are_a_minimum_and_inside_their_range():
 
     assert worst(1.0) == pytest.approx(design.worst_ms, rel=1e-12)
     assert worst(0.99) > design.worst_ms < worst(1.01)
+    assert design.integral_time == pytest.approx(50 * (PARK2008.actuator.dead_time + PARK2008.actuator.lag))
+
+
+def test_without_dead_time_and_lag_least_ms_is_that_of_ever_larger_gains():
+    unstable = plant()
+    pole_at_0 = replace(unstable, A=unstable.A - unstable.poles.real.max() * np.eye(2))
+    for one in (unstable, pole_at_0):
+        design = holding_gains([one], Actuator(dead_time=0.0, lag=0.0))
+        assert (design.integral_time, design.gain_range[1]) == (1.0, math.inf)
+        assert design.worst_ms < 1.001
 
 
 def test_holding_gains_refuse_what_no_pi_holds():
     slow = Actuator(dead_time=0.5, lag=2.0)
     with pytest.raises(InfeasibleDesignError, match=r"stabilising kp: dry 100 km/h: none .*2\.05"):
         holding_gains([plant()], slow)
+    with pytest.raises(InfeasibleDesignError, match=r"no single PI .*133\.4 to 549\.1 .*1\.334 to 5\.491"):
+        holding_gains([plant(), replace(plant(), B=100 * plant().B)], PARK2008.actuator)
     with pytest.raises(InputError, match="no operating point"):
         holding_gains([], slow)
 

@@ -41,7 +41,8 @@ def test_without_unstable_pole_there_is_no_limit_on_the_peaks():
     assert (limits.mt_bound, limits.ms_bound, limits.unstable_pole, limits.bode_integral) == (1, 1, 0, 0)
     assert limits.doubling_time == math.inf
     assert limits.pi is None
-    assert limits.crossover_range == (0.0, pytest.approx(math.pi / 4))
+    for tau in (1e-6, 2.0, 1e6):
+        assert fundamental_limits(real([], [-1.0]), tau).crossover_range == (0.0, pytest.approx(math.pi / (2 * tau)))
     assert fundamental_limits(real([], [-1.0]), 0.0).crossover_range == (0.0, math.inf)
 
 
@@ -60,8 +61,9 @@ def test_longest_dead_time_is_where_the_least_peak_passes_an_ms():
         one.longest_dead_time(1.0)
 
 
-def test_pole_on_a_zero_cannot_be_stabilised():
+def test_pole_on_a_zero_or_far_too_fast_cannot_be_stabilised():
     assert least_peak(np.array([1.0]), np.array([1.0]), 0.0) == math.inf
+    assert least_peak(np.array([200.0]), np.array([]), 2.0) == math.inf
 
 
 def test_several_poles_cost_at_least_what_each_costs_and_coinciding_ones_stay_finite():
@@ -73,7 +75,7 @@ def test_several_poles_cost_at_least_what_each_costs_and_coinciding_ones_stay_fi
     assert least_peak(pair, np.array([]), 0.3) > math.exp(0.4 * 0.3)
 
 
-@pytest.mark.parametrize("p", [[0.8], [0.5, 1.5], [0.4 + 2j, 0.4 - 2j]])
+@pytest.mark.parametrize("p", [[0.8], [0.5, 1.5], [0.4 + 2j, 0.4 - 2j], [0.6, 0.4 + 2j, 0.4 - 2j]])
 def test_least_ms_is_the_norm_of_the_inverse_all_pass_on_the_dead_time_interval(p):
     # An independent route to Ms: min ||S|| = norm on L2[0, tau] of the causal inverse of B_p (commutant lifting). The
     # operator is discretised by the exact step response of 1/B_p on n cells; the error falls as 1/n.

@@ -155,13 +155,13 @@ def test_schedule_names_the_entry_that_cannot_be_met():
         schedule_gains((100.0,), rails=(Rail.DRY,), ms_max=2.0)
 
 
-@pytest.mark.parametrize(("lead", "lead_filter", "expected"), [(0.0, 0.0, 14.314), (0.6, 0.06, 4.0169)])
-def test_lowest_speed_at_which_a_pi_can_hold_the_falling_curve(lead, lead_filter, expected):
+@pytest.mark.parametrize(("lead", "expected"), [({}, 14.314), ({"lead": 0.6, "lead_filter": 0.06}, 4.0169)])
+def test_lowest_speed_at_which_a_pi_can_hold_the_falling_curve(lead, expected):
     # the curve is a function of slip: dF/dsigma, and with it the unstable pole, grows as 1/v
     def plant(v):
         return plant_at("curve", PARK2008, Rail.DRY, v)
 
-    lowest = lowest_stabilisable_speed(plant, PARK2008.actuator, lead=lead, lead_filter=lead_filter)
+    lowest = lowest_stabilisable_speed(plant, PARK2008.actuator, **lead)
     assert lowest == pytest.approx(expected, rel=1e-4)
     if not lead:
         # p (dead time + lag) = 1 there: the condition for a PI, exact for one pole alone

@@ -152,12 +152,13 @@ def test_anti_windup_recovers_from_saturation_without_overshoot():
 
 def test_back_calculation_holds_the_integral_where_the_limit_is_the_integral_with_tracking_time_kp_over_ki():
     # steady: ki e = (unlimited - torque)/Tt = (kp e + I - limit)/Tt, so I = limit when Tt = kp/ki
-    controller = SampledController(FAST_PI, 0.05, torque_low=-1.0, torque_high=1.0)
+    fast = PIController(PIGains(kp=3.0, ki=0.5))
+    controller = SampledController(fast, 0.05, torque_low=-1.0, torque_high=1.0)
     state = controller.initial_state()
     for _ in range(4000):
         state, torque = controller.step(state, 5.0)
     assert torque == 1.0
-    assert controller.effective_tracking_time == 3.0
+    assert controller.effective_tracking_time == 6.0
     assert state.integral == pytest.approx(1.0, rel=1e-9)
 
 

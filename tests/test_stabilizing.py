@@ -11,7 +11,7 @@ import pytest
 import railslip_ctrl
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
 from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
+from railslip_ctrl.design import actuated_plant, intersection, stabilizing_pid
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import Rational
@@ -31,7 +31,9 @@ def test_p_and_pi_sets_of_an_unstable_lag_with_dead_time():
     assert region.kp_range == pytest.approx((1, 23.3988133859), abs=0.5001e-10, rel=0)
     assert region.ki_limit(2) == pytest.approx(1.077454753, abs=0.5001e-9, rel=0)
     assert region.ki_limit(12) == pytest.approx(6.719615019, abs=0.5001e-9, rel=0)
-    assert region.boundary_curves()[1].omega[-1] == pytest.approx(2.90231629, abs=0.5001e-8, rel=0)
+    assert region.boundary_curves()[1].omega[[0, -1]] == pytest.approx((2.90231629e-6, 2.90231629), rel=1e-8)
+    assert region.boundary_curves()[0].ki.tolist() == [0.0, 0.0]
+    assert np.diff(region.boundary_curves(1000.0, 100)[1].omega).max() * 0.15 < 2 * np.pi / 100
     assert region.reason == ""
     assert not region.is_empty
     assert region.contains(12, 6.7)
@@ -93,13 +95,28 @@ def test_a_lag_of_many_equal_parts_has_its_closed_form():
 
 
 def test_gain_at_infinity_is_a_boundary_of_a_biproper_plant():
-    region = stabilizing_pi((S + 2) / (S + 1))
-    assert region.p_intervals == ((-np.inf, -1.0), (-0.5, np.inf))
+    region = stabilizing_pi(2 * (S + 2) / (S + 1))
+    assert region.p_intervals == ((-np.inf, -0.5), (-0.25, np.inf))
     # beyond the pole's passage through infinity ki < 0 would be needed
-    assert region.kp_range == (-0.5, np.inf)
+    assert region.kp_range == (-0.25, np.inf)
     assert region.ki_intervals(-3.0) == ()
     assert not region.contains(-3.0, 0.1)
     assert region.contains(-3.0, 0.0)
+
+
+def test_a_derivative_part_moves_the_gain_at_infinity():
+    plant = 2 * (S + 2) / (S + 1)  # C(inf) P(inf) = -1: kp + kd/Tf = -1/2, or kp (1 + Td/Tf) = -1/2
+    by_gain = stabilizing_pid(plant, derivative_gain=0.3, derivative_filter=0.1)
+    assert by_gain.p_intervals[0] == (-np.inf, pytest.approx(-3.5, rel=1e-14))
+    by_time = stabilizing_pid(plant, derivative_time=0.3, derivative_filter=0.1)
+    assert by_time.p_intervals[1] == (pytest.approx(-0.125, rel=1e-14), np.inf)
+
+
+def test_ki_is_bounded_across_a_zero_on_the_axis():
+    region = stabilizing_pi(Rational(np.array([0.7j, -0.7j]), np.array([-1.0, -0.5, -2.0]), 1.0), 0.4)
+    for kp in np.linspace(*region.kp_range, 9)[1:-1]:
+        ((low, high),) = region.ki_intervals(kp)
+        assert (low, region.contains(kp, high * (1 - NEAR)), region.contains(kp, high * (1 + NEAR))) == (0, True, False)
 
 
 def test_an_unstable_plant_may_need_ki_away_from_zero():
@@ -407,56 +424,6 @@ def test_intersection_that_is_empty_names_the_ranges():
     assert alone.startswith("wet (nor 1 more of the 3): no kp stabilises")
     with pytest.raises(InputError, match="names: 1 for 2 regions"):
         intersection([strong, weak], ("dry",))
-
-
-# -- maps -----------------------------------------------------------------------------------------------------
-
-
-def test_outline_is_the_set():
-    region = stabilizing_pi(UNSTABLE, 0.15)
-    (strip,) = outline(region, count=15)
-    assert strip.polygon.shape == (30, 2)
-    assert np.all(strip.ki_low == 0)
-    assert list(strip.ki_high) == [region.ki_limit(kp) for kp in strip.kp]
-
-
-def test_outline_of_a_set_that_begins_within_the_columns():
-    region = stabilizing_pi(UNSTABLE, 0.15)
-    (strip,) = outline(region, kp=np.linspace(0, 30, 7))
-    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1, 23.3988133859), rel=1e-9)
-    assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
-
-
-def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
-    region = stabilizing_pi(1 / ((S - 1) * (0.5 * S + 1)))  # Routh: 0 < ki < kp - 1
-    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give the columns kp to draw, or kp_limit"):
-        outline(region)
-    (strip,) = outline(region, kp_limit=10.0)
-    assert (strip.kp_cut, strip.ki_cut) == (True, False)
-    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1.0, 10.0), abs=0.01)
-    assert strip.ki_high == pytest.approx(strip.kp - 1.0, rel=1e-9)
-    (both,) = outline(stabilizing_pi(1 / (S + 1)), kp_limit=10.0, ki_limit=5.0)  # every ki > 0
-    assert (both.kp_cut, both.ki_cut) == (True, True)
-    assert set(both.ki_high) == {5.0}
-    (whole,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=30.0, ki_limit=30.0)
-    (part,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=10.0)
-    assert (whole.kp_cut, whole.ki_cut, part.kp_cut, part.ki_cut) == (False, False, True, False)
-    assert outline(region, kp_limit=0.5) == ()
-    with pytest.raises(InputError, match=r"ki_limit: 0\.0 is not allowed; give a gain > 0"):
-        outline(region, ki_limit=0.0)
-
-
-def test_margin_grid_holds_the_worst_margins_and_nan_outside():
-    regions = [stabilizing_pi(UNSTABLE, 0.15), stabilizing_pi(1.2 * UNSTABLE, 0.15)]
-    grid = margin_grid(intersection(regions), [0.9, 4.0, 12.0], [0.0, 0.5])
-    assert grid.ms.shape == grid.phase_deg.shape == grid.delay_s.shape == (3, 2)
-    assert np.all(np.isnan(grid.ms[0]))
-    assert not np.any(np.isnan(grid.ms[1:]))
-    pi = 12 + 0.5 / S
-    margins = [DeadTimeLoop(pi * gain * UNSTABLE, 0.15).margins() for gain in (1, 1.2)]
-    assert grid.ms[2, 1] == pytest.approx(max(m.ms for m in margins), rel=1e-9)
-    assert grid.phase_deg[2, 1] == pytest.approx(min(m.phase_deg for m in margins), rel=1e-9)
-    assert grid.delay_s[2, 1] == pytest.approx(min(m.delay_s for m in margins), rel=1e-9)
 
 
 # -- refusals -------------------------------------------------------------------------------------------------

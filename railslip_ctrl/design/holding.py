@@ -108,6 +108,7 @@ def _minimise(objective: object, low: float, high: float) -> float:
     """Minimum of a quasi-convex function of ln kp inside a stabilising range."""
     from scipy.optimize import minimize_scalar
 
-    ends = np.log([max(low, high * 1e-6 if math.isfinite(high) else 1e-6), min(high, max(low, 1e-3) * 1e6)])
-    result = minimize_scalar(objective, bounds=tuple(ends), method="bounded", options={"xatol": 1e-10})
+    top = min(high, 1e6 * (low or 1.0))
+    ends = math.log(low or 1e-6 * top), math.log(top)
+    result = minimize_scalar(objective, bounds=ends, method="bounded", options={"xatol": 1e-10})
     return float(result.x)

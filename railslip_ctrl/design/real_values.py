@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _BITS = 128
 _STEP_OUT = 16.0  # factor by which an end at 0 or infinity is replaced until the function there has its sign
 _MOST_STEPS = 250
+_NOTHING = 1e-80  # |kappa| next to omega = 0 below which its limit there is 0, so that the angle there is a whole one
 
 
 def real_frequencies(factor: fmpq_poly, other: fmpq_poly, dead_time: float, highest: float) -> Floats:
@@ -151,6 +152,7 @@ class _Angles:
             return phase
         with np.errstate(over="ignore"):
             kappa = np.minimum(np.exp(self.log_ratio(inner)), 1.0)
+        kappa[kappa < _NOTHING] = 0.0
         if ends is not None:
             kappa = np.where(np.isin(omega, ends), 1.0, kappa)
         return np.asarray(phase + (1 - 2 * side) * self._sign * np.arcsin(kappa) / np.pi)

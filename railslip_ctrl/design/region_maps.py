@@ -113,7 +113,7 @@ def outline(
         for xs, ends in _groups(region, columns)
         for i in range(len(ends[0]))
     ]
-    least, most = region.kp_range or (0.0, 0.0)
+    least, most = region.kp_range or (math.nan, math.nan)
     cut = [float(columns[0])] if least < -kp_limit else []
     cut += [float(columns[-1])] if most > kp_limit else []
     return tuple(

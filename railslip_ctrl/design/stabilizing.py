@@ -150,8 +150,6 @@ class StabilizingRegion(Region):
     @cached_property
     def p_intervals(self) -> Intervals:
         """All open intervals of kp that stabilise with ki = 0, whatever an integrator would do, ascending."""
-        if self._hidden.size:
-            return ()
         return stable_intervals(self._critical, self._reference_gain, lambda kp: self._count(kp, 0.0), signed=True)
 
     @cached_property
@@ -162,7 +160,7 @@ class StabilizingRegion(Region):
 
     def ki_intervals(self, kp: float) -> Intervals:
         kp = number("kp", kp)
-        if self._hidden.size or not self._integral_allowed(kp) or abs(kp) >= self.decomposition.largest_kp:
+        if abs(kp) >= self.decomposition.largest_kp:
             return ()
         critical = self.decomposition.integral_gains(kp)
         scale = (abs(kp) + self._reference_gain) * self._reference_frequency
@@ -179,7 +177,7 @@ class StabilizingRegion(Region):
         highest = self._highest_frequency if omega_max is None else omega_max
         count = int(points_per_turn * (2 + highest * self.dead_time / (2 * np.pi)))
         omega = np.union1d(np.geomspace(1e-6 * highest, highest, count), np.linspace(0, highest, count)[1:])
-        on_axis = self.plant.zeros[(self.plant.zeros.real == 0) & (self.plant.zeros.imag > 0)].imag
+        on_axis = self.plant.zeros[self.plant.zeros.real == 0].imag
         omega = omega[~np.isin(omega, on_axis)]
         pieces = np.split(omega, np.searchsorted(omega, np.unique(on_axis)))
         return (line, *(BoundaryCurve(w, *self.decomposition.curve(w)) for w in pieces if w.size))

@@ -35,15 +35,8 @@ class TunedCases:
     @property
     def asked(self) -> str:
         """The specification in words."""
-        s = self.specification
-        parts = ["maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"]
-        if s.ms_max is not None:
-            parts.append(f"Ms <= {s.ms_max:g}")
-        if s.phase_min_deg is not None:
-            parts.append(f"phase margin >= {s.phase_min_deg:g} deg")
-        if s.delay_min_s is not None:
-            parts.append(f"delay margin >= {s.delay_min_s:g} s")
-        return ", ".join(parts)
+        goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
+        return ", ".join(filter(None, [goal, self.specification.words]))
 
     def controller(self, design: PIDesign) -> PIController:
         """The controller with the design's gains."""
