@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.sampled import SampledController
-from railslip_ctrl.loop import Rational
+from railslip_ctrl.errors import UnstableLoopError
+from railslip_ctrl.loop import Rational, sampled_delay
 from railslip_ctrl.loop.sampled_boxes import BoxedResponse
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import PIGains
@@ -86,7 +87,9 @@ def test_delay_margin_of_the_reproduced_case():
     assert m.mt == 1.0
 
 
-def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_finds():
+def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_finds(monkeypatch):
+    looked_at, part = [], sampled_delay._part
+    monkeypatch.setattr(sampled_delay, "_part", lambda *given: looked_at.append(given[1].least.size) or part(*given))
     rng, beyond, checked = np.random.default_rng(15), 0, 0
     while checked < 32:
         zero, lag = 10 ** rng.uniform(-0.5, 0.7), 10 ** rng.uniform(-1, 0.3)
@@ -103,6 +106,7 @@ def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_
             # the eigenvalues are good to some 1e-15, and the radius grows by more than 1e-5 of the added share
             assert margin == pytest.approx(expected, rel=1e-9)
     assert beyond < 12  # most are decided by the scan
+    assert sum(looked_at) < 15_500  # boxes; bounds looser than need be show here alone
 
 
 RESONANT = {
@@ -139,7 +143,8 @@ def test_no_resonance_is_too_narrow_to_be_seen(name):
             assert loop.scaled(limit * (1 - outward)).is_stable()
 
 
-def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box():
+@pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
+def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box(shape):
     # at random points of random boxes, against the state-space response of the loop with that dead time
     rng = np.random.default_rng(2)
     controller = SampledController(
@@ -149,13 +154,15 @@ def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box():
     loop = SampledLoop(controller, plant, 0.0, 0.1)
     response, n = BoxedResponse(loop), 12
     theta, fraction = rng.uniform(0.02, 3.1, n), rng.uniform(0.05, 0.95, n)
+    fraction[:4] = 0.96  # where the command hardly acts within its sample, and nothing is linear
     expansion = response.expand(theta, fraction)
     previous = None
     for size in (0.04, 0.01, 0.0025):
-        half, half_fraction = size * theta, np.full(n, size)
+        half, half_fraction = shape[0] * size * theta, np.full(n, shape[1] * size)
         top, rest, level = expansion.bounds(half, half_fraction)
-        assert np.all(level <= rest)
-        for move, late in rng.uniform(-1, 1, (20, 2)):
+        assert np.all(level <= rest * (1 + 1e-12))
+        deviations = np.zeros(n)
+        for move, late in [*rng.uniform(-1, 1, (20, 2)), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
             at, at_fraction = theta + move * half, fraction + late * half_fraction
             exact = [
                 loop.delayed((2 + f) * 0.1).frequency_response(np.array([w]))[0]
@@ -167,6 +174,9 @@ def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box():
             assert np.all(np.abs(found) <= rest)
             assert np.all(np.abs(found.real) <= level)
             assert np.all(np.log(np.abs(exact)) <= top)
+            deviations = np.maximum(deviations, np.abs(found))
+        # sizes of series are summed, which is no more than this off
+        assert np.median(rest / deviations) < 25
         if previous is not None:
             # 16 in the limit; less while higher powers count, as near the fast pole and where roots are near
             assert np.median(previous / rest) > 13
@@ -192,3 +202,18 @@ def test_a_flat_gain_of_1_reports_no_false_crossovers():
     poles = np.exp(1j * np.pi * (2 * np.arange(4) + 5) / 8)
     m = SampledLoop(gain(1.0), Rational(np.array([]), poles, 1.0), 0.3, 0.003).margins()
     assert m.gain_crossovers.size == 0
+
+
+def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one():
+    m = SampledLoop(gain(1.0), Rational(np.array([]), np.array([-1e-7]), 1e-6), 0.0, 1.0).margins()
+    crossover = 1e-7 * math.sqrt(99)
+    assert m.gain_crossovers == pytest.approx([crossover], rel=1e-6)  # the hold is half a second of days
+    assert m.delay_s == pytest.approx((math.pi - math.atan(math.sqrt(99))) / crossover, rel=1e-6)
+
+
+def test_a_pole_on_the_unit_circle_is_counted():
+    # an integrator with gain 2: x[k+1] = -x[k]
+    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 1.0), 0.0, 1.0)
+    with pytest.raises(UnstableLoopError) as caught:
+        loop.margins()
+    assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))

@@ -189,6 +189,11 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     assert own.for_vehicle(PARK2008).adhesion == own.adhesion
 
 
+def test_a_vehicle_in_a_file_that_extends_takes_the_load_with_it(scenario_of):
+    own = EVERY_FIELD[EVERY_FIELD.index("[vehicle]") : EVERY_FIELD.index("[disturbances]")]
+    assert scenario_of(f'extends = "park2008"\n{own}').events[0].mass == 4000.0
+
+
 def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
     (tmp_path / "law.toml").write_text('law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n')
     mine = scenario_of('extends = "park2008-si"\nadhesion = "law.toml"\n')

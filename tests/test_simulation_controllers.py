@@ -48,6 +48,7 @@ from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
+from railslip_ctrl.virtual_rig import RigProcedure
 
 SCENARIO = built_in_scenario("park2008")
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
@@ -347,3 +348,12 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
         omega = 20.0 * (1.0 - slip) / 0.43
         x = np.array([torque, 0.43 * omega, 1.0, 0.0])
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_rig_s_procedure_ramps_up_and_once_released_stays_so():
+    step = Stepped(RigProcedure(begin=0.5, rate=2000.0, release_slip=0.3, period=PERIOD))
+    torques = [
+        step.module.command(step.x, t, 20.0, 20.0 * (1 - slip) / RADIUS, 0.0, step.c, None)
+        for t, slip in ((0.4, 0.0), (1.5, 0.29), (2.0, 0.31), (2.5, 0.0))
+    ]
+    assert torques == [0.0, 2000.0, 0.0, 0.0]
