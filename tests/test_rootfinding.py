@@ -44,7 +44,8 @@ def test_ends_of_a_bracket():
     asked = []
     found = bracketed_roots(lambda x, _: asked.extend(x) or x - 1.0, low, high, ends=(low - 1.0, high - 1.0))
     assert found == pytest.approx([1.0, 1.0, 3.0, 1.0], rel=5e-16)
-    assert asked and all(0.5 < x < 2.0 for x in asked)
+    assert asked
+    assert all(0.5 < x < 2.0 for x in asked)
     assert bracketed_roots(lambda x, _: x, np.zeros(0), np.zeros(0)).size == 0
 
 
