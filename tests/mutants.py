@@ -61,6 +61,7 @@ ROOMS = {
     "linearization": "linearization numeric",
     "loop/": "loop_bounds loop_oracles loop_regressions certificate loop_properties",
     "loop/batch": "loop_batch",
+    "loop/curves": "responses",
     "loop/pade": "loop_oracles loop_properties",
     "loop/quasi": "compensators",
     "loop/realisation": "responses",
