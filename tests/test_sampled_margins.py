@@ -117,15 +117,18 @@ RESONANT = {
 }
 
 
-@pytest.mark.parametrize("name", RESONANT)
-def test_no_resonance_is_too_narrow_to_be_seen(name):
-    # a grid of 40 points a decade sees none of these: Ms 1.06 for 11.9, gain margin 20.9 for 1.10, no crossover for two
-    resonance, damping, dip, damping_dip, k, dead_time = RESONANT[name]
+def resonant(resonance, damping, dip, damping_dip, k, dead_time) -> SampledLoop:
     roots = [
         w * np.exp(1j * (math.pi / 2 + math.asin(z)) * np.array([1, -1]))
         for w, z in ((resonance, damping), (dip, damping_dip))
     ]
-    loop = SampledLoop(gain(1.0), Rational(roots[1], np.append(roots[0], -1.0), k), dead_time, 0.1)
+    return SampledLoop(gain(1.0), Rational(roots[1], np.append(roots[0], -1.0), k), dead_time, 0.1)
+
+
+@pytest.mark.parametrize("name", RESONANT)
+def test_no_resonance_is_too_narrow_to_be_seen(name):
+    # a grid of 40 points a decade sees none of these: Ms 1.06 for 11.9, gain margin 20.9 for 1.10, no crossover for two
+    resonance, loop = RESONANT[name][0], resonant(*RESONANT[name])
     m = loop.margins()
     top = loop.nyquist_frequency
     grid = np.union1d(resonance * (1 + np.linspace(-2e-3, 2e-3, 200_000)), np.geomspace(1e-4, top, 2000))
@@ -141,6 +144,27 @@ def test_no_resonance_is_too_narrow_to_be_seen(name):
             outward = 1e-9 if limit > 1 else -1e-9
             assert not loop.scaled(limit * (1 + outward)).is_stable()
             assert loop.scaled(limit * (1 - outward)).is_stable()
+
+
+def test_no_narrow_peak_of_random_loops_is_missed():
+    rng, checked = np.random.default_rng(7), 0
+    while checked < 20:
+        resonance, apart = rng.choice([10 ** rng.uniform(-2, 1.3), rng.uniform(20, 31)]), 10 ** rng.uniform(-4, -2)
+        damping, damping_dip = 10 ** rng.uniform(-5, -2, 2)
+        dip = resonance * (1 - apart)
+        loop = resonant(resonance, damping, dip, damping_dip, 10 ** rng.uniform(-1, 0.2), rng.uniform(0, 0.3))
+        if not loop.is_stable():
+            continue
+        checked += 1
+        m, around = loop.margins(), np.linspace(-20, 20, 2001)
+        grid = np.concatenate([resonance * (1 + damping * around), dip * (1 + damping_dip * around)])
+        grid = np.union1d(grid[(grid > 0) & (grid < 31.4)], np.geomspace(1e-4, 31.4, 500))
+        response = loop.frequency_response(grid)
+        # what is said of a peak, if another is as high
+        assert np.max(np.abs(1 / (1 + response))) <= m.ms * (1 + 1e-6)
+        assert np.max(np.abs(response / (1 + response))) <= m.mt * (1 + 1e-6)
+        assert np.max(np.abs(1 / (1 + response) - 0.5)) * m.disk <= 1 + 1e-6
+        assert np.count_nonzero(np.diff(np.abs(response) > 1)) <= m.gain_crossovers.size
 
 
 @pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)])
@@ -213,7 +237,9 @@ def test_a_loop_far_slower_than_its_period_has_the_margins_of_the_continuous_one
 
 def test_a_pole_on_the_unit_circle_is_counted():
     # an integrator with gain 2: x[k+1] = -x[k]
-    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 1.0), 0.0, 1.0)
+    loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
+    m = loop.scaled(0.5).margins()
+    assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
     with pytest.raises(UnstableLoopError) as caught:
         loop.margins()
     assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
