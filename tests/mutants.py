@@ -109,7 +109,7 @@ EQUIVALENT = {
     r"n \+ \(2\), n\), dtype": "a row of zeros more",
     r"self.signs >= 0": "1 and -1",
     r"1.0 - 0j": "the same",
-    r"g\[0\] <= 1\)": "a stable loop has no limit there",
+    r"g\[0\] <= 1\)|\(low < 1 <= high": "no loop is at its limit to the last digit",
     r"step = \(1.000001\)|log_slope\(\(omega \+ step": "Newton's method in a bracket forgives it",
     r"np.pi / low\) \* np.log\(_CELL": "fewer cells at first are parted further",
     r"\(off\) < wide|half <= _TINY|room <= boxes.half_fraction / 2": "nor bounds that are equal",

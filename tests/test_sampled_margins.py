@@ -240,6 +240,7 @@ def test_a_pole_on_the_unit_circle_is_counted():
     loop = SampledLoop(gain(2.0), Rational(np.array([]), np.array([0.0]), 0.1), 0.0, 10.0)
     m = loop.scaled(0.5).margins()
     assert (m.gain_increase, m.gain_increase_frequency, m.gain_decrease) == pytest.approx((2.0, math.pi / 10, 0.0))
+    assert (m.ms, m.ms_frequency, m.mt) == pytest.approx((2.0, math.pi / 10, 1.0), rel=1e-12)  # S = 1 - 1/z, T = 1/z
     with pytest.raises(UnstableLoopError) as caught:
         loop.margins()
     assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
