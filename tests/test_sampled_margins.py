@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.sampled import SampledController
@@ -244,3 +245,19 @@ def test_a_pole_on_the_unit_circle_is_counted():
     with pytest.raises(UnstableLoopError) as caught:
         loop.margins()
     assert (caught.value.unstable_poles, caught.value.stabilizing_gain_range) == (1, (0.0, pytest.approx(1.0)))
+
+
+def test_two_phase_crossovers_side_by_side_hold_the_gains_that_stabilise():
+    # k (s + 1)^2/s^3: the phase rises past -180 deg by 1e-4 rad before the dead time turns it back
+    grid = np.linspace(1.5, 4.0, 2001)
+
+    def delayed(dead_time: float) -> SampledLoop:
+        return SampledLoop(gain(1.0), Rational(np.full(2, -1.0), np.zeros(3), 1.0), dead_time, 0.1)
+
+    loop = delayed(brentq(lambda d: np.angle(-delayed(d).frequency_response(grid)).max() - 1e-4, 0.2, 0.35))
+    limits = loop.stabilizing_gain_range
+    assert limits is not None
+    low, high = limits
+    assert low < high < 1.1 * low
+    within = [loop.scaled(edge * (1 + move)).is_stable() for edge in limits for move in (-1e-7, 1e-7)]
+    assert within == [False, True, True, False]

@@ -208,6 +208,7 @@ def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
         ('extends = "park2008"\nfinal_speed = 60.0\n', "give a value < initial_speed"),
         ('extends = "park2009"\n', "extends: 'park2009' is not one; choose park2008"),
         ("extends = 3\n", "extends: 3 is not allowed"),
+        ('extends = "park2008"\ninertia_scale = "2"\n', "inertia_scale: '2' is text; give the number"),
         ('extends = "mine.toml"\n', "files extend one another"),
         ('extends = "park2008"\nlimits = 3\n', "limits: 3 is not allowed; give a table"),
         ('extends = "park2008"\n[limits]\nrat = 1.0\n', "limits.rat: unknown key; did you mean 'rate'"),
