@@ -357,3 +357,11 @@ def test_the_rig_s_procedure_ramps_up_and_once_released_stays_so():
         for t, slip in ((0.4, 0.0), (1.5, 0.29), (2.0, 0.31), (2.5, 0.0))
     ]
     assert torques == [0.0, 2000.0, 0.0, 0.0]
+
+
+def test_the_domain_of_a_law_is_linear_between_speeds():
+    limits = np.array([30.0, 1.0, 4.0, 5.0, 9.0])
+    limit = Stepped(recommended_pi_lead()).module.domain_limit
+    speeds = np.linspace(0.0, 33.0, 100)
+    expected = np.interp(speeds, np.linspace(0.0, 30.0, 4), limits[1:])
+    assert [limit(v, limits) for v in speeds] == pytest.approx(expected, rel=1e-12)
