@@ -177,11 +177,16 @@ def test_slide_protection_dumps_holds_and_fills():
     assert change(0.30) == pytest.approx(-control.dump_rate * PERIOD)
 
 
-def test_slide_protection_dumps_by_the_wheel_s_deceleration():
+@pytest.mark.parametrize(
+    "phases",
+    [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)],
+    ids=["settled: a filter of 0.02 s", "from the first sample on"],
+)
+def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
     step = Stepped(SlideProtection(REFERENCE))
     rim = 20.0
-    for deceleration, valve in ((3.0, 1.0), (8.0, -1.0)):
-        for _ in range(30):  # the filter of 0.02 s has settled
+    for deceleration, samples, valve in phases:
+        for _ in range(samples):
             rim -= deceleration * PERIOD
             step(rim * 1.001, rim / RADIUS, 0.0)
         assert step.x[3] == valve
