@@ -113,7 +113,8 @@ EQUIVALENT = {
     r"step = \(1.000001\)|log_slope\(\(omega \+ step": "Newton's method in a bracket forgives it",
     r"np.pi / low\) \* np.log\(_CELL": "fewer cells at first are parted further",
     r"\(off\) < wide|half <= _TINY|room <= boxes.half_fraction / 2": "nor bounds that are equal",
-    r"_MOST_BOXES = \(10": "where to give up",
+    r"_MOST_BOXES = \(10|_LONGEST_CHAIN = \(9": "where to give up",
+    r"_DOMAIN_INTERVALS = \(32": "still finer than any law bends",
     r"least=\(boxes.turns - boxes.fraction|boxes.half \* \(\(2\) \+": "a box is kept or looked at a little longer",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
