@@ -114,6 +114,9 @@ EQUIVALENT = {
     r"np.pi / low\) \* np.log\(_CELL": "fewer cells at first are parted further",
     r"\(off\) < wide|half <= _TINY|room <= boxes.half_fraction / 2": "nor bounds that are equal",
     r"_MOST_BOXES = \(10|_LONGEST_CHAIN = \(9": "where to give up",
+    r"may_rise = \(bounds.*>= peak": "nor a peak",
+    r"_MOST_PARTS = \(250|high <= _EXTREME": "the scalar engine takes what is finer or farther",
+    r"narrowest\)\) \+ \(9\)": "a node more",
     r"_DOMAIN_INTERVALS = \(32": "still finer than any law bends",
     r"least=\(boxes.turns - boxes.fraction|boxes.half \* \(\(2\) \+": "a box is kept or looked at a little longer",
 }
