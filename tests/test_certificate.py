@@ -173,3 +173,9 @@ def test_a_root_beside_the_axis_keeps_its_side_and_its_digits():
         poles = DeadTimeLoop(control.tf([0.5], [1, 2 * a, 1])).system.poles
         assert poles.real.tolist() == [-a, -a]
         assert poles.imag.tolist() == [-1.0, 1.0]
+
+
+def test_no_dead_time_may_be_added_to_a_loop_of_gain_above_one_at_infinity():
+    loop = made([-0.5], [-1.0], 2.0, 0.0)
+    assert loop.certificate().delay_s == (0.0, 0.0)
+    assert made([-0.5], [-1.0], 0.5, 0.1).certificate().delay_s == (np.inf, np.inf)  # |L| < 1 everywhere

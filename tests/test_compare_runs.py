@@ -10,11 +10,11 @@ from scipy.integrate import quad
 
 from designs import compare_runs as script
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PARK2008, Actuator, Resistance
+from railslip_ctrl.parameters import PARK2008, Actuator, Rail, Resistance
 from railslip_ctrl.plots import run_comparison_figure, save_figure
 from railslip_ctrl.report.runs import run_comparison_text
 from railslip_ctrl.run_comparison import compare_runs
-from railslip_ctrl.simulation import BrakeLimits, Disturbances, built_in_scenario, published_scenario
+from railslip_ctrl.simulation import BrakeLimits, Disturbances, Event, built_in_scenario, published_scenario
 from railslip_ctrl.simulation.clairvoyant import clairvoyant_stop
 from railslip_ctrl.simulation.published import published_controller
 
@@ -72,6 +72,10 @@ def test_the_bound_against_a_closed_form() -> None:
     v0, v1 = 100 / 3.6, 5 / 3.6
     assert bound.braking_time == pytest.approx((v0 - v1) / deceleration, rel=2e-3)  # its third digit
     assert bound.braking_distance == pytest.approx((v0**2 - v1**2) / (2 * deceleration), rel=2e-3)
+    # a mass doubled after 3 s halves the deceleration, also after an event that leaves it
+    events = (Event(time=3.0, mass=2 * 3517.0), Event(time=6.0, rail=Rail.DRY))
+    late = clairvoyant_stop(scenario.with_changes(vehicle=vehicle, events=events))
+    assert late.braking_time == pytest.approx(3.0 + 2 * ((v0 - v1) / deceleration - 3.0), rel=2e-3)
 
 
 def test_the_dead_time_costs_the_bound_its_way() -> None:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 from test_assessment import plant as wheel
 from test_loop_properties import random_loops
@@ -51,6 +51,8 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
+@example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
+@example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
 def test_margins_equal_those_of_the_dead_time_loop(loop):
     assume(loop.is_stable() and np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles.real != 0))
     roots = np.concatenate([loop.system.zeros, loop.system.poles])

@@ -112,6 +112,17 @@ def test_resonances_integrators_and_non_minimum_phase_equal_the_scalar_engine(ze
     assert_equals_scalar(arguments, batch_margins(*arguments))
 
 
+@pytest.mark.parametrize(("zero_shape", "pole_shape"), [((0, 1), (2, 1)), ((0, 0), (0, 3))])
+def test_a_loop_alone_is_solved_as_among_others(zero_shape, pole_shape):
+    arguments = random_loops(150, zero_shape, pole_shape, seed=1)
+    together = batch_margins(*arguments)
+    for i in range(0, 150, 5):
+        alone = batch_margins(*(values[i : i + 1] for values in arguments))
+        for name in ("unstable_poles", *VALUES):
+            expected = pytest.approx(getattr(together, name)[i], rel=1e-9, nan_ok=True)
+            assert getattr(alone, name)[0] == expected, name
+
+
 def test_integrators_with_dead_time_equal_the_closed_form():
     # k exp(-tau s)/s: a pair on the axis at omega = pi/(2 tau) for k tau = pi/2
     gain, tau = (a.ravel() for a in np.meshgrid(np.geomspace(0.1, 20, 40), np.linspace(0.05, 2, 30)))

@@ -80,3 +80,27 @@ def test_frequencies_of_any_shape():
     omega = np.array([[0.3, 0.7, 1.1], [1.3, 2.0, 5.0]])
     for function in (response.system.angle, response.system.angle_slope, response.system.log_size):
         assert function(omega) == pytest.approx(np.array([[function(np.array([w]))[0] for w in row] for row in omega]))
+
+
+def test_nodes_close_in_on_a_resonance():
+    for width in (1e-2, 1e-5):
+        pair = complex(-width, 1.0)
+        nodes = frequency_nodes(Response(Rational([], [pair, pair.conjugate(), -3.0], 1.0), 0.1))
+        away = np.sort(nodes[nodes > 1.0] - 1.0)
+        near = away[away < 0.5]
+        assert near[0] < 0.1 * width
+        assert np.max(near[1:] / near[:-1]) < 1.4  # eight a decade, over one decade and a third more
+
+
+@pytest.mark.parametrize(
+    ("zeros", "poles", "gain", "value"),
+    [
+        ([-1.0], [0.0, -2.0], 3.0, np.inf),
+        ([0.0], [-1.0, -2.0], 3.0, 0.0),
+        ([0.0], [0.0, -2.0], 3.0, np.nan),
+        ([-1.0], [-4.0, -2.0], 3.0, 0.375),
+        ([], [0.0], 0.0, np.nan),
+    ],
+)
+def test_the_gain_at_zero(zeros, poles, gain, value):
+    assert Rational(zeros, poles, gain).dc_gain == pytest.approx(value, nan_ok=True)

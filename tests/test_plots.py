@@ -24,7 +24,7 @@ from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.design_check import controller_group, design_check
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.curves import frequency_curve, gang_of_four
+from railslip_ctrl.loop.curves import gang_of_four
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.plots import (
@@ -247,12 +247,6 @@ def test_margin_map_figure_writes_the_numbers():
     texts = {t.get_text() for t in figure.axes[0].texts}
     assert texts == {f"{x:.2f}" for x in worst.ravel()}
     assert worst.max() < 9.99
-
-
-def test_frequency_curve_contains_its_crossovers():
-    loop = DeadTimeLoop(Rational(np.array([]), np.array([0.0]), 2.0), 0.3)
-    curve = frequency_curve(loop, 0.1, 10.0)
-    assert 2.0 in np.round(curve.omega, 12)
 
 
 def test_title_names_every_mass_shown(groups):

@@ -12,6 +12,7 @@ import pytest
 
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.curves import frequency_curve, gang_of_four
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.responses import TimeResponse, closed_loop_response, disturbance_response, step_response
 
@@ -356,3 +357,35 @@ def test_algebraic_loop_is_refused():
 def test_a_response_beyond_the_largest_number_is_refused():
     with pytest.raises(InputError, match="overflows"):
         step_response(ONE, Rational(np.array([]), np.array([20.0]), 1.0), 0.1, final_time=100.0)
+
+
+# --- frequency curves ------------------------------------------------------------------------------------------------
+
+
+def test_frequency_curves_are_the_formulas():
+    c, loop = PI_LEAD, DeadTimeLoop(PI_LEAD * WHEEL, DEAD_TIME)
+    curve, gang = frequency_curve(loop, 0.1, 50.0), gang_of_four(c, DeadTimeLoop(WHEEL, DEAD_TIME), 0.1, 50.0)
+    assert set(loop.gain_crossovers) <= set(curve.omega)
+    for given in (curve, gang):
+        s = 1j * given.omega
+        p = WHEEL(s) * np.exp(-DEAD_TIME * s)
+        assert (given.omega[0], given.omega[-1]) == pytest.approx((0.1, 50.0), rel=1e-15)
+        assert np.diff(np.log(given.omega)).max() < 2e-3  # a smooth line
+    assert gang.s == pytest.approx(1 / (1 + c(s) * p), rel=1e-12)
+    assert gang.t == pytest.approx(c(s) * p / (1 + c(s) * p), rel=1e-12)
+    assert gang.ps == pytest.approx(p / (1 + c(s) * p), rel=1e-12)
+    assert gang.cs == pytest.approx(c(s) / (1 + c(s) * p), rel=1e-12)
+    s = 1j * curve.omega
+    expected = c(s) * WHEEL(s) * np.exp(-DEAD_TIME * s)
+    assert curve.response == pytest.approx(expected, rel=1e-12)
+    assert curve.magnitude_db == pytest.approx(20 * np.log10(np.abs(expected)), abs=1e-10)
+    assert np.exp(1j * np.radians(curve.phase_deg)) == pytest.approx(expected / np.abs(expected), abs=1e-10)
+    assert np.abs(np.diff(curve.phase_deg)).max() < 2.0  # continuous
+
+
+@pytest.mark.parametrize("band", [(0.0, 1.0), (2.0, 2.0)])
+def test_a_band_that_is_none_is_refused(band):
+    with pytest.raises(InputError, match="rad/s"):
+        frequency_curve(DeadTimeLoop(WHEEL, DEAD_TIME), *band)
+    with pytest.raises(InputError, match="rad/s"):
+        gang_of_four(ONE, DeadTimeLoop(WHEEL, DEAD_TIME), *band)

@@ -189,6 +189,11 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     assert own.for_vehicle(PARK2008).adhesion == own.adhesion
 
 
+def test_a_vehicle_in_a_file_that_extends_takes_the_load_with_it(scenario_of):
+    own = EVERY_FIELD[EVERY_FIELD.index("[vehicle]") : EVERY_FIELD.index("[disturbances]")]
+    assert scenario_of(f'extends = "park2008"\n{own}').events[0].mass == 4000.0
+
+
 def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
     (tmp_path / "law.toml").write_text('law = "burckhardt"\n[parameters]\nc1 = 0.4\nc2 = 30.0\nc3 = 0.2\n')
     mine = scenario_of('extends = "park2008-si"\nadhesion = "law.toml"\n')
@@ -203,6 +208,7 @@ def test_adhesion_from_a_file_beside_it(scenario_of, tmp_path):
         ('extends = "park2008"\nfinal_speed = 60.0\n', "give a value < initial_speed"),
         ('extends = "park2009"\n', "extends: 'park2009' is not one; choose park2008"),
         ("extends = 3\n", "extends: 3 is not allowed"),
+        ('extends = "park2008"\ninertia_scale = "2"\n', "inertia_scale: '2' is text; give the number"),
         ('extends = "mine.toml"\n', "files extend one another"),
         ('extends = "park2008"\nlimits = 3\n', "limits: 3 is not allowed; give a table"),
         ('extends = "park2008"\n[limits]\nrat = 1.0\n', "limits.rat: unknown key; did you mean 'rate'"),

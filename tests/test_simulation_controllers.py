@@ -25,6 +25,7 @@ from railslip_ctrl.simulation import (
     ScheduledControl,
     Simulator,
     SlideProtection,
+    TorqueProfile,
     built_in_scenario,
     simulate,
 )
@@ -48,6 +49,7 @@ from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
+from railslip_ctrl.virtual_rig import RigProcedure
 
 SCENARIO = built_in_scenario("park2008")
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
@@ -176,11 +178,16 @@ def test_slide_protection_dumps_holds_and_fills():
     assert change(0.30) == pytest.approx(-control.dump_rate * PERIOD)
 
 
-def test_slide_protection_dumps_by_the_wheel_s_deceleration():
+@pytest.mark.parametrize(
+    "phases",
+    [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)],
+    ids=["settled: a filter of 0.02 s", "from the first sample on"],
+)
+def test_slide_protection_dumps_by_the_wheel_s_deceleration(phases):
     step = Stepped(SlideProtection(REFERENCE))
     rim = 20.0
-    for deceleration, valve in ((3.0, 1.0), (8.0, -1.0)):
-        for _ in range(30):  # the filter of 0.02 s has settled
+    for deceleration, samples, valve in phases:
+        for _ in range(samples):
             rim -= deceleration * PERIOD
             step(rim * 1.001, rim / RADIUS, 0.0)
         assert step.x[3] == valve
@@ -241,8 +248,8 @@ def test_the_recommended_schedule_keeps_what_it_says(vehicle):
         controller = schedule.controller(speed / 3.6, rail)
         return [wheel_slip_loop(plant_at("curve", car, rail, speed), controller, vehicle.actuator) for car in loads]
 
-    entries = family_margins([loop for e in schedule.entries for loop in loops(e.rail, e.speed_kmh)])
-    assert entries.ms.max() == pytest.approx(MS_MAX, rel=0.005)  # the gains are rounded to 1 in about 1000
+    entries = [family_margins(loops(e.rail, e.speed_kmh)).ms.max() for e in schedule.entries]
+    assert entries == pytest.approx([MS_MAX] * 8, rel=0.005)  # the gains are rounded to 1 in about 1000
     between = family_margins([loop for rail in Rail for v in np.linspace(20, 100, 25) for loop in loops(rail, v)])
     assert between.ms.max() == pytest.approx(schedule.worst_ms, rel=0.003)
     low = schedule.lowest_speed_kmh
@@ -347,3 +354,34 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
         omega = 20.0 * (1.0 - slip) / 0.43
         x = np.array([torque, 0.43 * omega, 1.0, 0.0])
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_rig_s_procedure_ramps_up_and_once_released_stays_so():
+    step = Stepped(RigProcedure(begin=0.5, rate=2000.0, release_slip=0.3, period=PERIOD))
+    torques = [
+        step.module.command(step.x, t, 20.0, 20.0 * (1 - slip) / RADIUS, 0.0, step.c, None)
+        for t, slip in ((0.4, 0.0), (1.5, 0.29), (2.0, 0.31), (2.5, 0.0))
+    ]
+    assert torques == [0.0, 2000.0, 0.0, 0.0]
+
+
+def test_the_domain_of_a_law_is_linear_between_speeds():
+    limits = np.array([30.0, 1.0, 4.0, 5.0, 9.0])
+    limit = Stepped(recommended_pi_lead()).module.domain_limit
+    speeds = np.linspace(0.0, 33.0, 100)
+    expected = np.interp(speeds, np.linspace(0.0, 30.0, 4), limits[1:])
+    assert [limit(v, limits) for v in speeds] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("times", "torques", "words"),
+    [
+        ((0.0, 0.0), (1.0, 2.0), "must rise"),
+        ((), (), "as many"),
+        ((0.0,), (), "as many"),
+        ((0.0,), (math.inf,), "finite"),
+    ],
+)
+def test_torque_profiles_are_refused(times, torques, words):
+    with pytest.raises(InputError, match=words):
+        TorqueProfile(times, torques, REFERENCE)

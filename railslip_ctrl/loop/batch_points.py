@@ -60,11 +60,10 @@ class Loops:
         return np.asarray(((self.real[chosen] == 0) & (self.imag[chosen] == 0)).sum(axis=0), dtype=float)
 
     def dc_gain(self) -> Floats:
-        """L(0), (n,); inf with an integrator, 0 with a zero at the origin."""
+        """L(0), (n,); infinite with an integrator, 0 with a zero at the origin, NaN with both."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             turned = self.gain * np.where((self.real > 0).sum(axis=0) % 2, -1.0, 1.0)
-            size = np.exp(self.sign @ np.log(np.hypot(self.real, self.imag)))
-            return np.where(self.at_origin(-1) > 0, np.inf, turned * size)
+            return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
 
     def evaluate(self, omega: Floats, row: Indices) -> Points:
         """L(j omega) of loop number `row`, in logarithmic form; arrays (N,). The formulas are those of `Rational`."""

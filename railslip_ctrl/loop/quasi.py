@@ -381,7 +381,7 @@ class _DelayedResponse(Response):
         return self.log_slope(omega).real
 
     def angle(self, omega: Floats) -> Floats:
-        at = np.clip(np.searchsorted(self.nodes, omega), 0, self.nodes.size - 1)
+        at = np.minimum(np.searchsorted(self.nodes, omega), self.nodes.size - 1)
         with np.errstate(divide="ignore", invalid="ignore"):
             return self._phases[at] + np.angle(self(omega) / self._values[at])
 

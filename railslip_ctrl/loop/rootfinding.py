@@ -118,7 +118,7 @@ def monotone_roots(
             new = np.where(f == 0, x, np.where(inside, new, middle))
             width = np.abs(new - x)
             # Newton's method doubles the digits, so that half of them before the step are all after it
-            done = (f == 0) | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 2e-16 * x)
+            done = (f == 0) | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x)
         root[index] = new
         left = ~done
         x, index, width = new[left], index[left], width[left]

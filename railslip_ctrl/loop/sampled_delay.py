@@ -159,7 +159,7 @@ def _next_turns(
             turns = np.where(alive & ~fits, turns + skipped, turns)
     step = step._replace(fraction_room=np.where(fits, step.fraction_room, np.inf))
     first = boxes.fraction - boxes.half_fraction
-    least = np.minimum(np.maximum(first, boxes.fraction + step.fraction - step.fraction_room), first + 1)
+    least = np.maximum(first, boxes.fraction + step.fraction - step.fraction_room)
     return boxes._replace(turns=turns, least=np.maximum(boxes.least, turns - 1 + least)), step, alive
 
 

@@ -99,16 +99,16 @@ def _nodes(loop: SampledSystem, peaks: bool = True) -> Floats:
     theta, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
     while theta.size:
         expansion = response.expand(theta, np.full(theta.size, loop.held.fraction))
-        slope = expansion.slope - 1j * turns
+        logarithm, slope = expansion.value - 1j * turns * theta, expansion.slope - 1j * turns
         (_, rest, level), (_, twice, _) = expansion.bounds(half), expansion.bounds(2 * half)
         slack = twice / half  # of the slope, by Cauchy's estimate
-        apart, change = np.abs(expansion.value.real), np.abs(slope.real) * half + level
+        apart, change = np.abs(logarithm.real), np.abs(slope.real) * half + level
         sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
-        off = np.remainder(expansion.value.imag - turns * theta, 2 * np.pi) - np.pi
+        off = np.remainder(logarithm.imag, 2 * np.pi) - np.pi
         sway = np.abs(slope.imag) * half + rest
         sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
         if peaks:
-            value = np.exp(expansion.value - 1j * turns * theta)
+            value = np.exp(logarithm)
             heights, slopes = (
                 np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True)
             )

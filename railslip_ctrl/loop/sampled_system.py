@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
 _MOST_PERIODS = 500
-_SAME_TIME = 1e-12  # a dead time this near to a multiple of the period, relative to the period, is that multiple
 
 
 @dataclass(frozen=True)
@@ -215,8 +214,7 @@ class SampledSystem:
         from scipy.linalg import expm
 
         p, h = realise(self._plant), self._period
-        ratio = self._dead_time / h
-        periods = round(ratio) if abs(ratio - round(ratio)) <= _SAME_TIME else math.floor(ratio)
+        periods = math.floor(self._dead_time / h)
         late = max(0.0, self._dead_time - periods * h)
 
         def integral(time: float) -> Floats:

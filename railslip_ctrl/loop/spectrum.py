@@ -48,7 +48,7 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
             [
                 _start_values(system, dead_time, points),
                 system.poles,
-                _chain(system, dead_time, (1 + attempt) * (count + system.poles.size) + 8),
+                _chain(system, dead_time, (1 + attempt) * count + 8),
             ]
         )
         poles = _ordered(_polished(system, dead_time, start))
@@ -79,8 +79,6 @@ def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
 def _rational_poles(system: Rational) -> Complexes:
     """Closed-loop poles without dead time."""
     a, b, c, d = _cascade(system)
-    if a.size == 0 or system.gain == 0:
-        return system.poles
     start = np.asarray(np.linalg.eigvals(a - np.outer(b, c) / (1 + d)), dtype=np.complex128)
     return _symmetric(_newton(system, 0.0, start)[0])
 

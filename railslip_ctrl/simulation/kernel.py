@@ -71,7 +71,7 @@ _MOST_SUBSTEPS = 100_000
 _EDGE = 1e-3  # relative: a law counts as left this much before its end, where its rates grow without bound
 _DECAYED = 50.0  # exp(-50) = 2e-22 of the torque is below its rounding
 _BISECTIONS = 52  # to the last bit of the step
-_SAME_INSTANT = 1e-12  # relative: instants closer than this are one
+_SAME_INSTANT = 1e-9  # of a sample or of a hold: instants closer than this are one
 
 
 class Settings(NamedTuple):
@@ -293,12 +293,12 @@ def next_instant(t, sample_end, switch, a, events, fired, tiny):
     if t < switch - tiny:
         until = min(until, switch)
     if a.random_hold > 0.0:
-        following = (math.floor(t / a.random_hold + _SAME_INSTANT * 1e3) + 1.0) * a.random_hold
+        following = (math.floor(t / a.random_hold + _SAME_INSTANT) + 1.0) * a.random_hold
         if following < until - tiny:
             until = following
     for i in range(fired.size):
-        if not fired[i] and events.time[i] < until - tiny:
-            until = max(events.time[i], t)
+        if not fired[i]:
+            until = min(until, events.time[i])
     return until
 
 
