@@ -28,6 +28,7 @@ DELICATE = 1e-9
 _NODES_PER_DECADE = 16  # as in `crossings`: extrema are located exactly, so nodes only have to separate them
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
+_FAR, _NODES_FAR_OUT = 1e3, 4  # of which the outer part, where L is all but its asymptote, has fewer
 _WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
 _EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
@@ -145,9 +146,11 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
 
 def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
     """Points that resolve every feature of each loop, asymptotes included."""
-    ratio = high / low
-    fraction = np.linspace(0.0, 1.0, int(_NODES_PER_DECADE * np.log10(ratio.max())) + 2)
-    parts = [low[:, None] * ratio[:, None] ** fraction]
+    begin, end = low * _FAR, high / _FAR
+    parts = [
+        _spaced(*ends)
+        for ends in ((low, begin, _NODES_FAR_OUT), (begin, end, _NODES_PER_DECADE), (end, high, _NODES_FAR_OUT))
+    ]
     for real, imag in zip(np.abs(loops.real), loops.imag, strict=True):
         resonant = real < imag
         if resonant.any():
@@ -161,6 +164,12 @@ def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
     omega = np.sort(np.concatenate(parts, axis=1), axis=1)
     new = np.diff(omega, axis=1, prepend=0.0) > 0
     return loops.evaluate(omega[new], np.nonzero(new)[0])
+
+
+def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
+    """Equal in ratio from `low` to `high`, (n,): shape (n, m), as dense as asked or denser."""
+    ratio = (high / low)[:, None]
+    return np.asarray(low[:, None] * ratio ** np.linspace(0.0, 1.0, int(per_decade * np.log10(ratio.max())) + 2))
 
 
 def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
