@@ -117,7 +117,7 @@ EQUIVALENT = {
     r"=> .*_sign_at_origin / far": "the sign alone counts",
     r"zeros.size \+ \(8\)|linspace\(\(1.0\), 1.5 \* needed": "a bound, as good if larger",
     r"np.maximum\(low, 1.0\)": "a start, stepped out",
-    r"bound \* |arb\(2\) \*\* -": "rounding upwards, as good if larger",
+    r"=> .*(bound \* \(\(1 - 1e-12|\(1\.000000000001\)|\*\* -\(25\))": "rounding upwards, far below the bound",
     r"=> .*range\(\(30\)\)": "16^30 is as far as any frequency",
     r"radius >= max": "a ball never is",
     r"gain_margins=\(True\)": "not asked for, only slower",

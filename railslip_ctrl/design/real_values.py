@@ -127,8 +127,6 @@ class _Angles:
         """Frequencies, rad/s, at which phi + asin kappa or phi - asin kappa turns back."""
         power, g, x = self._axis.power, self._other, fmpq_poly([0, 1])
         speed = fraction(self._dead_time) * power + self._axis.turning
-        if g == 0:
-            return _frequencies(speed)
         bend = (g + 2 * x * g.derivative()) * power - x * g * power.derivative()
         return _frequencies((speed**2 * self._gap - bend**2) // power)
 
