@@ -179,3 +179,13 @@ def test_no_dead_time_may_be_added_to_a_loop_of_gain_above_one_at_infinity():
     loop = made([-0.5], [-1.0], 2.0, 0.0)
     assert loop.certificate().delay_s == (0.0, 0.0)
     assert made([-0.5], [-1.0], 0.5, 0.1).certificate().delay_s == (np.inf, np.inf)  # |L| < 1 everywhere
+
+
+def test_the_phase_margin_keeps_its_digits_next_to_the_boundary():
+    for kind in (random_loops.wheel_slip, random_loops.KINDS[0]):
+        one = next(one for one in random_loops.loops(kind, 100) if made(*one).is_stable())
+        loop = made(*one)
+        high = min(loop.margins().gain_increase, 1e3)
+        near = loop.scaled(high * (1 - 1e-9))
+        low, high = near.certificate().phase_deg
+        assert low * (1 - 1e-12) <= near.margins().phase_deg <= high * (1 + 1e-12)

@@ -9,7 +9,7 @@ import random_loops
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, frequency_nodes, pieces
 from railslip_ctrl.loop.exact import PHASE, SIZE
-from railslip_ctrl.loop.margins import _may_exceed, _second_order_bounds, box_bounds
+from railslip_ctrl.loop.margins import _divided, _may_exceed, _second_order_bounds, box_bounds
 
 
 def responses(count):
@@ -104,3 +104,12 @@ def test_nodes_close_in_on_a_resonance():
 )
 def test_the_gain_at_zero(zeros, poles, gain, value):
     assert Rational(zeros, poles, gain).dc_gain == pytest.approx(value, nan_ok=True)
+
+
+def test_divided_parts_leave_no_gap():
+    for response in responses(3):
+        low, high = np.array([0.0, 0.5, 2.0]), np.array([0.2, 2.0, np.inf])
+        below, above = (np.sort(ends) for ends in _divided(response, low, high))
+        assert np.all(below < above)
+        joined = np.flatnonzero(below[1:] != above[:-1])
+        assert (below[0], above[joined].tolist(), below[joined + 1].tolist(), above[-1]) == (0, [0.2], [0.5], np.inf)
