@@ -189,3 +189,31 @@ def test_the_phase_margin_keeps_its_digits_next_to_the_boundary():
         near = loop.scaled(high * (1 - 1e-9))
         low, high = near.certificate().phase_deg
         assert low * (1 - 1e-12) <= near.margins().phase_deg <= high * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("zeros", "poles", "gain", "margins"),
+    [
+        # S = (s - 1/4)/(s + 1/4): |S| is 1 everywhere
+        ([], [0.25], 0.5, {"ms": 1.0, "mt": 2.0, "gain_decrease": 0.5, "phase_deg": 60.0}),
+        # S and T have their peaks at omega^2 = 7/8, where L is real: a phase crossover at an extremum
+        ([0.0], [0.875, 1.0], 2.625, {"ms": 2.5, "mt": 3.5, "gain_decrease": 5 / 7, "gain_increase": np.inf}),
+    ],
+)
+def test_peaks_without_dead_time_in_closed_form(zeros, poles, gain, margins):
+    for loop in (made(zeros, poles, gain, 0.0), DeadTimeLoop(control.tf(gain * np.poly(zeros), np.poly(poles)))):
+        certificate = loop.certificate()
+        for name, value in margins.items():
+            low, high = getattr(certificate, name)
+            assert low <= value * (1 + 1e-15), name  # rounding of the closed form
+            assert high >= value * (1 - 1e-15), name
+            assert getattr(loop.margins(), name) == pytest.approx(value, rel=1e-15), name
+
+
+def test_a_zero_on_the_axis_is_covered():
+    zeros, poles = [0.25, 2.625j, -2.625j], [-2.75 + 1.75j, -2.75 - 1.75j, -1.375 + 1.5j, -1.375 - 1.5j]
+    for loop in (
+        made(zeros, poles, 1.25, 1.0),
+        DeadTimeLoop(control.tf(1.25 * np.poly(zeros).real, np.poly(poles).real), 1.0),
+    ):
+        assert refused(zeros, poles, 1.25, 1.0, loop.certificate()) == []

@@ -68,7 +68,8 @@ class Certificate:
     bits : int
         Precision of the balls: their relative width is 2^-bits.
     parts : int
-        Parts of the axis on each of which |S| and |T| were bounded.
+        Parts of the axis on each of which |S| and |T| were bounded; 0 without dead time, where roots of polynomials
+        give their peaks.
     gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
         Enclosures of the margins of `Margins`: factors, deg, s, peaks of |S| and |T|; both ends inf where a margin has
         no bound. None for a loop that is not stable.
@@ -107,11 +108,11 @@ def certify(response: Response, margins: Margins | None) -> Certificate:
             try:
                 up, down = _gain_margins(response, bits)
                 phase, delay = _crossover_margins(response, bits)
-                cover = _Cover(response, margins, bits)
-                ms, mt = cover.peaks()
-                # stable, so that the limits lie on either side of 1
-                found = [_narrow(one) for one in (up.max(arb(1)), down.min(arb(1)), phase, delay, ms, mt)]
-                return Certificate(True, False, 0.0, crossovers, bits, cover.parts, *found)
+                (ms, mt), parts = _peaks(response, margins, bits)
+                found = [_narrow(one) for one in (up, down, phase, delay, ms, mt)]
+                # stable, so that the limits of the gain lie on either side of 1
+                found[:2] = (max(found[0][0], 1.0), found[0][1]), (found[1][0], min(found[1][1], 1.0))
+                return Certificate(True, False, 0.0, crossovers, bits, parts, *found)
             except _TooWideError:
                 continue
     raise CertificateError(
@@ -164,12 +165,16 @@ class _End:
 def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
     """Both ends of each piece of the axis on which |L| and the phase are monotone, and whether |L| > 1 on it."""
     exact = response.exact
-    nodes = [(w, kind, n % 2) for kind in (GAIN, SIZE, PHASE, AXIS) for w, n in exact.frequencies(kind, bits)]
+    kinds = (GAIN, SIZE, PHASE, AXIS)
+    nodes = [(w, kind, i, n % 2) for kind in kinds for i, (w, n) in enumerate(exact.frequencies(kind, bits))]
     nodes.sort(key=lambda node: node[0].mid())
     (first_size, first), (last_size, last) = limits(response)
     start, large = _End(None, first_size, arb(first)), exact.large_at_zero
-    for omega, kind, odd in nodes:
+    for omega, kind, i, odd in nodes:
         below, above = (exact.argument(omega, side * (kind == AXIS)) / arb.pi() for side in (-1, 1))
+        if response.dead_time == 0 and kind != AXIS and ((below - 1) / 2).contains_integer():
+            at, rest = exact.offset(kind, i)
+            below, above = (arb(at), arb(at)) if rest == 0 else (below, above)  # L < 0 just there
         size = float(response.log_size(np.array([float(omega.mid())]))[0])
         yield start, _End(omega, size, below), large
         start, large = _End(omega, size, above), large != (kind == GAIN and odd == 1)
@@ -184,6 +189,9 @@ def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
     up: list[arb] = []  # 1/|L|, and |L| below: all > 1
     down: list[arb] = []
     for start, end, large in _pieces(response, bits):
+        if start.half_turns is not None and ((start.half_turns - 1) / 2).is_integer() and start.omega is not None:
+            size = abs(response.exact.value(start.omega)[0])
+            (down if size > 1 else up).append(size if size > 1 else 1 / size)
         near, far = (start, end) if abs(start.size) <= abs(end.size) else (end, start)
         odd = _first_odd(near, far)
         if odd is not None:
@@ -254,6 +262,15 @@ def _crossover_margins(response: Response, bits: int) -> tuple[arb, arb]:
 # -- peaks ------------------------------------------------------------------------------------------------------------
 
 
+def _peaks(response: Response, margins: Margins, bits: int) -> tuple[tuple[arb, arb], int]:
+    """Ms and Mt, and the parts of the axis that it took."""
+    if response.dead_time > 0:
+        cover = _Cover(response, margins, bits)
+        return cover.peaks(), cover.parts
+    ms, mt = (peak.union(peak.upper() * (1 + _ABOVE)) for peak, _ in response.exact.peaks()[:2])
+    return (ms, mt), 0
+
+
 class _Cover:
     """The axis in parts, and the bounds of |S| and |T| on them."""
 
@@ -261,7 +278,12 @@ class _Cover:
         self._response, self._bits = response, bits
         zeros, poles = response.exact.roots()
         self._roots = zeros + poles
-        self._poles_on_axis = [pole.imag for pole in poles if pole.real.is_zero()]
+        self._on_axis = [
+            (root.imag, size)
+            for of, size in ((poles, arb.pos_inf()), (zeros, arb(0)))
+            for root in of
+            if root.real.is_zero()
+        ]
         self._frequencies = margins.ms_frequency, margins.mt_frequency
         self._near: list[arb] = []
         self.parts = 0
@@ -347,8 +369,8 @@ class _Cover:
     def _size_at(self, end: _End, default: float) -> arb:
         """|L| at an end of a part, or in the limit to 0 or infinity."""
         if end.omega is not None:
-            on_pole = any(end.omega.overlaps(pole) for pole in self._poles_on_axis)
-            return arb.pos_inf() if on_pole else abs(self._response.exact.value(end.omega)[0])
+            at = next((size for omega, size in self._on_axis if end.omega.overlaps(omega)), None)
+            return abs(self._response.exact.value(end.omega)[0]) if at is None else at
         num, den = self._fraction_at(default)
         return arb.pos_inf() if den.is_zero() else abs(num / den)
 

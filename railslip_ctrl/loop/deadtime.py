@@ -227,7 +227,7 @@ class DeadTimeLoop:
                 rest[i] = response.exact.offset(GAIN, i)[1]
         found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
         frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
-        if found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
+        if self._dead_time == 0 or found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
             return found
         with ctx.workprec(REFINED_BITS):
             peaks = [response.exact.peak(*ab, omega)[1] for ab, omega in zip(SHAPES, frequencies, strict=True)]

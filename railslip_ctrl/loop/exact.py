@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING
 
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
-from .polynomials import DOUBLE_BITS, Axis, complex_roots, fraction, positive_square_roots, without
+from .polynomials import (
+    DOUBLE_BITS,
+    Axis,
+    complex_roots,
+    fraction,
+    largest_root_of_ratio,
+    positive_square_roots,
+    without,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -131,6 +139,12 @@ class ExactLoop:
             found = (found - change).mid()
         loop, _ = self.value(found)
         return found, abs((a + b * loop) / (1 + loop))
+
+    def peaks(self) -> list[tuple[arb, float]]:
+        """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and where they are attained, rad/s."""
+        n, d = self.numerator, self.denominator
+        below = Axis(n + d).power
+        return [largest_root_of_ratio(Axis(one).power, below) for one in (d, n, (d - n) / 2)]
 
     def roots(self) -> tuple[list[acb], list[acb]]:
         """Zeros and poles of G, at the precision of the context or higher; the real part is 0 on the axis alone."""

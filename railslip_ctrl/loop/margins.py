@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from flint import fmpq
+from flint import ctx, fmpq
 
 from .crossings import Pieces, Response
+from .exact import REFINED_BITS
 from .rootfinding import monotone_roots
 from .stability import count_right_of
 
@@ -243,6 +244,9 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[flo
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
+    if response.dead_time == 0:
+        with ctx.workprec(REFINED_BITS):
+            return [(float(peak.mid()), omega) for peak, omega in response.exact.peaks()]
     points = _first_points(response, cut, crossings)
     if points.size:
         _raise(best, _local_peaks(response, points))

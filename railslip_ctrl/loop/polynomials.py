@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -107,3 +108,23 @@ def positive_square_roots(polynomial: fmpq_poly) -> list[tuple[arb, int]]:
         return []  # Descartes: no change of sign, no positive root
     found = [(root.real, count) for root, count in polynomial.complex_roots() if root.imag == 0 and root.real > 0]
     return [(root.sqrt(), count) for root, count in sorted(found, key=lambda pair: pair[0].mid())]
+
+
+def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, float]:
+    """Square root of the largest ratio of two polynomials over x >= 0, the lower one > 0 and of no lower degree; and
+    that of x, infinite where the ratio only tends to it."""
+    found = [(arb(above[k] / below[k]), omega) for k, omega in ((0, 0.0), (below.degree(), math.inf))]
+    for omega, _ in positive_square_roots(above.derivative() * below - above * below.derivative()):
+        x = omega * omega
+        found.append((_value(above, x) / _value(below, x), float(omega.mid())))
+    most, _ = max(found, key=lambda one: one[0].mid())
+    for ratio, _ in found:
+        most = most.max(ratio)
+    return most.sqrt(), next(omega for ratio, omega in found if ratio.overlaps(most))
+
+
+def _value(polynomial: fmpq_poly, x: arb) -> arb:
+    total = arb(0)
+    for coefficient in reversed(polynomial.coeffs()):
+        total = total * x + coefficient
+    return total
