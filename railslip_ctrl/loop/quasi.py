@@ -335,6 +335,7 @@ class _DelayedResponse(Response):
         turns = np.concatenate([[0.0], np.cumsum(np.angle(value[1:] / value[:-1]))])
         object.__setattr__(self, "_phases", float(np.angle(value[0])) + turns)
 
+    is_rational = False
     _ratio: DelayedRatio
     nodes: Floats
     _values: Complexes
