@@ -240,7 +240,6 @@ CALLS: dict[str, Callable[[], object]] = {
     "wheel load: 0 N is not allowed; give a finite value > 0": lambda: published_law("bristle", "dry", wheel_load=0),
     "name: None is not allowed; give text ": lambda: built_in_scenario(None),  # type: ignore[arg-type]
     "law: 3 is not allowed; give text or None": lambda: derive(law=3),  # type: ignore[arg-type]
-    "controller: 'pi' is not allowed; give a Controller": lambda: simulate(built_in_scenario("park2008"), "pi"),  # type: ignore[arg-type]
 }
 
 

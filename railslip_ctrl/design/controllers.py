@@ -20,6 +20,7 @@ from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import Actuator, PIGains
+from railslip_ctrl.parameters.modules import failure
 
 
 @dataclass(frozen=True)
@@ -191,12 +192,14 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     if callable(linear := getattr(controller, "linear", None)):
         if point is None:
             raise InputError("controller: it is linear at an operating point; give one")
-        return linear_controller(linear(point), point)
+        try:
+            return linear_controller(linear(point), point)
+        except InputError:
+            raise
+        except Exception as error:  # a user's method may fail in any way
+            raise InputError(f"controller {_name(controller)}: {failure(error, 'linear')}") from error
     if (hasattr(controller, "step") and not hasattr(controller, "dt")) or hasattr(controller, "py_func"):
-        raise InputError(
-            f"controller: {_name(controller)} is known by its step alone and has no margins; give it a method "
-            "linear(operating_point) that returns a python-control system"
-        )
+        raise step_alone(controller)
     dt = getattr(controller, "dt", None)
     if dt is True:
         raise InputError("controller: its sampling period is not given (dt = True); give dt in s")
@@ -216,6 +219,14 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     made = realise(system)
     return StateSpaceController(
         tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
+    )
+
+
+def step_alone(controller: Any) -> InputError:
+    """The refusal of margins for what is known by its step."""
+    return InputError(
+        f"controller: {_name(controller)} is known by its step alone and has no margins; give it a method "
+        "linear(operating_point) that returns a python-control system"
     )
 
 
