@@ -207,7 +207,7 @@ class Simulator:
 
     @checked
     def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
-        control = as_control(controller, scenario)
+        control = as_control(controller, scenario.vehicle, scenario.adhesion.reference)
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
         if not (math.isfinite(self.period) and self.period > 0):
