@@ -262,6 +262,21 @@ def test_what_is_no_controller_is_refused():
         simulate(SCENARIO, {})
 
 
+def test_what_cannot_be_copied_begins_by_its_reset():
+    class Held(PI):
+        def __deepcopy__(self, memo: object) -> object:
+            raise TypeError("one line\nto the valve")
+
+    first, second = (simulate(SCENARIO, Held(), seed=None).braking_distance for _ in range(2))
+    assert first == second
+
+    class Lasting:
+        reference, step, __deepcopy__ = REFERENCE, PI.step, Held.__deepcopy__
+
+    with pytest.raises(InputError, match=r"has no reset and cannot be copied for a run \(one line to the valve\)"):
+        simulate(SCENARIO, Lasting())
+
+
 def test_a_run_has_its_own_copy():
     class Lasting:
         count = 0

@@ -182,7 +182,7 @@ def simulate(
     record_every : int or None
         Samples from one row of `signals` to the next; None records none.
     compiled : bool
-        False runs the same text in the interpreter, hundreds of times slower: to try a step of one's own.
+        False runs the same in the interpreter, hundreds of times slower.
 
     Returns
     -------

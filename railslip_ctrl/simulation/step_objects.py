@@ -112,16 +112,17 @@ class StepControl:
     ----------
     step : object or function
         An object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before the
-        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object. SI.
+        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
+        copied. SI.
     reference : ReferenceSlip
         What the slip error is taken against; the step has its own.
     name : str
         For reports.
     period : float
         Sampling period, s.
-    start : tuple of float
-        The numbers that a function remembers, at the start: with them it is step(t, v, omega, x), where x is an array
-        of them that it changes.
+    start_numbers : tuple of float
+        What a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v, omega, x), where x
+        is an array of them that it changes.
     knows_rail, model_law
         As of `Controller`.
 
@@ -169,7 +170,7 @@ class StepControl:
         return self.start_numbers
 
     def opened(self, v: float, omega: float) -> Call:
-        """The step made ready for one run, which begins at these speeds, m/s and rad/s."""
+        """The step made ready for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.step.is_numba else PythonCall(self, v, omega)
 
 
@@ -232,7 +233,13 @@ class PythonCall(Call):
         try:
             thing = copy.deepcopy(step.thing)
         except Exception as error:  # the user's object may fail in any way
-            raise self._failed(error, 0.0, "copying it for a run") from error
+            if not hasattr(step.thing, "reset"):
+                told = " ".join(str(error).split())
+                raise InputError(
+                    f"controller {self.control.name}: it has no reset and cannot be copied for a run ({told}); give it "
+                    "reset(t, v, omega)"
+                ) from error
+            thing = step.thing
         if hasattr(thing, "reset"):
             try:
                 thing.reset(0.0, v, omega)
