@@ -58,7 +58,8 @@ class PadeRow:
 class Assessment:
     """One loop, assessed. `margins` is None and `pade` rows still tell, if the loop is unstable.
 
-    `as_run` is the sampled loop of a continuous controller that says how it is run, and `sampled` its margins.
+    `loop` is a `DeadTimeLoop`, of a discrete controller a `SampledLoop`. `as_run` is the sampled loop of a continuous
+    controller that says how it is run, and `sampled` its margins.
     """
 
     label: str

@@ -9,7 +9,13 @@ import scipy.signal
 
 from railslip_ctrl import assess, linearize, wheel_slip_loop
 from railslip_ctrl.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.design import PIController, actuated_plant, controller_system, linear_controller
+from railslip_ctrl.design import (
+    PIController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+)
 from railslip_ctrl.design.effort import control_effort
 from railslip_ctrl.design.sampled import SampledController, sampled_loop
 from railslip_ctrl.design.sweeps import sweep_speed
@@ -108,6 +114,21 @@ def test_a_compensator_to_tune_behind_is_any_system(plant, lead):
 def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
     with pytest.raises(InputError, match=words):
         wheel_slip_loop(plant, controller)
+
+
+def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant):
+    expected = wheel_slip_loop(plant, PIController(PIGains(kp=190.0, ki=0.0))).margins().ms
+    for gain in (
+        190,
+        190.0,
+        ct.ss([], [], [], [[190.0]]),
+        ct.tf([190.0], [1.0]),
+        StateSpaceController((), (), (), 190.0),
+    ):
+        assert wheel_slip_loop(plant, gain).margins().ms == pytest.approx(expected, rel=1e-12)
+    for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
+        with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
+            StateSpaceController(a, b, c)
 
 
 def test_an_object_linear_at_a_point_needs_one():
