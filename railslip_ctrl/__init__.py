@@ -36,9 +36,12 @@ if TYPE_CHECKING:
     from .parameters import Rail as Rail
     from .parameters import Vehicle as Vehicle
     from .parameters import load_vehicle as load_vehicle
+    from .simulation import LinearControl as LinearControl
     from .simulation import Scenario as Scenario
+    from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
+    from .simulation.controller_files import load_controller as load_controller
     from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
@@ -50,6 +53,7 @@ _HOME = {
     "InfeasibleDesignError": ".errors",
     "InputError": ".errors",
     "KinkError": ".errors",
+    "LinearControl": ".simulation",
     "Margins": ".loop",
     "MissingParametersError": ".errors",
     "PARK2008": ".parameters",
@@ -58,12 +62,14 @@ _HOME = {
     "Rail": ".parameters",
     "RailslipError": ".errors",
     "Scenario": ".simulation",
+    "StepControl": ".simulation",
     "UnstableLoopError": ".errors",
     "Vehicle": ".parameters",
     "assess": ".assessment",
     "built_in_scenario": ".simulation",
     "derive": ".sliding.derivation",
     "linearize": ".linearization",
+    "load_controller": ".simulation.controller_files",
     "load_law": ".adhesion",
     "load_vehicle": ".parameters",
     "nonlinear_plant": ".linearization",
@@ -83,6 +89,7 @@ __all__ = [
     "InfeasibleDesignError",
     "InputError",
     "KinkError",
+    "LinearControl",
     "Margins",
     "MissingParametersError",
     "PIController",
@@ -90,6 +97,7 @@ __all__ = [
     "Rail",
     "RailslipError",
     "Scenario",
+    "StepControl",
     "UnstableLoopError",
     "Vehicle",
     "__version__",
@@ -97,6 +105,7 @@ __all__ = [
     "built_in_scenario",
     "derive",
     "linearize",
+    "load_controller",
     "load_law",
     "load_vehicle",
     "nonlinear_plant",

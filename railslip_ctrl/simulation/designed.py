@@ -108,15 +108,23 @@ def recommended_pi_lead(
             gains = full_range_gains(car, plants)
         except InfeasibleDesignError as error:
             raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
+    held = reference or published_reference("bristle")
+    return braking_control(PIController(gains, lead, lead_filter), car, held, name="pi-lead", period=period)
+
+
+def braking_control(
+    design: PIController, vehicle: Vehicle, reference: ReferenceSlip, *, name: str, period: float | None = None
+) -> LinearControl:
+    """A design as it brakes: within 0 and the vehicle's full brake, with anti-windup, from its initial torque."""
     return LinearControl(
-        PIController(gains, lead, lead_filter),
-        reference or published_reference("bristle"),
-        name="pi-lead",
+        design,
+        reference,
+        name=name,
         period=period,
         torque_low=0.0,
-        torque_high=full_brake_torque(car),
+        torque_high=full_brake_torque(vehicle),
         tracking_time=TRACKING_TIME,
-        initial_torque=initial_torque(car),
+        initial_torque=initial_torque(vehicle),
     )
 
 
@@ -223,13 +231,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
-    designs = [
-        control.design
-        if isinstance(control, LinearControl)
-        else control.schedule.controller(p.point.speed, p.point.rail)
-        for p in points
-    ]
-    return family_margins([wheel_slip_loop(*each, car.actuator) for each in zip(points, designs, strict=True)])
+    return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
 
 
 def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
