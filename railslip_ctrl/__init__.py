@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from .design import PIController as PIController
     from .design import stabilizing_pi as stabilizing_pi
     from .design import wheel_slip_loop as wheel_slip_loop
+    from .design.envelope import Envelope as Envelope
+    from .design.envelope import load_envelope as load_envelope
+    from .design.judging import judge as judge
     from .design.tuning import tune_pi as tune_pi
     from .errors import DomainError as DomainError
     from .errors import InfeasibleDesignError as InfeasibleDesignError
@@ -47,6 +50,7 @@ _HOME = {
     "Actuator": ".parameters",
     "DeadTimeLoop": ".loop",
     "DomainError": ".errors",
+    "Envelope": ".design.envelope",
     "InfeasibleDesignError": ".errors",
     "InputError": ".errors",
     "KinkError": ".errors",
@@ -63,7 +67,9 @@ _HOME = {
     "assess": ".assessment",
     "built_in_scenario": ".simulation",
     "derive": ".sliding.derivation",
+    "judge": ".design.judging",
     "linearize": ".linearization",
+    "load_envelope": ".design.envelope",
     "load_law": ".adhesion",
     "load_vehicle": ".parameters",
     "nonlinear_plant": ".linearization",
@@ -80,6 +86,7 @@ __all__ = [
     "Actuator",
     "DeadTimeLoop",
     "DomainError",
+    "Envelope",
     "InfeasibleDesignError",
     "InputError",
     "KinkError",
@@ -96,7 +103,9 @@ __all__ = [
     "assess",
     "built_in_scenario",
     "derive",
+    "judge",
     "linearize",
+    "load_envelope",
     "load_law",
     "load_vehicle",
     "nonlinear_plant",

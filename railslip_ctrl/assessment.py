@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .arguments import checked, number
 from .design import PIController, actuated_plant, wheel_slip_loop
 from .design.limits import Limits, fundamental_limits
+from .design.specification import is_robust
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
@@ -20,17 +21,6 @@ from .parameters import Actuator
 from .rounding import rounded_up
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
-
-ROBUST_MS = 2.0
-"""Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
-
-
-_ROUNDING = 1e-6  # relative: a design tuned to the limit meets it to less than that
-
-
-def is_robust(ms: float) -> bool:
-    """Whether a loop of that Ms is called robust: at most `ROBUST_MS`, rounding aside."""
-    return ms <= ROBUST_MS * (1.0 + _ROUNDING)
 
 
 class Verdict(StrEnum):

@@ -122,11 +122,11 @@ class Envelope(Record):
         }
 
     def points(self, *, nominal: bool = False) -> EnvelopePoints:
-        """Its cases, or the operating points alone, in the order rails, laws, speeds, loads, radii, slips, dead times,
-        lags.
+        """Its cases, in the order rails, laws, loads, speeds, radii, slips, dead times, lags.
 
-        What has no linear plant (outside the law's domain, or a kink) is left out, with the reason. InputError where
-        nothing is left, a law cannot be had, or it has no reference slip and none is given.
+        `nominal` asks for the operating points alone. What has no linear plant (outside the law's domain, or a kink)
+        is left out, with the reason. InputError where nothing is left, a law cannot be had, or it has no reference
+        slip and none is given.
         """
         return _points(self, nominal)
 
