@@ -66,7 +66,12 @@ class Assessment:
 
     @property
     def verdict_line(self) -> str:
-        """The verdict in a sentence, with the number that decides it."""
+        """The verdict in a sentence, with the number that decides it, and what a mass given alone left as it was."""
+        alone = self.point.vehicle.mass_alone
+        return f"{self._decided}. {alone}" if alone else self._decided
+
+    @property
+    def _decided(self) -> str:
         if self.verdict is Verdict.NO_FEEDBACK:
             return f"{self.verdict.value}: both gains are 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
