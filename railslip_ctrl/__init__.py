@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .design import wheel_slip_loop as wheel_slip_loop
     from .design.envelope import Envelope as Envelope
     from .design.envelope import load_envelope as load_envelope
+    from .design.envelope_tuning import tune as tune
     from .design.judging import judge as judge
     from .design.tuning import tune_pi as tune_pi
     from .errors import DomainError as DomainError
@@ -77,6 +78,7 @@ _HOME = {
     "published_law": ".adhesion",
     "simulate": ".simulation",
     "stabilizing_pi": ".design",
+    "tune": ".design.envelope_tuning",
     "tune_pi": ".design.tuning",
     "wheel_slip_loop": ".design",
 }
@@ -113,6 +115,7 @@ __all__ = [
     "published_law",
     "simulate",
     "stabilizing_pi",
+    "tune",
     "tune_pi",
     "wheel_slip_loop",
 ]

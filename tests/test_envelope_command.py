@@ -9,7 +9,9 @@ from sample_vehicles import COACH
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.parameters import PIGains, load_vehicle
 
 COACH_FILE = """
@@ -105,3 +107,46 @@ def test_a_mass_given_alone_is_told_in_the_verdict(railslip, coach):
     assert "the wheel load stayed" in err
     for own in (("--mass", "11000"), ("--loaded",), ("--loaded", "--mass", "17437")):
         assert "stayed" not in "".join(railslip("margins", "--vehicle", coach, *GAINS, *own)[1:])
+
+
+# --- tune -----------------------------------------------------------------------------------------------------------
+
+
+def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
+    envelope = Envelope(load_vehicle(coach), rails="dry", laws="bristle", speeds=(60, 100))
+    best = tune(envelope, "pi-lead", 2.5)
+    again = judge(best, envelope)
+    assert best.judgement.ms == pytest.approx(again.ms, rel=1e-12)
+    assert again.ms[again.points.operating].max() == pytest.approx(2.5, rel=1e-9)
+    assert again.worst.case.load == "loaded"
+    # the true load, not the mass alone: with the wheel load as it was, Ms is less
+    alone = COACH.model_copy(update={"mass": COACH.mass_loaded})
+    assert judge(best, Envelope(alone, rails="dry", laws="bristle", speeds=(60, 100), loads="empty")).worst.ms < 2.45
+    assert best.reference is None  # of dry rail alone
+    assert str(best).startswith("PI-lead: kp ")
+    arguments = ("--vehicle", coach, "--rail", "dry", "--adhesion", "bristle", "--speed", "60", "--speed", "100")
+    status, out, _ = railslip(
+        "tune", *arguments, "--structure", "pi-lead", "--ms-max", "2.5", "--envelope", "default", "--json"
+    )
+    found = json.loads(out)
+    assert (status, found["kp_si"], found["ki_si"]) == (0, best.gains.kp, best.gains.ki)
+    assert {key: found[key] for key in again.table()} == json.loads(json.dumps(best.judgement.table()))
+    assert len(found["cases"]) == 4
+
+
+def test_tune_judges_the_envelope_unless_points_are_named(railslip):
+    whole = json.loads(railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--json")[1])
+    assert not whole["feasible"]
+    assert whole["reason"].endswith("from 20 km/h up it can")
+    named = railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--mass", "4000")[1]
+    assert "of the operating points alone. M alone was changed: the wheel load stayed at 34500 N." in " ".join(
+        named.split()
+    )
+    over = ("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--envelope", "default")
+    assert "Verdict: robust: Ms 2" in railslip(*over)[1]
+    assert "Verdict: robust at the operating points: Ms 2" in railslip(*over, "--nominal")[1]
+
+
+def test_tune_says_that_no_speed_will_do():
+    with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
+        tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)

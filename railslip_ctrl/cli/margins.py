@@ -23,7 +23,7 @@ from .settings import HELP
 
 @click.command(context_settings=HELP)
 @case_options
-@envelope_options
+@envelope_options("the points of those options")
 @gain_options
 @click.option(
     "--lead",

@@ -92,14 +92,14 @@ class CaseOptions:
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
         """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
-        chosen = self._given_vehicle.loaded() if self.loaded else self._given_vehicle
+        chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
         for note in remarks(chosen):
             click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
         return chosen
 
     @cached_property
-    def _given_vehicle(self) -> Vehicle:
+    def given_vehicle(self) -> Vehicle:
         """The vehicle of the file, empty, with the brake given."""
         chosen = PARK2008 if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
         update: dict[str, object] = {}
@@ -110,6 +110,10 @@ class CaseOptions:
             update["actuator"] = chosen.actuator.model_copy(update=actuator)
         return chosen.model_copy(update=update)
 
+    def name_points(self) -> bool:
+        """Whether an option names operating points."""
+        return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip) or _is_given("adhesion")
+
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
         """The envelope of a file, or the vehicle's own, or the default; the options that name points narrow it."""
         if self.masses:
@@ -118,7 +122,7 @@ class CaseOptions:
                 "in the vehicle's file"
             )
         _ = self.chosen_vehicle  # says what is assumed of it
-        car = self._given_vehicle
+        car = self.given_vehicle
         if given.lower() != DEFAULT_ENVELOPE:
             found = from_file("--envelope", Path(given), lambda path: load_envelope(path, car))
         elif self.vehicle is not None:
@@ -318,21 +322,18 @@ def _actuator_options() -> list[Any]:
     ]
 
 
-def envelope_options(function: F) -> F:
-    """The options that ask for a verdict over an envelope."""
-    for option in (
-        click.option(
-            "--nominal", is_flag=True, help="Judge its operating points alone, without tolerances around them."
-        ),
-        click.option(
-            "--envelope",
-            metavar="default|FILE",
-            help="Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML "
-            "file; --rail, --adhesion, --speed, --slip and --loaded narrow it.  [default: the points of those options]",
-        ),
-    ):
-        function = option(function)
-    return function
+def envelope_options(left_out: str) -> Callable[[F], F]:
+    """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
+    nominal = click.option(
+        "--nominal", is_flag=True, help="Judge its operating points alone, without tolerances around them."
+    )
+    envelope = click.option(
+        "--envelope",
+        metavar="default|FILE",
+        help="Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML "
+        f"file; --rail, --adhesion, --speed, --slip and --loaded narrow it.  [default: {left_out}]",
+    )
+    return lambda function: envelope(nominal(function))
 
 
 def gain_options(function: F) -> F:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import click
 
+from railslip_ctrl.design.envelope_tuning import tune_over
 from railslip_ctrl.design.tuning import Specification
 from railslip_ctrl.design.tuning_cases import tune_cases
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import linearize
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
 
-from .options import CaseOptions, Quantity, family_options
+from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
 from .output import print_json, print_text
 from .settings import HELP
 
 
 @click.command(context_settings=HELP)
 @family_options
+@envelope_options("the vehicle's own or the default, unless points are named")
 @click.option(
     "--structure",
     default="pi",
@@ -49,6 +51,8 @@ def command(
     ctx: click.Context,
     cases: CaseOptions,
     as_json: bool,
+    envelope: str | None,
+    nominal: bool,
     structure: str,
     ms_max: float | None,
     phase_min: float | None,
@@ -58,27 +62,40 @@ def command(
     lead: float | None,
     lead_filter: float | None,
 ) -> None:
-    """One gain set for all the operating points named, from a specification. Exit status 1 if it cannot be met,
-    2 for bad input.
+    """One gain set for all operating points of an envelope, empty and loaded together, from a specification, judged
+    over it with its tolerances; or for the points named alone. Exit status 1 if it cannot be met, 2 for bad input.
 
-    Example: railslip tune --structure pi-lead --ms-max 1.8 --speed 20 --speed 100 --mass 3517 --mass 5276
+    Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
     if minimise_ms != (ki_min is not None):
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
         raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
-    points = cases.points()
-    tuned = tune_cases(
-        [linearize(point) for point in points],
-        points[0].vehicle.actuator,
-        structure=structure,
-        specification=Specification(ms_max, phase_min, delay_min),
-        ki_min=ki_min,
-        lead=lead,
-        lead_filter=lead_filter,
-    )
-    if as_json:
-        print_json(tuning_json(tuned))
+    specification, judgement = Specification(ms_max, phase_min, delay_min), None
+    if envelope is None and cases.name_points():
+        points = cases.points()
+        tuned = tune_cases(
+            [linearize(point) for point in points],
+            points[0].vehicle.actuator,
+            structure=structure,
+            specification=specification,
+            ki_min=ki_min,
+            lead=lead,
+            lead_filter=lead_filter,
+        )
     else:
-        print_text(tuning_text, tuned)
+        tuned, design = tune_over(
+            cases.envelope(envelope or DEFAULT_ENVELOPE),
+            specification,
+            structure,
+            ki_min=ki_min,
+            lead=lead,
+            lead_filter=lead_filter,
+            nominal=nominal,
+        )
+        judgement = None if design is None else design.judgement
+    if as_json:
+        print_json(tuning_json(tuned, judgement))
+    else:
+        print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)

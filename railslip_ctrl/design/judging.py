@@ -54,8 +54,11 @@ class WorstCase:
         return f"{kept} at {self.case.words}"
 
     def table(self) -> dict[str, Any]:
-        """For JSON: Ms, null where it is unstable, and the case."""
-        return {"ms": None if self.margins is None else self.ms, "case": self.case.table()}
+        """For JSON: Ms, phase (deg) and delay margin (s), null where it is unstable or without bound, and the case."""
+        m = self.margins
+        found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
+        names = ("ms", "phase_margin_deg", "delay_margin_s")
+        return {**dict(zip(names, found, strict=True)), "case": self.case.table()}
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,11 @@ def judgement_json(judgement: Judgement) -> dict[str, Any]:
 
 def judgement_text(judgement: Judgement) -> str:
     """The verdict, the worst cases, and the worst Ms over speed and load."""
+    return render(judgement_parts(judgement))
+
+
+def judgement_parts(judgement: Judgement) -> list[RenderableType]:
+    """What `judgement_text` renders."""
     rows = [
         ("Envelope", envelope_words(judgement.envelope)),
         ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
@@ -36,7 +41,7 @@ def judgement_text(judgement: Judgement) -> str:
     ]
     # the first line of the judgement is its verdict
     verdict, *told = str(judgement).splitlines()
-    parts: list[RenderableType] = [
+    return [
         heading("Verdict over the envelope"),
         facts(rows),
         _worst_table(judgement),
@@ -44,7 +49,6 @@ def judgement_text(judgement: Judgement) -> str:
         *(Text(line) for line in told),
         Text(f"Verdict: {verdict}"),
     ]
-    return render(parts)
 
 
 def envelope_words(envelope: Envelope) -> str:
