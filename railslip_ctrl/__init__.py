@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from .design import PIController as PIController
     from .design import stabilizing_pi as stabilizing_pi
     from .design import wheel_slip_loop as wheel_slip_loop
+    from .design.envelope import Envelope as Envelope
+    from .design.envelope import load_envelope as load_envelope
+    from .design.envelope_tuning import tune as tune
+    from .design.judging import judge as judge
     from .design.tuning import tune_pi as tune_pi
     from .errors import DomainError as DomainError
     from .errors import InfeasibleDesignError as InfeasibleDesignError
@@ -50,6 +54,7 @@ _HOME = {
     "Actuator": ".parameters",
     "DeadTimeLoop": ".loop",
     "DomainError": ".errors",
+    "Envelope": ".design.envelope",
     "InfeasibleDesignError": ".errors",
     "InputError": ".errors",
     "KinkError": ".errors",
@@ -68,8 +73,10 @@ _HOME = {
     "assess": ".assessment",
     "built_in_scenario": ".simulation",
     "derive": ".sliding.derivation",
+    "judge": ".design.judging",
     "linearize": ".linearization",
     "load_controller": ".simulation.controller_files",
+    "load_envelope": ".design.envelope",
     "load_law": ".adhesion",
     "load_vehicle": ".parameters",
     "nonlinear_plant": ".linearization",
@@ -77,6 +84,7 @@ _HOME = {
     "published_law": ".adhesion",
     "simulate": ".simulation",
     "stabilizing_pi": ".design",
+    "tune": ".design.envelope_tuning",
     "tune_pi": ".design.tuning",
     "wheel_slip_loop": ".design",
 }
@@ -86,6 +94,7 @@ __all__ = [
     "Actuator",
     "DeadTimeLoop",
     "DomainError",
+    "Envelope",
     "InfeasibleDesignError",
     "InputError",
     "KinkError",
@@ -104,8 +113,10 @@ __all__ = [
     "assess",
     "built_in_scenario",
     "derive",
+    "judge",
     "linearize",
     "load_controller",
+    "load_envelope",
     "load_law",
     "load_vehicle",
     "nonlinear_plant",
@@ -113,6 +124,7 @@ __all__ = [
     "published_law",
     "simulate",
     "stabilizing_pi",
+    "tune",
     "tune_pi",
     "wheel_slip_loop",
 ]

@@ -15,6 +15,7 @@ from .design import actuated_plant, wheel_slip_loop
 from .design.controllers import LinearController, linear_controller
 from .design.limits import Limits, fundamental_limits
 from .design.sampled import sampled_loop
+from .design.specification import is_robust
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
@@ -24,17 +25,6 @@ from .parameters import Actuator
 from .rounding import rounded_up
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
-
-ROBUST_MS = 2.0
-"""Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
-
-
-_ROUNDING = 1e-6  # relative: a design tuned to the limit meets it to less than that
-
-
-def is_robust(ms: float) -> bool:
-    """Whether a loop of that Ms is called robust: at most `ROBUST_MS`, rounding aside."""
-    return ms <= ROBUST_MS * (1.0 + _ROUNDING)
 
 
 class Verdict(StrEnum):
@@ -86,7 +76,12 @@ class Assessment:
 
     @property
     def verdict_line(self) -> str:
-        """The verdict in a sentence, with the number that decides it."""
+        """The verdict in a sentence, with the number that decides it, and what a mass given alone left as it was."""
+        alone = self.point.vehicle.mass_alone
+        return f"{self._decided}. {alone}" if alone else self._decided
+
+    @property
+    def _decided(self) -> str:
         if self.verdict is Verdict.NO_FEEDBACK:
             return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:

@@ -43,6 +43,7 @@ from railslip_ctrl.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.arguments import check_fields, checked, complexes, number, numbers
 from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.design import actuated_plant, margin_grid, outline
+from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
@@ -253,6 +254,7 @@ VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
     "adhesion": "curve",
     "controller": PI,
+    "envelope": Envelope(laws="bristle", rails="dry", speeds=60),
     "law": LAW,
     "loop": LOOP,
     "name": "bristle",

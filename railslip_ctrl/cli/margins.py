@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from itertools import zip_longest
 from typing import Any
 
@@ -10,14 +9,16 @@ import click
 
 from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.tuning_cases import FILTER_RATIO
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
+from railslip_ctrl.report.judging import judgement_json, judgement_text
 
-from .options import CaseOptions, Quantity, case_options, chosen_gains, gain_options
+from .options import CaseOptions, Quantity, case_options, chosen_gains, envelope_options, gain_options
 from .output import print_json, print_text
 from .settings import HELP
 from .simulation_options import controller_from_file, controller_name, controller_option, is_controller_file
@@ -25,6 +26,7 @@ from .simulation_options import controller_from_file, controller_name, controlle
 
 @click.command(context_settings=HELP)
 @case_options
+@envelope_options("the points of those options")
 @gain_options
 @controller_option(None, otherwise="a PI of --kp, --ki and --lead")
 @click.option(
@@ -48,30 +50,45 @@ def command(
     cases: CaseOptions,
     as_json: bool,
     controller: str | None,
+    envelope: str | None,
+    nominal: bool,
     kp: float | None,
     ki: float | None,
     lead: float | None,
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI or any linear controller, the dead time exact; of a discrete
-    one those of its sampled loop. Exit status 1 if a loop is unstable, 2 for bad input.
+    """Stability margins of the wheel-slip loop with a PI or any linear controller, the dead time exact (of a discrete
+    one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit status 1 if a
+    loop (of an envelope: at an operating point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
-    points, gains = cases.points(), chosen_gains(kp, ki)
-    given: Any = None
+    gains, time = chosen_gains(kp, ki), lead or 0.0
+    lag = FILTER_RATIO * time if lead_filter is None else lead_filter
     if controller is not None:
         for option, value in (("--lead", lead), ("--lead-filter", lead_filter)):
             if value is not None:
                 raise InputError(f"{option}: does not go with --controller; leave one out")
-        given = _controller(controller, points[0], gains)
-    time = lead or 0.0
-    pi_of = partial(PIController, lead=time, lead_filter=FILTER_RATIO * time if lead_filter is None else lead_filter)
-    assessments = [
-        assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
-        for point in points
-    ]
+
+    def chosen(point: OperatingPoint) -> Any:
+        if controller is None:
+            return PIController(gains or table4_gains(point.adhesion), time, lag)
+        return _controller(controller, point, gains)
+
+    if envelope is not None:
+        if certify:
+            raise InputError("--certify: goes with operating points; leave --envelope out")
+        judged = cases.envelope(envelope)
+        judgement = judge(chosen(judged.points(nominal=True).case(0).point), judged, nominal)
+        if as_json:
+            print_json(judgement_json(judgement))
+        else:
+            print_text(judgement_text, judgement)
+        ctx.exit(1 if judgement.verdict == "unstable" else 0)
+    points = cases.points()
+    given = None if controller is None else chosen(points[0])
+    assessments = [assess(linearize(point), given or chosen(point), point.vehicle.actuator) for point in points]
     if certify and any(isinstance(assessment.loop, SampledLoop) for assessment in assessments):
         raise InputError("--certify: the loop of a discrete controller has no certificate; leave it out")
     certificates = [assessment.loop.certificate() for assessment in assessments] if certify else []

@@ -107,7 +107,12 @@ class Region(ABC):
         return found[-1][1] if found else 0.0
 
     def plot(self, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> Any:
-        """The region with contours of its worst margins, a matplotlib figure; drawn up to a limit of kp or ki > 0.
+        """The region with contours of its worst margins, a matplotlib figure.
+
+        Parameters
+        ----------
+        kp_limit, ki_limit : float
+            Gains > 0, in the region's units, up to which to draw it.
 
         InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
         """

@@ -224,8 +224,12 @@ class DeadTimeLoop:
     def step_response(self, time: ArrayLike) -> TimeResponse:
         """Response of the closed loop, output T r, to a unit step of the reference r at t = 0, exact.
 
-        `time`: times, s, >= 0, ascending; or one number, the end of 1001 times from 0. What the controller commands is
-        told by `loop.responses.step_response`, which takes the parts of the loop.
+        What the controller commands is told by `loop.responses.step_response`, which takes the parts of the loop.
+
+        Parameters
+        ----------
+        time : array, shape (n,), or float
+            s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
         return step_response(1.0, self._system, self._dead_time, time=times[0], final_time=times[1])

@@ -27,6 +27,9 @@ GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
 
 
+_MASS_ALONE = "M alone was changed: the wheel load stayed at"
+
+
 class Rail(StrEnum):
     """Rail condition: which of the two sets of adhesion parameters holds.
 
@@ -225,6 +228,19 @@ class Vehicle(Record):
     def loaded(self) -> Vehicle:
         """The same vehicle with its loaded mass and wheel load as the ones in use."""
         return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+
+    def with_mass(self, mass: float) -> Vehicle:
+        """The vehicle with another `mass` in use, kg, and the wheel load it has: a note says so, unless the two are
+        the empty or the loaded vehicle's own."""
+        changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
+        if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
+            return changed
+        return changed.model_copy(update={"notes": (*self.notes, f"{_MASS_ALONE} {self.wheel_load:.0f} N.")})
+
+    @property
+    def mass_alone(self) -> str:
+        """The note of `with_mass`; empty where there is none."""
+        return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
         """The vehicle as it is and, where that is another mass, `loaded`."""

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.errors import InfeasibleDesignError
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
@@ -126,6 +127,21 @@ def braking_control(
         tracking_time=TRACKING_TIME,
         initial_torque=initial_torque(vehicle),
     )
+
+
+def tuned_control(
+    design: EnvelopeDesign, reference: ReferenceSlip | None = None, *, name: str | None = None
+) -> LinearControl:
+    """A controller tuned over an envelope as it brakes the vehicle of that; `reference` where it holds no single one.
+
+    InputError without either.
+    """
+    held = design.reference or reference
+    if held is None:
+        raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
+    assert design.judgement is not None, "a tuned controller has been judged"
+    pi = PIController(design.gains, design.lead, design.lead_filter)
+    return braking_control(pi, design.judgement.envelope.vehicle, held, name=name or design.structure.lower())
 
 
 def recommended_schedule(

@@ -21,6 +21,7 @@ import numpy as np
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.arguments import check_fields
 from railslip_ctrl.design.controllers import PIController, linear_controller, step_alone
+from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
@@ -29,7 +30,7 @@ from railslip_ctrl.parameters.modules import failure, place
 from railslip_ctrl.units import shown
 
 from .controllers import Controller, LinearControl, Situation
-from .designed import full_brake_torque
+from .designed import full_brake_torque, tuned_control
 from .kernel_text import step_text
 
 if TYPE_CHECKING:
@@ -341,12 +342,14 @@ def as_control(
 ) -> Controller:
     """Whatever is given as a controller, as one that runs, with a `name` and `reference` where it says none.
 
-    A `Controller` is itself. A linear system (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at
-    its own, by Tustin's rule, within 0 and the vehicle's full brake, with anti-windup. Of anything else its step is
-    called, at its `period`, or `PERIOD`.
+    A `Controller` is itself, and one tuned over an envelope runs as its file does. A linear system
+    (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at its own, by Tustin's rule, within 0 and
+    the vehicle's full brake, with anti-windup. Of anything else its step is called, at its `period`, or `PERIOD`.
 
     InputError for what is none of these, or without a reference slip.
     """
+    if isinstance(controller, EnvelopeDesign):
+        return tuned_control(controller, reference, name=name)
     linear = _is_linear(controller)
     if not linear and isinstance(controller, Controller):
         return controller
