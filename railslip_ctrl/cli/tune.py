@@ -101,8 +101,8 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            design, vehicle = tuned.controller(tuned.design), points[0].vehicle
-            braking_control(design, vehicle, _held(points), name=out.stem).save(out)
+            found, vehicle = tuned.controller(tuned.design), points[0].vehicle
+            braking_control(found, vehicle, _held(points), name=out.stem).save(out)
     else:
         tuned, design = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),
