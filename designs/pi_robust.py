@@ -26,7 +26,8 @@ from railslip_ctrl.design import (
     outline,
     stabilizing_pi,
 )
-from railslip_ctrl.design.robustness import OperatingRange, Robustness, robustness
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import Judgement, judge
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.tuning import PIDesign, tune_pi
 from railslip_ctrl.linearization import LinearPlant
@@ -40,15 +41,15 @@ ACTUATOR = PARK2008.actuator
 
 @dataclass(frozen=True)
 class RobustPI:
-    """The design, its region, and its worst case over the operating range, on the bristle model and on all laws."""
+    """The design, its region, and the verdict over the envelope, on the bristle model and on two laws."""
 
     design: PIDesign
     least_without_integral: float
     region: IntersectionRegion
     strips: tuple[Strip, ...]
     grid: MarginGrid
-    robustness: Robustness
-    all_laws: Robustness
+    bristle: Judgement
+    all_laws: Judgement
 
 
 def twelve_plants() -> list[LinearPlant]:
@@ -79,8 +80,8 @@ def run() -> RobustPI:
         region=region,
         strips=outline(region),
         grid=margin_grid(region, np.linspace(low, high, 60), np.linspace(0, region.ki_limit(design.kp) * 1.5, 50)),
-        robustness=robustness(controller, OperatingRange(laws=("bristle",))),
-        all_laws=robustness(controller),
+        bristle=judge(controller, Envelope(laws="bristle")),
+        all_laws=judge(controller, Envelope()),
     )
 
 
@@ -92,9 +93,9 @@ def main() -> None:
     print(f"PI stabilises all twelve points for kp in ({low:.4g}, {high:.4g}) N*m/(m/s).")
     print(f"Least worst Ms with ki >= {KI_MIN:g}: {result.design.worst.ms:.4g} at kp = {result.design.kp:.4g};")
     print(f"as ki vanishes {result.least_without_integral:.4g}: a PI alone is fragile at its best.")
-    for name, robust in (("bristle model", result.robustness), ("all laws", result.all_laws)):
-        print(f"Over the operating range, {name}: {100 * robust.stable_share:.1f} % of the cases stable, ", end="")
-        print(f"worst Ms {robust.worst_ms:.4g}, at", ", ".join(f"{k} {v}" for k, v in robust.worst.axes.items()))
+    for name, judged in (("bristle model", result.bristle), ("bristle model and curve", result.all_laws)):
+        print(f"Over the envelope, {name}: {100 * judged.stable.mean():.1f} % of the loops stable")
+        print(judged)
     if len(sys.argv) > 1:
         draw(result, Path(sys.argv[1]))
 

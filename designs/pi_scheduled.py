@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.robustness import OperatingRange, Robustness, robustness
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import Judgement, judge
 from railslip_ctrl.design.schedule import (
     GainSchedule,
     lowest_held_speed,
@@ -28,7 +29,7 @@ SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 MS_MAX = 1.8
 LEAD, LEAD_FILTER = 0.6, 0.06  # s
 SINGLE = PIController(PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # of designs/pi_lead.py
-RANGE = OperatingRange(speeds_kmh=SPEEDS_KMH, slip_factors=(0.75, 0.9, 1.0, 1.1), laws=("bristle",))
+ENVELOPE = Envelope(speeds=SPEEDS_KMH, slip=(0.75, 0.9, 1.0, 1.1), laws="bristle")
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class ScheduledDesign:
     """The schedule, how the single gain set does on the same range, and the lowest speeds."""
 
     schedule: GainSchedule
-    single: Robustness
+    single: Judgement
     single_suffices: bool
     lowest_pi: float  # km/h, any PI, falling curve, dry
     lowest_lead: float  # km/h, any PI behind the lead
@@ -46,7 +47,7 @@ class ScheduledDesign:
 def run() -> ScheduledDesign:
     """Tune, check, and look for the lowest speed on the curve, whose slope in time grows as 1/v."""
     schedule = schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
-    single = robustness(SINGLE, RANGE)
+    single = judge(SINGLE, ENVELOPE)
     actuator = PARK2008.actuator
 
     def dry_curve(speed_kmh: float):  # type: ignore[no-untyped-def]
@@ -55,7 +56,7 @@ def run() -> ScheduledDesign:
     return ScheduledDesign(
         schedule=schedule,
         single=single,
-        single_suffices=single.suffices(MS_MAX),
+        single_suffices=bool(single.ms.max() <= MS_MAX),
         lowest_pi=lowest_stabilisable_speed(dry_curve, actuator),
         lowest_lead=lowest_stabilisable_speed(dry_curve, actuator, lead=LEAD, lead_filter=LEAD_FILTER),
         lowest_single=lowest_held_speed(dry_curve, SINGLE, actuator),
@@ -69,7 +70,7 @@ def main() -> None:
     for e in result.schedule.entries:
         print(f"{e.rail:4s}  {e.speed_kmh:5.0f}   {e.gains.kp:12.1f}   {e.gains.ki:8.1f}   {e.worst_ms:8.3f}")
     word = "suffices" if result.single_suffices else "does not suffice"
-    print(f"\nOne gain set (kp 229.4, ki 5) {word} for Ms <= {MS_MAX}: worst Ms {result.single.worst_ms:.4g}.")
+    print(f"\nOne gain set (kp 229.4, ki 5) {word} for Ms <= {MS_MAX}: worst Ms {result.single.ms.max():.4g}.")
     print("The schedule buys integral action: the same Ms at many times the ki.")
     print(f"Dry, static curve: any PI holds the loop down to {result.lowest_pi:.3g} km/h, any PI behind the lead to")
     print(

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from .design import PIController as PIController
     from .design import stabilizing_pi as stabilizing_pi
     from .design import wheel_slip_loop as wheel_slip_loop
+    from .design.envelope import Envelope as Envelope
+    from .design.envelope import load_envelope as load_envelope
+    from .design.envelope_tuning import tune as tune
+    from .design.judging import judge as judge
     from .design.tuning import tune_pi as tune_pi
     from .errors import DomainError as DomainError
     from .errors import InfeasibleDesignError as InfeasibleDesignError
@@ -36,9 +40,12 @@ if TYPE_CHECKING:
     from .parameters import Rail as Rail
     from .parameters import Vehicle as Vehicle
     from .parameters import load_vehicle as load_vehicle
+    from .simulation import LinearControl as LinearControl
     from .simulation import Scenario as Scenario
+    from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
+    from .simulation.controller_files import load_controller as load_controller
     from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
@@ -47,9 +54,11 @@ _HOME = {
     "Actuator": ".parameters",
     "DeadTimeLoop": ".loop",
     "DomainError": ".errors",
+    "Envelope": ".design.envelope",
     "InfeasibleDesignError": ".errors",
     "InputError": ".errors",
     "KinkError": ".errors",
+    "LinearControl": ".simulation",
     "Margins": ".loop",
     "MissingParametersError": ".errors",
     "PARK2008": ".parameters",
@@ -58,12 +67,16 @@ _HOME = {
     "Rail": ".parameters",
     "RailslipError": ".errors",
     "Scenario": ".simulation",
+    "StepControl": ".simulation",
     "UnstableLoopError": ".errors",
     "Vehicle": ".parameters",
     "assess": ".assessment",
     "built_in_scenario": ".simulation",
     "derive": ".sliding.derivation",
+    "judge": ".design.judging",
     "linearize": ".linearization",
+    "load_controller": ".simulation.controller_files",
+    "load_envelope": ".design.envelope",
     "load_law": ".adhesion",
     "load_vehicle": ".parameters",
     "nonlinear_plant": ".linearization",
@@ -71,6 +84,7 @@ _HOME = {
     "published_law": ".adhesion",
     "simulate": ".simulation",
     "stabilizing_pi": ".design",
+    "tune": ".design.envelope_tuning",
     "tune_pi": ".design.tuning",
     "wheel_slip_loop": ".design",
 }
@@ -80,9 +94,11 @@ __all__ = [
     "Actuator",
     "DeadTimeLoop",
     "DomainError",
+    "Envelope",
     "InfeasibleDesignError",
     "InputError",
     "KinkError",
+    "LinearControl",
     "Margins",
     "MissingParametersError",
     "PIController",
@@ -90,13 +106,17 @@ __all__ = [
     "Rail",
     "RailslipError",
     "Scenario",
+    "StepControl",
     "UnstableLoopError",
     "Vehicle",
     "__version__",
     "assess",
     "built_in_scenario",
     "derive",
+    "judge",
     "linearize",
+    "load_controller",
+    "load_envelope",
     "load_law",
     "load_vehicle",
     "nonlinear_plant",
@@ -104,6 +124,7 @@ __all__ = [
     "published_law",
     "simulate",
     "stabilizing_pi",
+    "tune",
     "tune_pi",
     "wheel_slip_loop",
 ]

@@ -443,17 +443,17 @@ def test_tune_maximises_ki_under_ms_max(railslip):
 
 
 def test_tune_infeasible_is_exit_1_with_the_reason_and_what_can_be_had(railslip):
-    status, out, _ = railslip("tune", "--ms-max", "2", "--json")
+    status, out, _ = railslip("tune", "--ms-max", "2", "--speed", "100", "--json")
     found = json.loads(out)
     assert (status, found["feasible"], found["kp_si"], found["worst"]) == (1, False, None, None)
     assert "Ms <= 2 is asked for" in found["reason"]
-    status, out, _ = railslip("tune", "--ms-max", "2")
+    status, out, _ = railslip("tune", "--ms-max", "2", "--speed", "100")
     assert status == 1
     assert "infeasible" in out
 
 
 def test_tune_readable(railslip):
-    status, out, _ = railslip("tune", "--ms-max", "7", "--phase-min", "8")
+    status, out, _ = railslip("tune", "--ms-max", "7", "--phase-min", "8", "--speed", "100")
     assert status == 0
     for text in ("maximise ki, Ms <= 7, phase margin >= 8 deg", "N·m/(m/s)", "Verdict: worst Ms"):
         assert text in out

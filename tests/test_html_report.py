@@ -15,9 +15,10 @@ from html_page import LARGEST_BYTES, Page
 from markupsafe import Markup
 
 from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.assessment import ROBUST_MS, assess, limits_of
+from railslip_ctrl.assessment import assess, limits_of
 from railslip_ctrl.cli.report import _may_write
 from railslip_ctrl.design.schedule import lowest_held_speed, plant_at
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_report import assemble
 from railslip_ctrl.design_report.loops import gain_region
 from railslip_ctrl.errors import InputError

@@ -36,7 +36,6 @@ from railslip_ctrl import (
     nonlinear_plant,
     operating_point,
     published_law,
-    simulate,
     stabilizing_pi,
     tune_pi,
 )
@@ -44,6 +43,7 @@ from railslip_ctrl.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.arguments import check_fields, checked, complexes, number, numbers
 from railslip_ctrl.campaign.files import load_campaign
 from railslip_ctrl.design import actuated_plant, margin_grid, outline
+from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
@@ -233,12 +233,13 @@ CALLS: dict[str, Callable[[], object]] = {
     "poles: 0 is not allowed; give a finite value >= 1 and <= 1000": lambda: assess(
         PLANT, PI, PARK2008.actuator, poles=0
     ),
-    "design: 1 is not allowed; give a PIController": lambda: SampledController(1, 0.01),  # type: ignore[arg-type]
+    "controller: str is not a linear system; give a python-control TransferFunction or StateSpace": lambda: (
+        SampledController("1", 0.01)
+    ),
     "name: 3 is not allowed; give text": lambda: published_law(3, "dry"),  # type: ignore[arg-type]
     "wheel load: 0 N is not allowed; give a finite value > 0": lambda: published_law("bristle", "dry", wheel_load=0),
     "name: None is not allowed; give text ": lambda: built_in_scenario(None),  # type: ignore[arg-type]
     "law: 3 is not allowed; give text or None": lambda: derive(law=3),  # type: ignore[arg-type]
-    "controller: 'pi' is not allowed; give a Controller": lambda: simulate(built_in_scenario("park2008"), "pi"),  # type: ignore[arg-type]
 }
 
 
@@ -253,6 +254,7 @@ VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
     "adhesion": "curve",
     "controller": PI,
+    "envelope": Envelope(laws="bristle", rails="dry", speeds=60),
     "law": LAW,
     "loop": LOOP,
     "name": "bristle",

@@ -10,9 +10,10 @@ import pytest
 from test_html_report import SOURCE, rendered
 
 from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.assessment import ROBUST_MS, Verdict, limits_of
+from railslip_ctrl.assessment import Verdict, limits_of
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.limits import least_peak
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_check import design_check
 from railslip_ctrl.design_report import loops as loops_module
 from railslip_ctrl.design_report.candidates import design_names, least_ms, least_ms_gains

@@ -18,7 +18,8 @@ from matplotlib.path import Path as Outline
 
 from railslip_ctrl.assessment import assess
 from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
-from railslip_ctrl.design.robustness import OperatingRange, robustness
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.design_check import controller_group, design_check
@@ -30,7 +31,6 @@ from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.plots import (
     bode_figure,
     gang_of_four_figure,
-    margin_map_figure,
     nichols_figure,
     nyquist_figure,
     region_figure,
@@ -240,13 +240,13 @@ def test_response_and_gang_of_four_figures(tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_margin_map_figure_writes_the_numbers():
-    result = robustness(PI_LEAD, OperatingRange(laws=("bristle",), speeds_kmh=(40.0, 100.0), slip_factors=(1.0, 1.5)))
-    figure = margin_map_figure({"PI-lead": result}, "bristle", title="map")
-    _, _, worst = result.speed_slip_map("bristle", Rail.DRY)
-    texts = {t.get_text() for t in figure.axes[0].texts}
-    assert texts == {f"{x:.2f}" for x in worst.ravel()}
-    assert worst.max() < 9.99
+def test_the_map_of_a_judgement_writes_its_numbers():
+    found = judge(PI_LEAD, Envelope(speeds=(20.0, 100.0))).map
+    figure = found.plot()
+    for ax, worst in zip(figure.axes, (found.operating, found.with_tolerances), strict=True):
+        assert [t.get_text() for t in ax.texts] == ["unst." if x == np.inf else f"{x:.2f}" for x in worst.ravel()]
+    assert found.operating.max() < 9.99
+    assert np.isinf(found.with_tolerances).any()
 
 
 def test_title_names_every_mass_shown(groups):

@@ -9,7 +9,7 @@ import pytest
 
 from railslip_ctrl.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.adhesion.beam import Beam
-from railslip_ctrl.assessment import is_robust
+from railslip_ctrl.design.specification import is_robust
 from railslip_ctrl.design_report.candidates import design_names, full_range
 from railslip_ctrl.design_report.held_laws import held_laws
 from railslip_ctrl.design_report.slow_end import slow_ends

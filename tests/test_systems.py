@@ -8,6 +8,7 @@ from typing import Any
 import control as ct
 import numpy as np
 import pytest
+from figure_checks import defects
 from scipy import signal
 
 from railslip_ctrl import DeadTimeLoop, InputError, stabilizing_pi, tune_pi
@@ -35,7 +36,7 @@ LAG = ct.tf([1], [0.3, 1])
 TIMES = np.linspace(0, 3, 7)
 
 CALLS: dict[str, Callable[[Any], Any]] = {
-    "loop": lambda x: DeadTimeLoop(x, 0.1).frequency_response(S.imag),
+    "loop": lambda x: DeadTimeLoop(x, 0.1)(S),
     "controller": lambda x: step_response(x, LAG, 0.1, time=TIMES).output,
     "plant": lambda x: disturbance_response(2.0, x, 0.1, time=TIMES).output,
     "actuator": lambda x: closed_loop_response(2.0, LAG, 0.1, time=TIMES, actuator=x, reference=1.0).output,
@@ -94,3 +95,69 @@ def test_what_is_no_such_system_is_refused(make: Callable[[], Any], match: str) 
 def test_states_of_a_plant_are_those_of_its_realisation() -> None:
     with pytest.raises(InputError, match=r"^initial plant state: .* a Rational"):
         closed_loop_response(2.0, SYSTEMS["control.ss"](), 0.1, time=TIMES, initial_plant_state=[1.0, 0.0])
+
+
+PLANT, DELAY = ct.tf([4], [0.4, 1, 0]), 0.15
+LOOP = DeadTimeLoop(PLANT, DELAY)
+FACTORS: dict[str, Callable[[DeadTimeLoop], DeadTimeLoop]] = {
+    "2 * loop": lambda x: 2 * x,
+    "loop * 2.0": lambda x: x * 2.0,
+    "numpy's number": lambda x: np.float64(2) * x,
+    "-loop": lambda x: -x * -2,
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_loop_is_multiplied_by_numbers(name):
+    assert FACTORS[name](LOOP)(S) == pytest.approx(2 * PLANT(S) * np.exp(-DELAY * S), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_loop_is_multiplied_by_systems_from_either_side(name):
+    expected = PLANT(S) * SYSTEMS["control.tf"]()(S) * np.exp(-DELAY * S)
+    for found in (SYSTEMS[name]() * LOOP, LOOP * SYSTEMS[name](), SAME * LOOP, LOOP * DeadTimeLoop(SAME)):
+        assert found(S) == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("other", [LOOP, ct.tf([1], [1, 2], 0.1), ct.ss(ct.tf([1], [1, 2], True)), "C", True])
+def test_a_loop_is_not_multiplied_by_what_has_its_own_time(other):
+    with pytest.raises(InputError, match="factor: "):
+        LOOP * other
+
+
+def test_a_loop_has_what_python_control_asks_of_it():
+    assert sorted(LOOP.poles().real) == pytest.approx([-2.5, 0.0], abs=1e-14)
+    omega = np.geomspace(0.3, 30, 4000)
+    record = LOOP.frequency_response(omega)
+    gain, phase, _, _, crossover, _ = ct.stability_margins(record)  # interpolates between the points
+    margins = LOOP.margins()
+    assert (gain, phase, crossover) == pytest.approx(
+        (margins.gain_increase, margins.phase_deg, margins.phase_frequency), rel=1e-6
+    )
+    magnitude = ct.bode_plot(record, display_margins=False).axes[0, 0].lines[0].get_ydata()
+    assert magnitude == pytest.approx(np.abs(PLANT(1j * omega)), rel=1e-9)
+
+
+def test_the_step_response_of_a_loop_is_the_closed_loop_s():
+    approximate = ct.feedback(PLANT * ct.tf(*ct.pade(DELAY, 12)))
+    time = np.linspace(0, 4, 81)
+    expected = ct.step_response(approximate, time).outputs
+    assert LOOP.step_response(time).output == pytest.approx(expected, abs=1e-4)  # what Pade of order 12 leaves
+    assert LOOP.step_response(4).output[::50] == pytest.approx(LOOP.step_response(time[::4]).output, abs=1e-9)
+
+
+def test_a_loop_and_a_region_draw_themselves():
+    for draw, x in ((LOOP.bode_plot, "frequency"), (LOOP.nyquist_plot, "Re"), (LOOP.nichols_plot, "phase")):
+        figure = draw()
+        figure.draw_without_rendering()
+        assert defects(figure) == []
+        assert x in figure.axes[-1].get_xlabel()
+    assert "P 0, N -2, Z 2".replace("-", "−") in (4 * LOOP).nyquist_plot().axes[-1].get_legend().texts[0].get_text()
+    region = stabilizing_pi(LAG, 0.0)
+    with pytest.raises(InputError, match="kp_limit"):
+        region.plot()
+    with pytest.raises(InputError, match="ki_limit"):
+        region.plot(kp_limit=5)
+    assert len(region.plot(kp_limit=5, ki_limit=5).axes) == 3
+    with pytest.raises(InputError, match="nothing to draw"):
+        stabilizing_pi(ct.tf([1], [1, -9]), 0.5).plot()

@@ -24,6 +24,7 @@ from railslip_ctrl.adhesion import (
     published_law,
     wheel_load_in,
 )
+from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.errors import InputError, RailslipError
 from railslip_ctrl.linearization import OperatingPoint, operating_point
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle, remarks
@@ -38,6 +39,8 @@ _SMALLEST, _LARGEST = 1e-12, 1e12
 _TOLD = "railslip_ctrl.told"  # in the command's context: its warnings
 _LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: an empty and a half-full car
 _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Table 1 then changes by 3 %
+
+DEFAULT_ENVELOPE = "default"
 
 LAW_FILES = (".toml", ".py")
 """How the name of a file ends that --adhesion takes."""
@@ -89,19 +92,53 @@ class CaseOptions:
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
         """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
+        chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
+        chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
+        for note in remarks(chosen):
+            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+        return chosen
+
+    @cached_property
+    def given_vehicle(self) -> Vehicle:
+        """The vehicle of the file, empty, with the brake given."""
         chosen = PARK2008 if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
-        if self.loaded:
-            chosen = chosen.loaded()
         update: dict[str, object] = {}
         if self.inertia_scale is not None:
             update["inertia_scale"] = self.inertia_scale
         actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
         if actuator:
             update["actuator"] = chosen.actuator.model_copy(update=actuator)
-        chosen = _with_mass(chosen.model_copy(update=update), self.masses[0] if self.masses else None)
-        for note in remarks(chosen):
-            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
-        return chosen
+        return chosen.model_copy(update=update)
+
+    def name_points(self) -> bool:
+        """Whether an option names operating points."""
+        return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip) or _is_given("adhesion")
+
+    def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
+        """The envelope of a file, or the vehicle's own, or the default; the options that name points narrow it."""
+        if self.masses:
+            raise InputError(
+                "--mass: changes M alone, and the loads of an envelope are mass and wheel load; give --loaded, or both "
+                "in the vehicle's file"
+            )
+        _ = self.chosen_vehicle  # says what is assumed of it
+        car = self.given_vehicle
+        if given.lower() != DEFAULT_ENVELOPE:
+            found = from_file("--envelope", Path(given), lambda path: load_envelope(path, car))
+        elif self.vehicle is not None:
+            found = from_file("--vehicle", self.vehicle, lambda path: load_envelope(path, car))
+        else:
+            found = Envelope(car)
+        slips = {} if self.slip is None else {"reference": {rail.value: self.slip for rail in Rail}}
+        named: dict[str, Any] = {
+            "rails": self.rails and self.chosen_rails(),
+            "laws": _is_given("adhesion") and (self.adhesion,),
+            "speeds": self.speeds,
+            "loads": self.loaded and ("loaded",),
+            "initial_speed": _is_given("initial_speed") and self.initial_speed,
+            **slips,
+        }
+        return found.at(**{name: value for name, value in named.items() if value})
 
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""
@@ -156,9 +193,7 @@ class CaseOptions:
 
 
 def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
-    if mass is None:
-        return vehicle
-    return vehicle.model_copy(update={"mass": mass, "mass_loaded": max(mass, vehicle.mass_loaded)})
+    return vehicle if mass is None else vehicle.with_mass(mass)
 
 
 def case_options(function: F) -> F:
@@ -285,6 +320,20 @@ def _actuator_options() -> list[Any]:
         ),
         click.option("--lag", type=Quantity("s", ge=0), metavar="S", help="Actuator lag, s.  [default: the vehicle's]"),
     ]
+
+
+def envelope_options(left_out: str) -> Callable[[F], F]:
+    """The options that ask for a verdict over an envelope; `left_out` says what holds without them."""
+    nominal = click.option(
+        "--nominal", is_flag=True, help="Judge its operating points alone, without tolerances around them."
+    )
+    envelope = click.option(
+        "--envelope",
+        metavar="default|FILE",
+        help="Judge a whole envelope: the vehicle's own ([envelope] in its file) or the default, or that of a TOML "
+        f"file; --rail, --adhesion, --speed, --slip and --loaded narrow it.  [default: {left_out}]",
+    )
+    return lambda function: envelope(nominal(function))
 
 
 def gain_options(function: F) -> F:

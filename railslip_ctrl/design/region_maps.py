@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+_GRID = 50, 40  # kp by ki: contours without visible corners
 _BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
 
 
@@ -155,6 +156,23 @@ def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
     return MarginGrid(
         columns, rows, worst(margins.ms, np.max), worst(margins.phase_deg, np.min), worst(margins.delay_s, np.min)
     )
+
+
+def region_map(
+    region: Region, kp_limit: float = math.inf, ki_limit: float = math.inf
+) -> tuple[tuple[Strip, ...], MarginGrid]:
+    """A region's `outline` up to limits of kp and ki, and margins over a grid within it.
+
+    InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
+    """
+    strips = outline(region, kp_limit=kp_limit, ki_limit=ki_limit)
+    if not strips:
+        raise InputError(f"region: there is nothing to draw; {region.reason or 'give larger limits'}")
+    top = max(float(strip.ki_high.max()) for strip in strips)
+    if math.isinf(top):
+        raise InputError("region: it goes on without bound in ki; give ki_limit, up to which to draw it")
+    low, high = min(float(strip.kp[0]) for strip in strips), max(float(strip.kp[-1]) for strip in strips)
+    return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
 
 
 def _groups(region: Region, columns: Floats) -> list[tuple[list[float], list[Intervals]]]:

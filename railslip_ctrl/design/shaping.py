@@ -44,4 +44,4 @@ def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
         omega is not finite and positive.
     """
     number("crossover", omega, "rad/s", gt=0)
-    return float(1 / np.abs(loop.frequency_response(omega)))
+    return float(1 / np.abs(loop(1j * omega)))

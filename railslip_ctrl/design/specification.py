@@ -8,6 +8,16 @@ from dataclasses import dataclass
 from railslip_ctrl.arguments import check_fields
 from railslip_ctrl.errors import InputError
 
+ROBUST_MS = 2.0
+"""Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
+
+_ROUNDING = 1e-6  # relative: a design tuned to the limit meets it to less than that
+
+
+def is_robust(ms: float) -> bool:
+    """Whether a loop of that Ms is called robust: at most `ROBUST_MS`, rounding aside."""
+    return ms <= ROBUST_MS * (1.0 + _ROUNDING)
+
 
 @dataclass(frozen=True)
 class Specification:

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,6 +105,20 @@ class Region(ABC):
         stabilises. Below it there may be gaps: see `ki_intervals`."""
         found = self.ki_intervals(kp)
         return found[-1][1] if found else 0.0
+
+    def plot(self, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> Any:
+        """The region with contours of its worst margins, a matplotlib figure.
+
+        Parameters
+        ----------
+        kp_limit, ki_limit : float
+            Gains > 0, in the region's units, up to which to draw it.
+
+        InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
+        """
+        strips, grid = import_module("railslip_ctrl.design.region_maps").region_map(self, kp_limit, ki_limit)
+        plots = import_module("railslip_ctrl.plots")  # a room above this one, asked for by the user
+        return plots.region_figure(strips, grid, {}, title="Gains that stabilise", kp_unit="u/y", ki_unit="u/(y·s)")
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     if not 0 < phase_margin_deg < 180:
         raise InputError(f"phase margin: {phase_margin_deg} deg is not allowed; give a value between 0 and 180")
     system = Rational.from_control(plant, "plant")
-    at = DeadTimeLoop(system, dead_time).frequency_response(crossover)
+    at = DeadTimeLoop(system, dead_time)(1j * crossover)
     wanted = -np.exp(1j * math.radians(phase_margin_deg)) / at
     kp, ki = float(wanted.real), float(-wanted.imag * crossover)
     asked = f"crossover {crossover:g} rad/s with phase margin {phase_margin_deg:g} deg"

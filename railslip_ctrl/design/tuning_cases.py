@@ -142,6 +142,7 @@ def _tune(
             minimise_ms=ki_min is not None,
             ki_min=ki_min,
             compensator=compensator,
+            names=[plant.point.words for plant in plants],
         )
     except InfeasibleDesignError as error:
         reason = str(error)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from railslip_ctrl.assessment import ROBUST_MS
 from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.holding import NO_FEEDBACK_NEEDED, needs_feedback
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design.tuning import PIDesign, tune_pi
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.errors import InfeasibleDesignError, InputError

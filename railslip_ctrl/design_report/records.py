@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.assessment import Assessment, is_robust
+from railslip_ctrl.assessment import Assessment
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.effort import Effort
 from railslip_ctrl.design.limits import Limits
+from railslip_ctrl.design.specification import is_robust
 from railslip_ctrl.design_check import ControllerGroup, DesignCheck
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Margins

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from railslip_ctrl.assessment import ROBUST_MS, is_robust, limits_of
+from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design import wheel_slip_loop
+from railslip_ctrl.design.specification import ROBUST_MS, is_robust
 from railslip_ctrl.errors import InfeasibleDesignError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.parameters import Vehicle

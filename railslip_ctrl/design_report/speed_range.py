@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import bisect
 
-from railslip_ctrl.assessment import is_robust
 from railslip_ctrl.design.controllers import PIController, wheel_slip_loop
 from railslip_ctrl.design.families import family_margins
+from railslip_ctrl.design.specification import is_robust
 from railslip_ctrl.errors import RailslipError
 from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop

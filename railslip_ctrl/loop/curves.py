@@ -41,7 +41,7 @@ def frequency_curve(loop: DeadTimeLoop, low: float, high: float) -> FrequencyCur
     crossovers = loop.gain_crossovers
     inside = crossovers[(crossovers > low) & (crossovers < high)]
     omega = np.union1d(np.geomspace(low, high, _POINTS), inside)
-    return FrequencyCurve(omega, loop.frequency_response(omega), np.degrees(loop.phase(omega)))
+    return FrequencyCurve(omega, loop(1j * omega), np.degrees(loop.phase(omega)))
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: flo
     """
     _check_band(low, high)
     omega = np.geomspace(low, high, _POINTS)
-    p, c = plant.frequency_response(omega), controller(1j * omega)
+    p, c = plant(1j * omega), controller(1j * omega)
     s = 1 / (1 + c * p)
     return GangOfFour(omega, np.asarray(s), np.asarray(c * p * s), np.asarray(p * s), np.asarray(c * s))
 

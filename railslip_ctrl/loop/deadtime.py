@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from flint import ctx
 
-from railslip_ctrl.arguments import checked, number, numbers
+from railslip_ctrl.arguments import checked, complexes, number, numbers
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
@@ -19,10 +20,12 @@ from .exact import GAIN, REFINED_BITS
 from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
 from .pade import pade
 from .rational import Rational
+from .responses import TimeResponse, step_response
 from .spectrum import rightmost_poles
 from .stability import RootCount, count_right_of, root_count
 
 if TYPE_CHECKING:
+    from control import FrequencyResponseData
     from numpy.typing import ArrayLike, NDArray
 
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
@@ -60,7 +63,11 @@ class DeadTimeLoop:
     ([WaltonMarshall1987]), margins from all crossovers, refined to rounding. Neutral loops (as many zeros as
     poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the
     frequency tends to infinity.
+
+    `2 * loop`, `C * loop` and `-loop` are loops; `loop(s)` is L(s).
     """
+
+    __array_ufunc__ = None  # numpy's numbers leave the product to the loop
 
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
         self._dead_time = number("dead time", dead_time, "s", ge=0)
@@ -84,6 +91,22 @@ class DeadTimeLoop:
         """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
         return DeadTimeLoop(self._system * number("gain factor", factor), self._dead_time)
 
+    def __mul__(self, other: Any) -> DeadTimeLoop:
+        """Series connection with a continuous-time SISO system without dead time, or a change of gain."""
+        if isinstance(other, DeadTimeLoop):
+            if other._dead_time:
+                raise InputError(
+                    f"factor: a loop with a dead time of its own, {other._dead_time:g} s, is not accepted; "
+                    "multiply the systems, and give DeadTimeLoop the sum of the dead times"
+                )
+            other = other._system
+        return DeadTimeLoop(Rational.from_control(other, "factor") * self._system, self._dead_time)
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> DeadTimeLoop:
+        return self.scaled(-1.0)
+
     def delayed(self, extra: float) -> DeadTimeLoop:
         """The loop with `extra` more dead time, s. InputError for one that is not finite, or a sum below 0."""
         return DeadTimeLoop(self._system, self._dead_time + number("extra dead time", extra, "s"))
@@ -97,16 +120,31 @@ class DeadTimeLoop:
 
     # -- frequency response -------------------------------------------------------------------------------
 
-    def frequency_response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """L(j omega), complex, of the shape of `omega` (rad/s). InputError for a frequency that is not finite.
+    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+        """L(s) at complex s, 1/s, of its shape; `loop(1j * omega)` is the frequency response, a plain array.
 
-        At a pole on the axis, as at 0 with an integrator, it is inf + 0j; there S is 0 and T is 1.
+        At a pole on the axis, as at 0 with an integrator, it is inf + 0j; there S is 0 and T is 1. InputError for what
+        is not finite.
         """
-        return self._response(numbers("omega", omega, "rad/s"))
+        s = complexes("s", s)
+        if not np.isfinite(s).all():
+            raise InputError("s: a value is not finite; give finite numbers")
+        if not s.real.any():
+            return self._response(s.imag)
+        value = self._system(s)
+        return np.where(np.isinf(value), value, value * np.exp(-s * self._dead_time))
+
+    def frequency_response(self, omega: ArrayLike) -> FrequencyResponseData:
+        """L(j omega) as python-control's record, for `control.bode_plot` and its like; `omega` 1-D, rad/s, finite.
+
+        The numbers alone are `loop(1j * omega)`.
+        """
+        grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
+        return import_module("control").FrequencyResponseData(self(1j * grid), grid, sysname="L")
 
     def sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """S(j omega) = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
-        return np.asarray(1 / (1 + self.frequency_response(omega)))
+        return np.asarray(1 / (1 + self._response(numbers("omega", omega, "rad/s"))))
 
     def complementary_sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
         """T(j omega) = L/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
@@ -159,6 +197,10 @@ class DeadTimeLoop:
         """Poles of G with positive real part."""
         return int(np.count_nonzero(self._system.poles.real > 0))
 
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles of G, open loop, as python-control has them of a system, 1/s; see also `closed_loop_poles`."""
+        return self._system.poles.copy()
+
     @checked
     def closed_loop_poles(self, count: int = 6) -> NDArray[np.complex128]:
         """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
@@ -176,6 +218,36 @@ class DeadTimeLoop:
                 "chain of poles without a rightmost one; make G strictly proper"
             )
         return rightmost_poles(self._system, self._dead_time, count)
+
+    # -- responses and figures ----------------------------------------------------------------------------
+
+    def step_response(self, time: ArrayLike) -> TimeResponse:
+        """Response of the closed loop, output T r, to a unit step of the reference r at t = 0, exact.
+
+        What the controller commands is told by `loop.responses.step_response`, which takes the parts of the loop.
+
+        Parameters
+        ----------
+        time : array, shape (n,), or float
+            s, >= 0, ascending; of one number, the end of 1001 times from 0.
+        """
+        times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
+        return step_response(1.0, self._system, self._dead_time, time=times[0], final_time=times[1])
+
+    def bode_plot(self) -> Any:
+        """Magnitude and phase of L(j omega), a matplotlib figure."""
+        return self._drawn("bode")
+
+    def nyquist_plot(self) -> Any:
+        """L(j omega), whole and near -1, a matplotlib figure."""
+        return self._drawn("nyquist")
+
+    def nichols_plot(self) -> Any:
+        """Magnitude against phase of L(j omega), a matplotlib figure."""
+        return self._drawn("nichols")
+
+    def _drawn(self, kind: str) -> Any:
+        return import_module("railslip_ctrl.plots").loop_figure(self, kind)  # a room above, asked for by the user
 
     # -- margins ------------------------------------------------------------------------------------------
 

@@ -72,6 +72,7 @@ class VehicleKeys(Record):
     wheel: WheelKeys = WheelKeys()
     resistance: ResistanceKeys = ResistanceKeys()
     actuator: ActuatorKeys = ActuatorKeys()
+    envelope: dict[str, Any] = Field({}, description="what its designs must hold; see `design.envelope`")
 
 
 def load_vehicle(path: str | Path) -> Vehicle:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_origin
@@ -25,6 +25,9 @@ from .validation import one_line, unknown_key
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
+
+
+_MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
 class Rail(StrEnum):
@@ -127,12 +130,15 @@ class Record(BaseModel):
         if isinstance(extra, dict) and "unit" in extra:
             # pydantic names the field itself
             convert = partial(to_unit, unit=str(extra["unit"]), text_needs_unit=cls.text_needs_unit)
-            if get_origin(field.annotation) is tuple and isinstance(value, (list, tuple)):
-                return tuple(convert(each) for each in value)
-            return convert(value)
+            return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
         if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
             raise InputError(f"{shown(value)} is not allowed; give true or false")
         return value
+
+
+def _each(convert: Callable[[Any], float], value: Any) -> Any:
+    """A number, or each of a list of numbers or of lists."""
+    return tuple(_each(convert, one) for one in value) if isinstance(value, (list, tuple)) else convert(value)
 
 
 class Wheel(Record):
@@ -222,6 +228,19 @@ class Vehicle(Record):
     def loaded(self) -> Vehicle:
         """The same vehicle with its loaded mass and wheel load as the ones in use."""
         return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+
+    def with_mass(self, mass: float) -> Vehicle:
+        """The vehicle with another `mass` in use, kg, and the wheel load it has: a note says so, unless the two are
+        the empty or the loaded vehicle's own."""
+        changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
+        if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
+            return changed
+        return changed.model_copy(update={"notes": (*self.notes, f"{_MASS_ALONE} {self.wheel_load:.0f} N.")})
+
+    @property
+    def mass_alone(self) -> str:
+        """The note of `with_mass`; empty where there is none."""
+        return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
 
     def loads(self) -> tuple[Vehicle, ...]:
         """The vehicle as it is and, where that is another mass, `loaded`."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from railslip_ctrl.assessment import ROBUST_MS
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.design_report import LawCurve, LinearPart, RunPart, SpeedRange, Stop
 from railslip_ctrl.law_sources import PUBLISHED, law_words, words_at

@@ -13,11 +13,10 @@ from matplotlib.path import Path
 from matplotlib.tri import Triangulation
 
 from railslip_ctrl.design import MarginGrid, Strip
-from railslip_ctrl.design.robustness import Robustness
+from railslip_ctrl.design.judging import MsMap
 from railslip_ctrl.design.sweeps import MarginSweep
 from railslip_ctrl.loop.curves import GangOfFour
 from railslip_ctrl.loop.responses import TimeResponse
-from railslip_ctrl.parameters import Rail
 
 from .style import (
     PAGE_WIDTH,
@@ -268,30 +267,30 @@ def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figur
     return figure
 
 
-def margin_map_figure(results: Mapping[str, Robustness], law: str, *, title: str) -> Figure:
-    """Worst Ms over load and actuator on a grid of speed and slip, dry and wet, for named controllers."""
-    figure = new_figure(0.7 + 2.6 * len(results), title)
-    axes = panels(figure, len(results), 2, sharex="col")
-    for row, (name, result) in enumerate(results.items()):
-        for column, rail in enumerate(Rail):
-            speeds, slips, worst = result.speed_slip_map(law, rail)
-            _margin_map(axes[row, column], speeds, slips, worst)
-            axes[row, column].set_title(f"{name}: worst Ms, {law}, {rail} rail", fontsize=TEXT)
-            axes[row, column].grid(visible=False)
+def ms_map_figure(maps: Mapping[str, MsMap], *, title: str) -> Figure:
+    """Worst Ms on a grid of speed and load, at the operating points and with tolerances, for named controllers."""
+    figure = new_figure(0.7 + 2.6 * len(maps), title)
+    axes = panels(figure, len(maps), 2, sharex="col")
+    for row, (name, found) in enumerate(maps.items()):
+        shown = (("at the operating points", found.operating), ("with tolerances", found.with_tolerances))
+        for ax, (what, worst) in zip(axes[row], shown, strict=True):
+            _grid(ax, found.speeds_kmh, found.loads, worst)
+            ax.set_title(f"{name}: worst Ms {what}".removeprefix(": "), fontsize=TEXT)
+            ax.grid(visible=False)
         axes[row, 0].set_ylabel("speed (km/h)")
     for ax in axes[-1]:
-        ax.set_xlabel("slip / reference slip (-); black: Ms over 8, or unstable")
+        ax.set_xlabel("load; black: Ms over 8, or unstable")
     return figure
 
 
-def _margin_map(ax: Any, speeds: Any, slips: Any, worst: Any) -> None:
+def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
     """A grid of cells with their numbers; an unstable cell is black."""
     shown = np.where(np.isinf(worst), _MS_TOP, np.minimum(worst, _MS_TOP))
     ax.imshow(shown, cmap="Greys", vmin=1.0, vmax=_MS_TOP, aspect="auto", origin="lower")
     for i, j in np.ndindex(*worst.shape):
         text = "unst." if np.isinf(worst[i, j]) else "" if np.isnan(worst[i, j]) else _three(worst[i, j])
         ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if shown[i, j] > 4.5 else "black")
-    ax.set_xticks(range(slips.size), [f"{s:g}" for s in slips])
+    ax.set_xticks(range(len(loads)), loads)
     ax.set_yticks(range(speeds.size), [f"{v:g}" for v in speeds])
 
 

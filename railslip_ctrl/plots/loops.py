@@ -13,7 +13,7 @@ from railslip_ctrl.assessment import Assessment
 from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.law_sources import words_at
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.loop.curves import FrequencyCurve
+from railslip_ctrl.loop.curves import FrequencyCurve, frequency_curve
 
 from .style import (
     PAGE_WIDTH,
@@ -31,9 +31,30 @@ from .style import (
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 
 
+class _Alone:
+    """A loop without an operating point, drawn as an assessment is."""
+
+    point = None
+
+    def __init__(self, loop: DeadTimeLoop) -> None:
+        self.loop = loop
+        self.margins = loop.margins() if loop.is_stable() else None
+        self.unstable_poles = loop.unstable_closed_loop_poles
+
+
+def loop_figure(loop: DeadTimeLoop, kind: str) -> Figure:
+    """A "bode", "nyquist" or "nichols" figure of one loop, over the band in which everything happens."""
+    draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
+    alone: Any = _Alone(loop)
+    return draw((ControllerGroup("", "", (alone,), (frequency_curve(loop, *loop.feature_band()),), ()),))
+
+
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
     """What the whole figure belongs to, so that it can be filed without its report."""
-    point = groups[0].assessments[0].point
+    first: Any = groups[0].assessments[0]
+    point = first.point
+    if point is None:
+        return f"{first.loop} (railslip_ctrl {__version__})"
     slips = sorted({f"{a.point.rail} {a.point.slip:g}" for g in groups for a in g.assessments})
     masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
     v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
@@ -55,8 +76,10 @@ def _column(groups: tuple[ControllerGroup, ...]) -> float:
 
 
 def _label(assessment: Assessment) -> str:
-    point = assessment.point
+    point: Any = assessment.point
     state = f"Ms {assessment.margins.ms:.3g}" if assessment.margins is not None else "unstable"
+    if point is None:
+        return state
     return f"{point.rail}, {point.speed_kmh:g} km/h ({state})"
 
 

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl.design.families import Worst
+from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.design.tuning_cases import TunedCases
 from railslip_ctrl.law_sources import source_at, words_at
@@ -16,13 +17,15 @@ from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
 
 from .jsonable import case_json, margin_numbers, number
+from .judging import judgement_parts
 from .laws import law_json
 from .layout import facts, fixed, heading, render, table
 from .text import case_title, controller_text
 
 
-def tuning_json(tuned: TunedCases) -> dict[str, Any]:
-    """The design and its margins at every case; of an infeasible one null, with the reason."""
+def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
+    """The design and its margins at every case, and its judgement over an envelope; of an infeasible one null, with
+    the reason."""
     design = tuned.design
     asked = tuned.specification.ms_max
     return {
@@ -39,6 +42,7 @@ def tuning_json(tuned: TunedCases) -> dict[str, Any]:
         ],
         "feasible": design is not None,
         "reason": tuned.reason,
+        **({} if judgement is None else judgement.table()),
     }
 
 
@@ -55,16 +59,20 @@ def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any
     }
 
 
-def tuning_text(tuned: TunedCases) -> str:
-    """The design, its worst case, and its margins at every case."""
+def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
+    """The design, its worst case, and its margins at every case, or its judgement over an envelope."""
     parts: list[RenderableType] = [heading(_title(tuned))]
     if tuned.design is None:
         parts += [facts([_law_fact(tuned), ("Asked for", tuned.asked), ("Result", f"infeasible: {tuned.reason}")])]
         return render(parts)
     design = tuned.design
     parts.append(facts(_design_facts(tuned, design)))
+    if judgement is not None:
+        return render([*parts, Text(""), *judgement_parts(judgement)])
     parts.append(_case_table(tuned.points, design.margins))
-    parts.append(Text(f"Verdict: worst Ms {design.worst.ms:.4g} at {case_title(tuned.points[design.worst.ms_member])}"))
+    verdict = f"worst Ms {design.worst.ms:.4g} at {case_title(tuned.points[design.worst.ms_member])}"
+    alone = [point.vehicle.mass_alone for point in tuned.points if point.vehicle.mass_alone]
+    parts.append(Text(f"Verdict: {verdict}, of the operating points alone{'. ' + alone[0] if alone else ''}"))
     return render(parts)
 
 

@@ -13,6 +13,7 @@ from .scenario import (
     built_in_scenario,
     published_scenario,
 )
+from .step_objects import StepControl
 
 __all__ = [
     "BrakeLimits",
@@ -29,6 +30,7 @@ __all__ = [
     "Simulator",
     "SlideProtection",
     "SlidingControl",
+    "StepControl",
     "TorqueProfile",
     "built_in_scenario",
     "published_scenario",

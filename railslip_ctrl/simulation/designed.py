@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.errors import InfeasibleDesignError
+from railslip_ctrl.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
@@ -108,16 +109,39 @@ def recommended_pi_lead(
             gains = full_range_gains(car, plants)
         except InfeasibleDesignError as error:
             raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
+    held = reference or published_reference("bristle")
+    return braking_control(PIController(gains, lead, lead_filter), car, held, name="pi-lead", period=period)
+
+
+def braking_control(
+    design: PIController, vehicle: Vehicle, reference: ReferenceSlip, *, name: str, period: float | None = None
+) -> LinearControl:
+    """A design as it brakes: within 0 and the vehicle's full brake, with anti-windup, from its initial torque."""
     return LinearControl(
-        PIController(gains, lead, lead_filter),
-        reference or published_reference("bristle"),
-        name="pi-lead",
+        design,
+        reference,
+        name=name,
         period=period,
         torque_low=0.0,
-        torque_high=full_brake_torque(car),
+        torque_high=full_brake_torque(vehicle),
         tracking_time=TRACKING_TIME,
-        initial_torque=initial_torque(car),
+        initial_torque=initial_torque(vehicle),
     )
+
+
+def tuned_control(
+    design: EnvelopeDesign, reference: ReferenceSlip | None = None, *, name: str | None = None
+) -> LinearControl:
+    """A controller tuned over an envelope as it brakes the vehicle of that; `reference` where it holds no single one.
+
+    InputError without either.
+    """
+    held = design.reference or reference
+    if held is None:
+        raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
+    assert design.judgement is not None, "a tuned controller has been judged"
+    pi = PIController(design.gains, design.lead, design.lead_filter)
+    return braking_control(pi, design.judgement.envelope.vehicle, held, name=name or design.structure.lower())
 
 
 def recommended_schedule(
@@ -223,13 +247,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
-    designs = [
-        control.design
-        if isinstance(control, LinearControl)
-        else control.schedule.controller(p.point.speed, p.point.rail)
-        for p in points
-    ]
-    return family_margins([wheel_slip_loop(*each, car.actuator) for each in zip(points, designs, strict=True)])
+    return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
 
 
 def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:

@@ -25,7 +25,7 @@ def unchecked(report: DesignReport) -> tuple[str, ...]:
     texts = [
         f"Margins hold at the operating points only: {speeds}, {rails}, M {mass:g} kg, the slips of the table "
         f"above{_over_speed(report)}. Other speeds, loads and slips: --speed, --mass and --slip. Tolerances of "
-        "dead time and lag: railslip_ctrl.design.robustness.",
+        "dead time and lag: railslip_ctrl.design.judging.",
         *_laws(report),
         "The speed is frozen in every linear loop. A stop passes through all speeds; the braking runs do, the "
         "margins do not.",

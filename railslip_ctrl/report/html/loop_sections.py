@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.assessment import ROBUST_MS, Assessment
+from railslip_ctrl.assessment import Assessment
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.design_report import DesignReport, LoopDesign, LoopDesigns
 from railslip_ctrl.report.text import controller_text

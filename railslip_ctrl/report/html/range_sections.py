@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from railslip_ctrl.assessment import ROBUST_MS
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, RangeLine, SlowEnd, SlowRun, SpeedRange
 from railslip_ctrl.law_sources import PUBLISHED, law_words, source_at
 from railslip_ctrl.linearization import OperatingPoint

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from railslip_ctrl.assessment import ROBUST_MS
+from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_report import Attempt, DesignReport, LoopDesign, Shortfall
 from railslip_ctrl.design_report.candidates import design_names
 from railslip_ctrl.loop import Margins

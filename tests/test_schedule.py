@@ -1,15 +1,11 @@
-"""Worst case over the operating range, gain schedules, lowest speed."""
+"""Margins along one axis, gain schedules, lowest speed."""
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
 import pytest
 
 from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.design.robustness import OperatingRange, range_cases, robustness, robustness_of
 from railslip_ctrl.design.schedule import (
     GainSchedule,
     lowest_held_speed,
@@ -23,48 +19,6 @@ from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
-SMALL = OperatingRange(
-    speeds_kmh=(20.0, 100.0), slip_factors=(0.75, 1.0, 1.5), dead_time_factors=(1.0, 1.3), lag_factors=(1.0, 1.3)
-)
-
-
-def test_every_combination_is_there_and_equals_its_own_loop():
-    cases, skipped = range_cases(SMALL)
-    assert len(cases) == 3 * 2 * 2 * 2 * 3 * 2 * 2
-    assert skipped == ()
-    result = robustness_of(PI_LEAD, cases)
-    for i in range(0, len(cases), 17):
-        loop = wheel_slip_loop(cases[i].plant, PI_LEAD, cases[i].actuator)
-        assert result.margins.stable[i] == loop.is_stable()
-        if loop.is_stable():
-            assert result.margins.ms[i] == pytest.approx(loop.margins().ms, rel=1e-7)
-
-
-def test_worst_case_is_named():
-    stable = robustness(PI_LEAD, OperatingRange(laws=("bristle",), speeds_kmh=(40.0, 100.0, 140.0)))
-    assert stable.stable_share == 1.0
-    assert stable.worst_ms == stable.margins.ms.max()
-    assert stable.worst.axes["speed, km/h"] == pytest.approx(140.0)
-    assert stable.worst.axes["slip / reference"] == 1.5
-    assert stable.worst.axes["lag, s"] == pytest.approx(0.78)
-    assert stable.suffices(2.2)
-    assert not stable.suffices(2.0)
-    unstable = robustness(PI_LEAD, SMALL)  # the curve falls so steeply in time at low speed that nothing holds it
-    assert unstable.worst_ms == math.inf
-    assert unstable.worst.axes["adhesion"] == "curve"
-    assert unstable.worst.axes["speed, km/h"] == pytest.approx(20.0)
-    assert not unstable.suffices(100.0)
-
-
-def test_table_and_map_say_the_same():
-    result = robustness(PI_LEAD, SMALL)
-    table = result.by_axis()
-    assert table["adhesion"]["bristle"][0] == 1.0
-    assert table["adhesion"]["curve"][0] < 1.0
-    speeds, slips, worst = result.speed_slip_map("bristle", Rail.DRY)
-    assert worst.shape == (speeds.size, slips.size) == (2, 3)
-    mine = [i for i, c in enumerate(result.cases) if (c.axes["adhesion"], c.axes["rail"]) == ("bristle", "dry")]
-    assert np.max(worst) == pytest.approx(max(result.margins.ms[i] for i in mine))
 
 
 def test_sweeps_have_the_margins_of_each_loop_and_the_pole_of_each_plant():
@@ -83,34 +37,6 @@ def test_sweeps_have_the_margins_of_each_loop_and_the_pole_of_each_plant():
     for controllers, speeds in (({}, (50.0,)), (scheduled, ())):
         with pytest.raises(InputError, match="at least one value and one controller"):
             sweep_speed(controllers, speeds)
-
-
-def test_cases_outside_a_law_s_domain_are_left_out_with_the_reason():
-    wide = OperatingRange(
-        laws=("bristle", "beam"), speeds_kmh=(140.0,), slip_factors=(1.0, 8.0), initial_speed_kmh=140.0
-    )
-    cases, skipped = range_cases(wide)
-    assert cases
-    assert skipped
-    assert all("slip" in s.reason for s in skipped)
-    with pytest.raises(InputError, match="no case is left"):
-        robustness(PI_LEAD, OperatingRange(laws=("bristle",), slip_factors=(20.0,)))
-
-
-@pytest.mark.parametrize(
-    ("change", "match"),
-    [
-        ({"speeds_kmh": ()}, "speeds_kmh is empty"),
-        ({"speeds_kmh": (0.0,)}, "speeds_kmh: 0"),
-        ({"lag_factors": (-1.0,)}, "lag_factors: -1"),
-        ({"dead_time_factors": (math.inf,)}, "dead_time_factors: inf"),
-        ({"slip_factors": (math.inf,)}, "slip_factors: inf"),
-        ({"masses": (float("nan"),)}, "masses: nan"),
-    ],
-)
-def test_bad_ranges_are_refused(change, match):
-    with pytest.raises(InputError, match=match):
-        OperatingRange(**change)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,406 @@
+"""The design envelope: every operating point that a design must hold, and the tolerances around each.
+
+In a vehicle's TOML file, or in one of its own; what is left out has the default:
+
+    [envelope]
+    rails = ["dry", "wet"]
+    laws = ["bristle", "curve"]           # or files, relative to this one
+    speeds = [10, 20, 40, 60, 80, 100]    # km/h
+    loads = ["empty", "loaded"]           # mass and wheel load together
+    slip = [0.6, 1.0, 1.25]               # factors on the reference slip
+    dead_time = [0.7, 1.0, 1.3]           # factors
+    lag = [0.7, 1.0, 1.3]
+    radius = [0.94, 1.0]                  # worn wheel
+    reference = { dry = 0.132, wet = 0.092 }    # left out: each law's own
+    initial_speed = 100                   # km/h; v0 of the laws that are published over it
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, InstanceOf, field_validator
+
+from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, law_in, load_law, published_law, wheel_load_in
+from railslip_ctrl.arguments import checked
+from railslip_ctrl.errors import DomainError, InputError, KinkError
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.numeric import peak
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle, load_vehicle
+from railslip_ctrl.parameters.validation import file_name, given_path, read_toml, validated
+from railslip_ctrl.units import KMH, quantity, to_unit
+
+Load = Literal["empty", "loaded"]
+Law = str | Path | InstanceOf[AdhesionLaw]
+
+_LAW_FILES = (".toml", ".py")
+_MOST_CASES = 500_000  # more would fill memory: the default has 2592
+_KNIFE_EDGE = 0.05  # of the peak's slip: nearer, the slope of the curve, and with it the pole, changes sign by a hair
+
+
+class Envelope(Record):
+    """The operating points that a design must hold, each list of values combined with every other.
+
+    Operating points are at the reference slip, with the actuator and the wheel as given; around each, the factors of
+    `slip`, `dead_time`, `lag` and `radius` are combined with one another. "loaded" is the vehicle's loaded mass and
+    wheel load, which published laws follow, and laws of files too (mu stays). A reference slip that is given is held
+    on every law in place of the law's own.
+
+    Raises
+    ------
+    InputError
+        A list that is empty or too long, a value that is not finite and positive (of dead time and lag: negative), or
+        of another kind.
+    """
+
+    vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
+    rails: tuple[Rail, ...] = Field(tuple(Rail), description="rail conditions")
+    laws: tuple[Law, ...] = Field(("bristle", "curve"), description="adhesion laws: names, files, or records")
+    speeds: tuple[float, ...] = quantity("km/h", "train speeds", default=(10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
+    loads: tuple[Load, ...] = Field(("empty", "loaded"), description="empty, loaded")
+    slip: tuple[float, ...] = quantity("1", "factors on the reference slip", default=(0.6, 1.0, 1.25))
+    dead_time: tuple[float, ...] = quantity("1", "factors on the actuator's dead time", default=(0.7, 1.0, 1.3))
+    lag: tuple[float, ...] = quantity("1", "factors on the actuator's lag", default=(0.7, 1.0, 1.3))
+    radius: tuple[float, ...] = quantity("1", "factors on the wheel's radius, which is known", default=(0.94, 1.0))
+    reference: ReferenceSlip | None = Field(None, description="slip ratios held, in place of the laws' own")
+    initial_speed: float = quantity("km/h", "v0, at which the brake is applied", gt=0, default=INITIAL_SPEED_KMH)
+
+    def __init__(self, vehicle: Vehicle = PARK2008, /, **values: Any) -> None:
+        super().__init__(**{"vehicle": vehicle, **values})
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as of `Record`
+
+    @field_validator("rails", "laws", "speeds", "loads", "slip", "dead_time", "lag", "radius", mode="before")
+    @classmethod
+    def _a_list(cls, value: object) -> object:
+        """A tuple of what was given once each; one value stands for itself."""
+        if isinstance(value, (str, Path, AdhesionLaw)) or not isinstance(value, Iterable):
+            value = (value,)
+        values = tuple(x.item() if isinstance(x, np.generic) else x for x in value)
+        if not values:
+            raise InputError("is empty; give at least one value")
+        return tuple(x for i, x in enumerate(values) if x not in values[:i])
+
+    @field_validator("speeds", mode="before")
+    @classmethod
+    def _in_kmh(cls, value: object) -> object:
+        return tuple(to_unit(x, "km/h", text_needs_unit=True) for x in value) if isinstance(value, tuple) else value
+
+    @field_validator("speeds", "slip", "radius", "dead_time", "lag")
+    @classmethod
+    def _positive(cls, values: tuple[float, ...], info: Any) -> tuple[float, ...]:
+        may_vanish = info.field_name in ("dead_time", "lag")
+        bad = [x for x in values if not (x > 0 or (may_vanish and x == 0))]
+        if bad:
+            raise InputError(f"{bad[0]:g} is not allowed; give finite values {'>= 0' if may_vanish else '> 0'}")
+        return values
+
+    def at(self, **changes: Any) -> Envelope:
+        """The envelope with other values of some of its fields, checked."""
+        return type(self)(**{**{name: getattr(self, name) for name in type(self).model_fields}, **changes})
+
+    def table(self) -> dict[str, Any]:
+        """What a TOML file, or JSON, says of it: everything but the vehicle."""
+        named = [law.file or law.name if isinstance(law, AdhesionLaw) else str(law) for law in self.laws]
+        reference = {} if self.reference is None else {"reference": self.reference.model_dump()}
+        numeric = {name: list(getattr(self, name)) for name in ("slip", "dead_time", "lag", "radius")}
+        return {
+            "rails": [rail.value for rail in self.rails],
+            "laws": named,
+            "speeds": list(self.speeds),
+            "loads": list(self.loads),
+            **numeric,
+            **reference,
+            "initial_speed": self.initial_speed,
+        }
+
+    def points(self, *, nominal: bool = False) -> EnvelopePoints:
+        """Its cases, in the order rails, laws, loads, speeds, radii, slips, dead times, lags.
+
+        `nominal` asks for the operating points alone. What has no linear plant (outside the law's domain, or a kink)
+        is left out, with the reason. InputError where nothing is left, a law cannot be had, or it has no reference
+        slip and none is given.
+        """
+        return _points(self, nominal)
+
+    def knife_edges(self) -> tuple[str, ...]:
+        """A sentence for each law and rail whose reference slip is within 5 % of the adhesion peak, at some speed.
+
+        There the pole of the slip changes its sign, so that margins at the reference say little of those beside it.
+        """
+        told: dict[str, str] = {}
+        for rail, law, _, load in _laws(self):
+            held = _reference(self, law, rail)
+            for speed in self.speeds:
+                top = peak(law, speed * KMH, load.wheel_load).slip
+                if abs(held / top - 1) <= _KNIFE_EDGE:
+                    told.setdefault(
+                        f"{law.name}, {rail}",
+                        f"{law.name}, {rail} rail: the reference slip {held:.4g} is {_beside(held, top)} the adhesion "
+                        f"peak at {top:.4g}: margins there stand on a knife's edge; hold less slip",
+                    )
+        return tuple(told.values())
+
+
+def _beside(held: float, top: float) -> str:
+    share = abs(held / top - 1)
+    return f"{100 * share:.2g} % {'above' if held > top else 'below'}"
+
+
+@checked
+def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
+    """Read the table `[envelope]` of a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A vehicle's file, or one that has the envelope alone. Laws in files are relative to it.
+    vehicle : Vehicle, optional
+        Left out, the file's own.
+
+    Returns
+    -------
+    Envelope
+        Speeds in km/h, factors dimensionless. Of a vehicle's file without the table, the default one.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has no envelope (unless it is a vehicle's), or one line naming file, key and value.
+    """
+    path = given_path(path)
+    where = file_name(path)
+    content = read_toml(path) if path.suffix.lower() == ".toml" else {}
+    of_vehicle = path.suffix.lower() != ".toml" or bool(content.keys() & {"mass", "rolling_stock"})
+    if not of_vehicle and "envelope" not in content:
+        raise InputError(f"{where}: has no table [envelope]; write one, or give a vehicle's file")
+    if not of_vehicle and (vehicle is None or len(content) > 1):
+        key = next((key for key in content if key != "envelope"), None)
+        raise InputError(
+            f"{where}: {'has no vehicle; give one too' if key is None else f'{key}: unknown key; remove it'}"
+        )
+    car = load_vehicle(path) if vehicle is None else vehicle
+    table = content.get("envelope", {})
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: envelope: {table!r} is not allowed; write a table [envelope]")
+    if "vehicle" in table:
+        raise InputError(f"{where}: envelope.vehicle: unknown key; the vehicle's own keys stand above the table")
+    laws = table.get("laws")
+    if isinstance(laws, list):
+        table = table | {"laws": [path.parent / x if isinstance(x, str) and _is_file(x) else x for x in laws]}
+    return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
+
+
+# --- its points -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of an envelope.
+
+    `point` is the operating point of its vehicle, which has the case's load, wheel radius and actuator; `load` is
+    "empty" or "loaded", `slip_factor` the slip over the reference slip.
+    """
+
+    point: OperatingPoint
+    load: str
+    slip_factor: float
+    nominal: Vehicle
+
+    @property
+    def actuator(self) -> Actuator:
+        """Dead time and lag of the case, s."""
+        return self.point.vehicle.actuator
+
+    @cached_property
+    def plant(self) -> LinearPlant:
+        """The plant linearised there."""
+        return linearize(self.point)
+
+    @property
+    def words(self) -> str:
+        """What the case is, with the tolerances that it has: "curve, dry, loaded, 100 km/h, dead time +30 %"."""
+        point, car = self.point, self.point.vehicle
+        changed = (
+            ("slip", self.slip_factor, 1.0),
+            ("dead time", car.actuator.dead_time, self.nominal.actuator.dead_time),
+            ("lag", car.actuator.lag, self.nominal.actuator.lag),
+            ("radius", car.wheel.radius, self.nominal.wheel.radius),
+        )
+        tolerances = [f"{name} {100 * (x / of - 1):+.3g} %" for name, x, of in changed if x != of]
+        return ", ".join([point.adhesion, point.rail.value, self.load, f"{point.speed_kmh:.4g} km/h", *tolerances])
+
+    def table(self) -> dict[str, Any]:
+        """The case for JSON; SI but the speed, in km/h."""
+        point, car = self.point, self.point.vehicle
+        return {
+            "adhesion": point.adhesion,
+            "rail": point.rail.value,
+            "speed_kmh": point.speed_kmh,
+            "slip": point.slip,
+            "load": self.load,
+            "mass_kg": car.mass,
+            "wheel_load_n": car.wheel_load,
+            "dead_time_s": car.actuator.dead_time,
+            "lag_s": car.actuator.lag,
+            "radius_m": car.wheel.radius,
+        }
+
+
+@dataclass(frozen=True)
+class EnvelopePoints:
+    """The cases of an envelope: linear plants, each with every actuator that belongs to it.
+
+    Attributes
+    ----------
+    plants, loads, slip_factors : tuple
+        One for each linearised plant; its vehicle has the load and the radius of the case.
+    actuators : tuple of Actuator
+        The first as given.
+    plant, actuator : ndarray, (n,)
+        Of each case, the number of its plant and of its actuator.
+    operating : ndarray, (n,)
+        Whether the case is an operating point, all factors 1.
+    skipped : tuple of str
+        What has no linear plant, and why.
+    """
+
+    vehicle: Vehicle
+    plants: tuple[LinearPlant, ...]
+    loads: tuple[str, ...]
+    slip_factors: tuple[float, ...]
+    actuators: tuple[Actuator, ...]
+    plant: NDArray[np.intp]
+    actuator: NDArray[np.intp]
+    operating: NDArray[np.bool_]
+    skipped: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return int(self.plant.size)
+
+    @property
+    def speed_kmh(self) -> NDArray[np.float64]:
+        """Train speed of each case, km/h, (n,)."""
+        return np.array([round(plant.point.speed_kmh, 9) for plant in self.plants])[self.plant]
+
+    @property
+    def load(self) -> NDArray[np.str_]:
+        """Load of each case, (n,)."""
+        return np.array(self.loads)[self.plant]
+
+    def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
+        """Some of the cases, by number or by flag."""
+        some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
+        return replace(self, **some)
+
+    def case(self, index: int) -> Case:
+        """One of the cases."""
+        i = int(self.plant[index])
+        point = self.plants[i].point
+        car = point.vehicle.model_copy(update={"actuator": self.actuators[int(self.actuator[index])]})
+        return Case(
+            OperatingPoint(**{**vars(point), "vehicle": car}), self.loads[i], self.slip_factors[i], self.vehicle
+        )
+
+
+def _points(envelope: Envelope, nominal: bool) -> EnvelopePoints:
+    car = envelope.vehicle
+    # a factor of 1 that is not among those given belongs to the operating points alone
+    lags, dead_times, radii, slips = (
+        (1.0,) if nominal else tuple(dict.fromkeys((1.0, *getattr(envelope, name))))
+        for name in ("lag", "dead_time", "radius", "slip")
+    )
+    factors = list(product(dead_times, lags))
+    actuators = [Actuator(dead_time=a * car.actuator.dead_time, lag=b * car.actuator.lag) for a, b in factors]
+    around = [
+        i
+        for i, (a, b) in enumerate(factors)
+        if a in envelope.dead_time and b in envelope.lag and actuators[i] not in actuators[:i]
+    ]
+    members = list(product(_laws(envelope), envelope.speeds, radii, slips))
+    if len(members) * len(factors) > _MOST_CASES:
+        raise InputError(
+            f"envelope: {len(members) * len(factors)} cases are more than {_MOST_CASES}; give fewer values"
+        )
+    found: list[tuple[LinearPlant, str, float]] = []
+    cases: list[tuple[int, int, bool]] = []
+    skipped = []
+    for (rail, law, load, loaded), speed, radius, slip in members:
+        try:
+            plant = _plant(envelope, law, _worn(loaded, radius), speed, slip * _reference(envelope, law, rail), rail)
+        except (DomainError, KinkError) as error:
+            skipped.append(f"{law.name}, {rail}, {load}, {speed:g} km/h, slip {slip:g} times the reference: {error}")
+            continue
+        as_given = radius == slip == 1.0
+        tolerated = around if radius in envelope.radius and slip in envelope.slip else []
+        mine = dict.fromkeys([*([0] if as_given else []), *([] if nominal else tolerated)])
+        cases += [(len(found), i, as_given and i == 0) for i in mine]
+        found.append((plant, load, slip))
+    if not cases:
+        raise InputError("envelope: no case is left; " + (skipped[0] if skipped else "give more values"))
+    plants, loads, slip_factors = zip(*found, strict=True)
+    plant_of, actuator_of, operating = (np.array(column) for column in zip(*cases, strict=True))
+    return EnvelopePoints(
+        car, plants, loads, slip_factors, tuple(actuators), plant_of, actuator_of, operating, tuple(skipped)
+    )
+
+
+def _plant(envelope: Envelope, law: AdhesionLaw, car: Vehicle, speed: float, slip: float, rail: Rail) -> LinearPlant:
+    v0 = envelope.initial_speed
+    return linearize(operating_point(law, car, speed * KMH, slip, rail=rail, initial_speed_kmh=v0))
+
+
+def _worn(car: Vehicle, factor: float) -> Vehicle:
+    """The vehicle with `factor` times its wheel radius."""
+    if factor == 1.0:
+        return car
+    return car.model_copy(update={"wheel": car.wheel.model_copy(update={"radius": factor * car.wheel.radius})})
+
+
+def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]]:
+    """(rail, law at the load's wheel load, load's name, vehicle with that load)."""
+    car = envelope.vehicle
+    loads = {name: car if name == "empty" else car.loaded() for name in envelope.loads}
+    distinct = {
+        name: loaded for i, (name, loaded) in enumerate(loads.items()) if loaded not in list(loads.values())[:i]
+    }
+    for rail, law, (name, loaded) in product(envelope.rails, envelope.laws, distinct.items()):
+        yield rail, _law(law, rail, loaded, envelope), name, loaded
+
+
+def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
+    """The law on a rail under a load: mu of one that is not named is that at the load it was found at, which is the
+    empty vehicle's unless its file, or the law, says another."""
+    found_at: float | None = None
+    if isinstance(law, AdhesionLaw):
+        given, found_at = law, law.of_wheel_load
+    elif not _is_file(law):
+        return published_law(str(law), rail, envelope.initial_speed, loaded.wheel_load)
+    elif Path(law).suffix.lower() == ".py":
+        given = law_in(law)
+    else:
+        given, found_at = load_law(law, initial_speed_kmh=envelope.initial_speed), wheel_load_in(law)
+    return given.on(rail).at_wheel_load(loaded.wheel_load / (found_at or envelope.vehicle.wheel_load))
+
+
+def _is_file(law: str | Path) -> bool:
+    return Path(law).suffix.lower() in _LAW_FILES
+
+
+def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
+    if envelope.reference is not None:
+        return float(getattr(envelope.reference, rail.value))
+    slip = law.reference_slip(rail)
+    if slip is None:
+        raise InputError(
+            f"envelope: adhesion {law.name!r} has no reference slip; give the envelope's, reference = {{ dry = 0.13, "
+            "wet = 0.09 }"
+        )
+    return slip

@@ -1,0 +1,347 @@
+"""One verdict on a controller over a whole envelope, every loop with its dead time exact."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import cached_property
+from importlib import import_module
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.arguments import checked
+from railslip_ctrl.loop import DeadTimeLoop, Margins
+from railslip_ctrl.loop.batch import BatchMargins, batch_margins
+from railslip_ctrl.parameters import Actuator
+from railslip_ctrl.rounding import rounded_up
+
+from .controllers import wheel_slip_loop
+from .envelope import Case, Envelope, EnvelopePoints
+from .specification import is_robust
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: both find peaks to 1e-9
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None where it is unstable."""
+
+    case: Case
+    loop: Any
+    margins: Margins | None
+
+    @property
+    def point(self) -> Any:
+        """The operating point; its vehicle has the load, the wheel and the actuator of the case."""
+        return self.case.point
+
+    @property
+    def ms(self) -> float:
+        """Ms, inf where the loop is unstable."""
+        return math.inf if self.margins is None else self.margins.ms
+
+    @property
+    def words(self) -> str:
+        """Its Ms and where it is."""
+        kept = "unstable" if self.margins is None else f"Ms {rounded_up(self.ms):.3g}"
+        return f"{kept} at {self.case.words}"
+
+    def table(self) -> dict[str, Any]:
+        """For JSON: Ms, phase (deg) and delay margin (s), null where it is unstable or without bound, and the case."""
+        m = self.margins
+        found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
+        names = ("ms", "phase_margin_deg", "delay_margin_s")
+        return {**dict(zip(names, found, strict=True)), "case": self.case.table()}
+
+
+@dataclass(frozen=True)
+class MsMap:
+    """Worst Ms over speed and load, of the operating points and with tolerances.
+
+    `speeds_kmh` (m,), ascending; `loads` (n,); `operating` and `with_tolerances` (m, n), inf where a loop is unstable
+    and NaN where there is none.
+    """
+
+    speeds_kmh: Floats
+    loads: tuple[str, ...]
+    operating: Floats
+    with_tolerances: Floats
+
+    def plot(self) -> Any:
+        """The map as a matplotlib figure, its numbers in cells."""
+        plots = import_module("railslip_ctrl.plots")  # a room above this one, asked for by the user
+        return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A controller over an envelope; see `judge`.
+
+    Attributes
+    ----------
+    controller : linear system
+    envelope : Envelope
+        With the reference slip that was judged at.
+    nominal : bool
+        Whether the operating points alone were judged.
+    points : EnvelopePoints
+        The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins are those of the
+        operating points alone, NaN elsewhere.
+    """
+
+    controller: Any
+    envelope: Envelope
+    nominal: bool
+    points: EnvelopePoints
+    margins: BatchMargins
+
+    @property
+    def stable(self) -> Flags:
+        """Whether the loop of each case is stable, (n,)."""
+        return self.margins.stable
+
+    @cached_property
+    def ms(self) -> Floats:
+        """Ms of each case, inf where the loop is unstable, (n,)."""
+        return np.where(self.stable, self.margins.ms, np.inf)
+
+    @property
+    def verdict(self) -> str:
+        """ "robust": Ms <= 2 at every operating point, and stable with every tolerance. "fragile": stable at every
+        operating point. Else "unstable"."""
+        return self._verdict(np.ones(len(self.points), dtype=bool))
+
+    @cached_property
+    def usable_from_kmh(self) -> float | None:
+        """The lowest speed of the envelope from which on up every loop is stable; None if not at the highest."""
+        return self._lowest(lambda cases: bool(self.stable[cases].all()))
+
+    @cached_property
+    def robust_from_kmh(self) -> float | None:
+        """The lowest speed of the envelope from which on up it is "robust"; None if not at the highest."""
+        return self._lowest(lambda cases: self._verdict(cases) == "robust")
+
+    @cached_property
+    def worst(self) -> WorstCase:
+        """The operating point of largest Ms among those from `usable_from_kmh` up (if None: among all)."""
+        return self._worst(self._usable & self.points.operating)
+
+    @cached_property
+    def worst_with_tolerances(self) -> WorstCase:
+        """As `worst`, of all cases."""
+        return self._worst(self._usable)
+
+    @cached_property
+    def map(self) -> MsMap:
+        """Worst Ms over speed and load."""
+        speed, load = self.points.speed_kmh, self.points.load
+        speeds, loads = np.unique(speed), tuple(dict.fromkeys(load.tolist()))
+
+        def worst(chosen: Flags) -> Floats:
+            table = np.full((speeds.size, len(loads)), np.nan)
+            columns = np.array([loads.index(one) for one in load[chosen].tolist()], dtype=int)
+            np.fmax.at(table, (np.searchsorted(speeds, speed[chosen]), columns), self.ms[chosen])
+            return table
+
+        return MsMap(speeds, loads, worst(self.points.operating), worst(np.ones(len(self.points), dtype=bool)))
+
+    def by_axis(self) -> dict[str, dict[Any, tuple[float, float]]]:
+        """For each axis of the envelope and each of its values: share of stable loops, worst Ms of the stable ones."""
+        plants, actuators = self.points.plants, self.points.actuators
+        of_plants = {
+            "law": [plant.point.adhesion for plant in plants],
+            "rail": [plant.point.rail.value for plant in plants],
+            "speed_kmh": [round(plant.point.speed_kmh, 9) for plant in plants],
+            "load": list(self.points.loads),
+            "slip / reference": list(self.points.slip_factors),
+            "radius_m": [plant.point.vehicle.wheel.radius for plant in plants],
+        }
+        of_actuators = {"dead_time_s": [a.dead_time for a in actuators], "lag_s": [a.lag for a in actuators]}
+        labels = {name: np.array(values)[self.points.plant] for name, values in of_plants.items()}
+        labels |= {name: np.array(values)[self.points.actuator] for name, values in of_actuators.items()}
+        return {
+            axis: {value: self._summary(of == value) for value in dict.fromkeys(of.tolist())}
+            for axis, of in labels.items()
+        }
+
+    @property
+    def verdict_line(self) -> str:
+        """The verdict with the case that decides it, and from which speed on the controller may be used."""
+        everywhere = np.ones(len(self.points), dtype=bool)
+        decides = self._worst(everywhere if self.verdict == "fragile" else self.points.operating)
+        line = f"{self.verdict}{' at the operating points' if self.nominal else ''}: {decides.words}"
+        if self.verdict == "robust" and not self.nominal:
+            line += f"; with tolerances {self.worst_with_tolerances.words}"
+        if self.usable_from_kmh is None:
+            return f"{line}; not stable at {max(self.envelope.speeds):g} km/h either"
+        if self.usable_from_kmh > min(self.envelope.speeds):
+            line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
+        return line
+
+    def __str__(self) -> str:
+        robust = int(np.count_nonzero([is_robust(ms) for ms in self.ms.tolist()]))
+        lines = [self.verdict_line, f"Ms <= 2 at {robust} of {len(self.points)} points"]
+        lines += [f"left out: {told}" for told in self.points.skipped]
+        return "\n".join([*lines, *self.envelope.knife_edges()])
+
+    def table(self) -> dict[str, Any]:
+        """The judgement for JSON, in SI but the speeds, in km/h."""
+        return {
+            "verdict": self.verdict,
+            "nominal": self.nominal,
+            "usable_from_kmh": self.usable_from_kmh,
+            "robust_from_kmh": self.robust_from_kmh,
+            "worst": self.worst.table(),
+            "worst_with_tolerances": self.worst_with_tolerances.table(),
+            "envelope": self.envelope.table(),
+            "points": len(self.points),
+            "skipped": list(self.points.skipped),
+            "knife_edges": list(self.envelope.knife_edges()),
+        }
+
+    @property
+    def _usable(self) -> Flags:
+        return self.points.speed_kmh >= (self.usable_from_kmh or 0.0)
+
+    def _summary(self, chosen: Flags) -> tuple[float, float]:
+        stable = self.stable & chosen
+        return float(stable.sum() / chosen.sum()), float(self.ms[stable].max()) if stable.any() else math.inf
+
+    def _verdict(self, cases: Flags) -> str:
+        ms = self.ms[cases & self.points.operating]
+        if not np.isfinite(ms).all():
+            return "unstable"
+        robust = bool(self.stable[cases].all()) and (ms.size == 0 or is_robust(float(ms.max())))
+        return "robust" if robust else "fragile"
+
+    def _lowest(self, holds: Any) -> float | None:
+        speeds, found = self.points.speed_kmh, None
+        for speed in np.unique(speeds)[::-1].tolist():
+            if not holds(speeds == speed):
+                break
+            found = speed
+        return found
+
+    def _worst(self, chosen: Flags) -> WorstCase:
+        """The chosen case of largest Ms; of unstable ones that whose plant is fastest against its actuator."""
+        index = np.flatnonzero(chosen)
+        unstable = index[~self.stable[index]]
+        if not unstable.size:
+            return self._checked(int(index[np.argmax(self.ms[index])]))
+        poles = np.array([float(plant.poles.real.max(initial=-np.inf)) for plant in self.points.plants])
+        times = np.array([one.dead_time + one.lag for one in self.points.actuators])
+        hardness = poles[self.points.plant[unstable]] * times[self.points.actuator[unstable]]
+        return self._checked(int(unstable[np.argmax(hardness)]))
+
+    def _checked(self, index: int) -> WorstCase:
+        """One case by the scalar engine, which must agree with the batch."""
+        case = self.points.case(index)
+        loop = wheel_slip_loop(case.plant, self.controller, case.actuator)
+        margins = loop.margins() if loop.is_stable() else None
+        found = WorstCase(case, loop, margins)
+        assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
+        return found
+
+
+@checked
+def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgement:
+    """Judge a linear controller over an envelope, the dead times exact.
+
+    Parameters
+    ----------
+    controller : linear system
+        From slip error e = lambda_d v - sigma (m/s) to torque (N*m), as `wheel_slip_loop` takes it. One that has a
+        `reference` (slip ratios) is judged there, unless the envelope has its own.
+    envelope : Envelope
+        What it must hold.
+    nominal : bool
+        The operating points alone, without the tolerances around them.
+
+    Returns
+    -------
+    Judgement
+        The verdict, the speed (km/h) from which on the controller may be used, the worst cases, and the margins of
+        every case; printed, the verdict in words.
+
+    Raises
+    ------
+    InputError
+        A controller without margins, or an envelope without points.
+    """
+    held = getattr(controller, "reference", None)
+    if envelope.reference is None and isinstance(held, ReferenceSlip):
+        envelope = envelope.at(reference=held)
+    return judge_points(controller, envelope, envelope.points(nominal=nominal), nominal=nominal)
+
+
+def judge_points(controller: Any, envelope: Envelope, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
+    """As `judge`, at points made before by `Envelope.points`."""
+    return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
+
+
+_NO_BRAKE = Actuator(dead_time=0.0, lag=0.0)
+
+
+def margins_at(
+    controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
+) -> BatchMargins:
+    """Margins of every case; the loop of a plant is made once, and each actuator put into it in arrays.
+
+    With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
+    margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
+    """
+    used = np.unique(points.plant).tolist()
+    bare = dict(zip(used, (wheel_slip_loop(points.plants[i], controller, _NO_BRAKE) for i in used), strict=True))
+    if not all(isinstance(loop, DeadTimeLoop) for loop in bare.values()):
+        return _one_by_one(controller, points)
+    times = factors if factors is not None else np.ones(1)
+    lags = np.array([one.lag for one in points.actuators])[points.actuator]
+    dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
+    found = {field.name: np.full((times.size, len(points)), np.nan) for field in fields(BatchMargins)}
+    shapes = np.zeros((len(points.plants), 2), dtype=int)
+    shapes[used] = [(loop.system.zeros.size, loop.system.poles.size) for loop in bare.values()]
+    asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
+    kinds = product(np.unique(shapes[used], axis=0).tolist(), (lags > 0, lags == 0), asked)
+    for (zeros, poles), braked, kind in kinds:
+        mine = np.flatnonzero((shapes == (zeros, poles)).all(axis=1)[points.plant] & braked & kind)
+        if not mine.size:
+            continue
+        loops = [bare[i] for i in points.plant[mine]]
+        z = np.array([loop.system.zeros for loop in loops], dtype=complex).reshape(mine.size, zeros)
+        p = np.array([loop.system.poles for loop in loops], dtype=complex).reshape(mine.size, poles)
+        gain = np.array([loop.system.gain for loop in loops])
+        if lags[mine[0]] > 0:
+            p, gain = np.column_stack([p, -1 / lags[mine]]), gain / lags[mine]
+        n = times.size
+        part = batch_margins(
+            np.tile(z, (n, 1)),
+            np.tile(p, (n, 1)),
+            np.outer(times, gain).ravel(),
+            np.tile(dead_times[mine], n),
+            gain_margins=gain_margins or (factors is None and bool(points.operating[mine[0]])),
+            peaks=not gain_margins,
+        )
+        for name, column in found.items():
+            column[:, mine] = getattr(part, name).reshape(n, mine.size)
+    flat = {name: column.ravel() for name, column in found.items()}
+    return BatchMargins(**{**flat, "stable": flat["stable"] == 1})
+
+
+def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
+    """Margins of sampled loops, which no batch has."""
+    found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
+    for index in range(len(points)):
+        plant = points.plants[int(points.plant[index])]
+        loop = wheel_slip_loop(plant, controller, points.actuators[int(points.actuator[index])])
+        found["stable"][index] = loop.is_stable()
+        margins = loop.margins() if found["stable"][index] else None
+        for name in found.keys() - {"stable"}:
+            found[name][index] = getattr(margins, name, np.nan)
+    return BatchMargins(**{**found, "stable": found["stable"] == 1})
