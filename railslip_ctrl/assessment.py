@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .arguments import checked, number
-from .design import PIController, actuated_plant, wheel_slip_loop
+from .design import actuated_plant, wheel_slip_loop
+from .design.controllers import LinearController, linear_controller
 from .design.limits import Limits, fundamental_limits
+from .design.sampled import sampled_loop
 from .design.specification import is_robust
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
 from .loop.deadtime import MOST_POLES
+from .loop.sampled_loop import SampledLoop
 from .parameters import Actuator
 from .rounding import rounded_up
 
@@ -42,13 +46,16 @@ class PadeRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """One loop, assessed. `margins` is None and `pade` rows still tell, if the loop is unstable."""
+    """One loop, assessed. `margins` is None and `pade` rows still tell, if the loop is unstable.
+
+    `as_run` is the sampled loop of a continuous controller that says how it is run, and `sampled` its margins.
+    """
 
     label: str
     plant: LinearPlant
-    controller: PIController
+    controller: LinearController
     actuator: Actuator
-    loop: DeadTimeLoop
+    loop: Any
     limits: Limits
     stable: bool
     marginal: bool
@@ -58,6 +65,8 @@ class Assessment:
     margins: Margins | None
     pade: tuple[PadeRow, ...]
     verdict: Verdict
+    as_run: SampledLoop | None = None
+    sampled: Margins | None = None
 
     @property
     def point(self) -> OperatingPoint:
@@ -73,7 +82,7 @@ class Assessment:
     @property
     def _decided(self) -> str:
         if self.verdict is Verdict.NO_FEEDBACK:
-            return f"{self.verdict.value}: both gains are 0, and the wheel is stable by itself; this is no controller"
+            return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
         if self.margins is not None:
             return f"{self.verdict.value} (Ms {rounded_up(self.margins.ms):g})"
         how_many = (
@@ -97,17 +106,16 @@ def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
 
 
 @checked
-def assess(
-    plant: LinearPlant, controller: PIController, actuator: Actuator, *, label: str = "", poles: int = 6
-) -> Assessment:
+def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "", poles: int = 6) -> Assessment:
     """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
 
     Parameters
     ----------
     plant : LinearPlant
         The wheel, from `linearize`.
-    controller : PIController
-        kp, N*m/(m/s), ki, N*m/m, and a lead where there is one; from slip error to torque at the wheel.
+    controller : linear system
+        From slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control system, continuous or
+        discrete, or what else `design.controllers.linear_controller` takes.
     actuator : Actuator
         Dead time and lag between commanded and acting torque.
     label : str
@@ -127,25 +135,47 @@ def assess(
         An argument of another kind, or a number of poles out of its range.
     """
     number("poles", poles, ge=1, le=MOST_POLES)
-    loop = wheel_slip_loop(plant, controller, actuator)
+    design = linear_controller(controller, plant.point)
+    loop = wheel_slip_loop(plant, design, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
+    sampled = getattr(controller, "as_run", None)
+    run = None if sampled is None or isinstance(loop, SampledLoop) else sampled_loop(sampled, plant, actuator)
     return Assessment(
-        label=label or controller.structure,
+        label=label or design.structure,
         plant=plant,
-        controller=controller,
+        controller=design,
         actuator=actuator,
         loop=loop,
         limits=limits_of(plant, actuator),
         stable=stable,
-        marginal=loop.root_count.marginal,
-        unstable_poles=loop.unstable_closed_loop_poles,
-        closed_loop_poles=_poles_found(loop, poles),
-        stabilizing_gain_range=loop.stabilizing_gain_range,
         margins=margins,
-        pade=tuple(_pade_row(loop, order) for order in PADE_ORDERS),
-        verdict=_verdict(margins, controller),
+        stabilizing_gain_range=loop.stabilizing_gain_range,
+        verdict=_verdict(margins, design),
+        as_run=run,
+        sampled=run.margins() if run is not None and run.is_stable() else None,
+        **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
     )
+
+
+def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:
+    return {
+        "marginal": loop.root_count.marginal,
+        "unstable_poles": loop.unstable_closed_loop_poles,
+        "closed_loop_poles": _poles_found(loop, poles),
+        "pade": tuple(_pade_row(loop, order) for order in PADE_ORDERS),
+    }
+
+
+def _of_sampled(loop: SampledLoop, poles: int) -> dict[str, Any]:
+    """Poles by s = ln(z)/h; those at z = 0, which decay at once, left out."""
+    z = loop.closed_loop_poles
+    return {
+        "marginal": bool(np.any(np.abs(z) == 1)),
+        "unstable_poles": float(np.count_nonzero(np.abs(z) >= 1)),
+        "closed_loop_poles": np.log(z[z != 0])[:poles] / loop.period,
+        "pade": (),
+    }
 
 
 def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
@@ -158,10 +188,10 @@ def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
     return np.array([], dtype=np.complex128)
 
 
-def _verdict(margins: Margins | None, controller: PIController) -> Verdict:
+def _verdict(margins: Margins | None, controller: LinearController) -> Verdict:
     if margins is None:
         return Verdict.UNSTABLE
-    if controller.gains.kp == controller.gains.ki == 0:  # Ms is 1: of nothing
+    if controller.transfer_function.gain == 0:  # Ms is 1: of nothing
         return Verdict.NO_FEEDBACK
     return Verdict.ROBUST if is_robust(margins.ms) else Verdict.FRAGILE
 

@@ -198,13 +198,12 @@ def test_the_sliding_law_s_program_gives_the_numbers_of_the_python_step(tmp_path
 def test_the_pi_s_program_gives_the_numbers_of_the_sampled_controller(tmp_path, monkeypatch, railslip):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
-    printed = printed_by("pi_lead", tmp_path, railslip)
+    printed = printed_by("controller", tmp_path, railslip)
     made = runpy.run_path(str(tmp_path / "write_gains.py"))
     sampled, expected = made["sampled"], []
-    state = sampled.initial_state(made["control"].initial_torque)
+    x = np.array(sampled.start(made["control"].initial_torque))
     for i in range(200):
-        state, torque = sampled.step(state, 10.0 * math.cos(0.05 * i))
-        expected.append([torque])
+        expected.append([sampled.step(x, 10.0 * math.cos(0.05 * i))])
     assert np.array(printed) == pytest.approx(np.array(expected), rel=1e-10)
     assert {min(expected)[0], max(expected)[0]} == {sampled.torque_low, sampled.torque_high}  # both limits are met
 

@@ -234,12 +234,13 @@ CALLS: dict[str, Callable[[], object]] = {
     "poles: 0 is not allowed; give a finite value >= 1 and <= 1000": lambda: assess(
         PLANT, PI, PARK2008.actuator, poles=0
     ),
-    "design: 1 is not allowed; give a PIController": lambda: SampledController(1, 0.01),  # type: ignore[arg-type]
+    "controller: str is not a linear system; give a python-control TransferFunction or StateSpace": lambda: (
+        SampledController("1", 0.01)
+    ),
     "name: 3 is not allowed; give text": lambda: published_law(3, "dry"),  # type: ignore[arg-type]
     "wheel load: 0 N is not allowed; give a finite value > 0": lambda: published_law("bristle", "dry", wheel_load=0),
     "name: None is not allowed; give text ": lambda: built_in_scenario(None),  # type: ignore[arg-type]
     "law: 3 is not allowed; give text or None": lambda: derive(law=3),  # type: ignore[arg-type]
-    "controller: 'pi' is not allowed; give a Controller": lambda: simulate(built_in_scenario("park2008"), "pi"),  # type: ignore[arg-type]
 }
 
 

@@ -178,12 +178,12 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     assert "a Python file is not derived with" in refused(railslip("derive", "--adhesion", name))
     assert "no such file" in refused(railslip("linearize", "--adhesion", "none.py"))
     for text, told in (
-        ("LAW = 3\n", "LAW has no statement, parameters"),
-        ("law = 3\n", "has no LAW"),
-        ("1/0\n", "running it fails with ZeroDivisionError: division by zero; mend the file"),
-        (f"{LAW}LAW = Coulomb\n", "LAW is no adhesion law with its parameters"),
+        ("LAW = 3\n", ": LAW has no statement, parameters"),
+        ("law = 3\n", ": has no LAW"),
+        ("1/0\n", ", line 1: running it fails with ZeroDivisionError: division by zero; mend the file"),
+        (f"{LAW}LAW = Coulomb\n", ": LAW is no adhesion law with its parameters"),
     ):
-        assert f"--adhesion: other.py: {told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
+        assert f"--adhesion: other.py{told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
 
 
 def test_a_python_file_may_hold_a_law_of_the_package(file):

@@ -24,6 +24,7 @@ from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.files import load_scenario
 from railslip_ctrl.simulation.published import published_reference
 from railslip_ctrl.simulation.scenario import Scenario
+from railslip_ctrl.simulation.step_objects import as_control
 from railslip_ctrl.units import quantity, to_unit
 
 from .sampling import Choice, Distribution, Grid, LogNormal, Normal, Sampling, Triangular, Uniform
@@ -137,10 +138,12 @@ def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Contr
     if (keys.kp is None) != (keys.ki is None):
         raise InputError("kp and ki: give both, or neither")
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
-    if keys.controller.lower().endswith(".toml"):
+    if keys.controller.lower().endswith((".toml", ".py")):
         for key in sorted(keys.model_fields_set - {"controller", "name"}):
             raise InputError(f"{key}: {keys.controller} has its own; leave it out")
-        found = load_controller(beside / keys.controller, initial_speed=scenario.initial_speed)
+        path = beside / keys.controller
+        loaded = load_controller(path, initial_speed=scenario.initial_speed)
+        found = as_control(loaded, scenario, path.stem)
     else:
         found = controller_named(
             keys.controller,

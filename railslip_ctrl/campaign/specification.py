@@ -18,6 +18,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters.validation import close_match
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
+from railslip_ctrl.simulation.step_objects import UserStep, as_control
 
 from .paths import Place, numbers, replaced
 from .rows import headed
@@ -75,7 +76,7 @@ class Campaign:
     scenario : Scenario
         What the quantities change.
     controllers : tuple of Controller
-        One or more, of different names.
+        One or more, of different names; whatever `simulation.step_objects.as_control` takes.
     runs : int
         1 to `MOST_RUNS`.
     quantities : tuple of Quantity
@@ -101,6 +102,7 @@ class Campaign:
     sampling: Sampling = Sampling.RANDOM
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "controllers", tuple(as_control(one, self.scenario) for one in self.controllers))
         names = self.controller_names
         if not names:
             raise InputError("controllers: none given; give at least one")
@@ -276,6 +278,8 @@ def described(value: Any) -> Any:
         return str(value)
     elif value is None or isinstance(value, (str, bool, int, float)):
         return value
+    elif isinstance(value, UserStep):
+        return value.fingerprint
     else:
         raise InputError(f"campaign: {type(value).__name__} cannot be written down; give records and numbers")
     return {"kind": type(value).__name__, **{name: described(member) for name, member in members.items()}}

@@ -150,7 +150,7 @@ class ControllerOptions:
         `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
         """
         if self.controller.lower().endswith((".toml", ".py")):
-            return self._from_file(law_speed), None
+            return self._from_file(scenario, law_speed), None
         name = self.controller.strip().lower().replace("_", "-")
         if name not in NAMES:
             raise InputError(
@@ -192,9 +192,9 @@ class ControllerOptions:
             return published_reference(column)
         return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
-    def _from_file(self, law_speed: float) -> Controller:
+    def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
         from railslip_ctrl.simulation.controller_files import load_controller
-        from railslip_ctrl.simulation.controller_modules import controller_in
+        from railslip_ctrl.simulation.step_objects import as_control
 
         for option, given in (
             ("--gains", self.gains),
@@ -208,9 +208,10 @@ class ControllerOptions:
             if given is not None:
                 raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
         path = Path(self.controller)
-        if path.suffix.lower() == ".py":
-            return _naming("--controller", lambda: controller_in(path))
-        return _naming("--controller", lambda: load_controller(path, initial_speed=law_speed))
+        return _naming(
+            "--controller",
+            lambda: as_control(load_controller(path, initial_speed=law_speed), scenario, path.stem),
+        )
 
 
 def collected(function: F) -> F:

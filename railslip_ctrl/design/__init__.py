@@ -1,6 +1,14 @@
 """Controllers, and gains computed for the plants at hand. Knows nothing of simulation."""
 
-from .controllers import PIController, actuated_plant, wheel_slip_loop
+from .controllers import (
+    PIController,
+    PolynomialController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+    wheel_slip_loop,
+)
 from .holding import HoldingDesign, holding_gains
 from .region_maps import MarginGrid, Strip, margin_grid, outline
 from .shaping import gain_for_crossover, most_phase
@@ -20,13 +28,17 @@ __all__ = [
     "IntersectionRegion",
     "MarginGrid",
     "PIController",
+    "PolynomialController",
     "Region",
     "StabilizingRegion",
+    "StateSpaceController",
     "Strip",
     "actuated_plant",
+    "controller_system",
     "gain_for_crossover",
     "holding_gains",
     "intersection",
+    "linear_controller",
     "margin_grid",
     "most_phase",
     "outline",

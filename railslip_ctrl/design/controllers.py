@@ -8,14 +8,19 @@ more slip, so that P > 0 and the feedback is negative.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, overload
 
 import numpy as np
 
 from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import Actuator, PIGains
+from railslip_ctrl.parameters.modules import failure
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,175 @@ def _first_order(lead: float, lag: float) -> Rational:
     return Rational(zeros, poles, (lead or 1.0) / (lag or 1.0))
 
 
+@dataclass(frozen=True)
+class PolynomialController:
+    """C = num/den, a ratio of polynomials.
+
+    Parameters
+    ----------
+    num, den : tuple of float
+        Coefficients of descending powers of s, C in N*m/(m/s); with a `period` of z.
+    period : float, optional
+        Of a discrete-time controller, s; left out, it is continuous.
+
+    Raises
+    ------
+    InputError
+        Coefficients that are not finite, a denominator 0, more zeros than poles, or a period that is not > 0.
+    """
+
+    num: tuple[float, ...]
+    den: tuple[float, ...]
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        _check_period(self.period)
+        _ = self.transfer_function
+
+    @property
+    def structure(self) -> str:
+        """What it is, in words."""
+        return _structure(self.transfer_function, self.period)
+
+    @cached_property
+    def transfer_function(self) -> Rational:
+        """C(s), or C(z), in factored form."""
+        return Rational.from_polynomials(self.num, self.den)
+
+
+@dataclass(frozen=True)
+class StateSpaceController:
+    """C as x' = a x + b e, torque = c x + d e (of a discrete one x of the next sample for x').
+
+    Parameters
+    ----------
+    a, b, c, d : tuples of float
+        n by n, n, n and a number; SI, torque in N*m for e in m/s.
+    period : float, optional
+        As of `PolynomialController`, s.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, entries that are not finite, or a period that is not > 0.
+    """
+
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    c: tuple[float, ...]
+    d: float = 0.0
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        _check_period(self.period)
+        _ = self.transfer_function
+
+    @property
+    def structure(self) -> str:
+        """What it is, in words."""
+        return _structure(self.transfer_function, self.period)
+
+    @cached_property
+    def transfer_function(self) -> Rational:
+        """C(s), or C(z), in factored form."""
+        a = np.array(self.a, dtype=float).reshape(len(self.a), -1)
+        return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
+
+
+def _check_period(period: float | None) -> None:
+    if period is not None:
+        number("period", period, "s", gt=0)
+
+
+def _structure(system: Rational, period: float | None) -> str:
+    return f"{'' if period is None else 'discrete '}transfer function of order {system.poles.size}"
+
+
+LinearController = PIController | PolynomialController | StateSpaceController
+"""The records that any linear controller becomes."""
+
+
+@checked
+def linear_controller(controller: Any, point: OperatingPoint | None = None) -> LinearController:
+    """A linear controller as a record, from slip error e (m/s) to torque (N*m).
+
+    Parameters
+    ----------
+    controller : linear system
+        `PIController`, python-control TransferFunction or StateSpace, scipy.signal system, `Rational`, a real number,
+        or an object with `linear(operating_point)` that returns one of these.
+    point : OperatingPoint, optional
+        What `linear` is asked for.
+
+    Raises
+    ------
+    InputError
+        What is none of these: a step object or function has no margins.
+    """
+    if isinstance(controller, PIController | PolynomialController | StateSpaceController):
+        return controller
+    if callable(linear := getattr(controller, "linear", None)):
+        if point is None:
+            raise InputError("controller: it is linear at an operating point; give one")
+        try:
+            return linear_controller(linear(point), point)
+        except InputError:
+            raise
+        except Exception as error:  # a user's method may fail in any way
+            raise InputError(f"controller {_name(controller)}: {failure(error, 'linear')}") from error
+    if (hasattr(controller, "step") and not hasattr(controller, "dt")) or hasattr(controller, "py_func"):
+        raise step_alone(controller)
+    dt = getattr(controller, "dt", None)
+    if dt is True:
+        raise InputError("controller: its sampling period is not given (dt = True); give dt in s")
+    period = float(dt) if dt else None
+    system = Rational.from_control(controller, "controller", period=period)
+    if hasattr(controller, "A"):
+        rows = np.asarray(controller.A, dtype=float)
+        b, c, d = (tuple(np.ravel(matrix).tolist()) for matrix in (controller.B, controller.C, controller.D))
+        return StateSpaceController(tuple(map(tuple, rows.tolist())), b, c, float(d[0]), period)
+    if hasattr(controller, "num"):
+        one = hasattr(controller, "ninputs")
+        num, den = (controller.num[0][0], controller.den[0][0]) if one else (controller.num, controller.den)
+        num, den = (tuple(np.atleast_1d(each).astype(float).tolist()) for each in (num, den))
+        return PolynomialController(num, den, period)
+    if system.poles.size == 0:
+        return PolynomialController((system.gain,), (1.0,), period)
+    made = realise(system)
+    return StateSpaceController(
+        tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
+    )
+
+
+def step_alone(controller: Any) -> InputError:
+    """The refusal of margins for what is known by its step."""
+    return InputError(
+        f"controller: {_name(controller)} is known by its step alone and has no margins; give it a method "
+        "linear(operating_point) that returns a python-control system"
+    )
+
+
+def _name(thing: Any) -> str:
+    return getattr(thing, "__name__", type(thing).__name__)
+
+
+@checked
+def controller_system(controller: Any, point: OperatingPoint | None = None) -> Rational:
+    """C(s) of a continuous linear `controller`, N*m/(m/s), at a `point`; arguments and errors of `linear_controller`.
+
+    InputError also for a discrete one, whose margins are those of `sampled.sampled_loop`.
+    """
+    design = linear_controller(controller, point)
+    if not isinstance(design, PIController) and design.period is not None:
+        raise InputError(
+            f"controller: a discrete-time system (dt = {design.period:g}) has no transfer function in s; its margins "
+            "are those of wheel_slip_loop"
+        )
+    return design.transfer_function
+
+
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     """From commanded torque (N*m) to -e (m/s) without the dead time: lag of the `actuator` and wheel of the `plant`."""
@@ -85,27 +259,43 @@ def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
     return _first_order(0.0, actuator.lag) * wheel
 
 
+@overload
+def wheel_slip_loop(
+    plant: LinearPlant | OperatingPoint, controller: PIController, actuator: Actuator | None = None
+) -> DeadTimeLoop: ...
+@overload
+def wheel_slip_loop(
+    plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None
+) -> DeadTimeLoop | Any: ...
 @checked
-def wheel_slip_loop(plant: LinearPlant, controller: PIController, actuator: Actuator) -> DeadTimeLoop:
-    """L(s) = C(s) Ga(s) P(s), the dead time exact.
+def wheel_slip_loop(
+    plant: LinearPlant | OperatingPoint, controller: Any, actuator: Actuator | None = None
+) -> DeadTimeLoop | SampledLoop:
+    """L(s) = C(s) Ga(s) P(s), the dead time exact; of a discrete controller the sampled loop, as exact.
 
     Parameters
     ----------
-    plant : LinearPlant
+    plant : LinearPlant or OperatingPoint
         P, from torque at the wheel (N*m) to -e (m/s); with the speed frozen that is sigma.
-    controller : PIController
-        C, N*m/(m/s).
-    actuator : Actuator
-        Ga, dead time and lag, s. [Park2008] p. 55.
+    controller : linear system
+        C, from slip error e = lambda_d v - sigma (m/s) to torque (N*m): see `linear_controller`.
+    actuator : Actuator, optional
+        Ga, dead time and lag, s. [Park2008] p. 55. Left out, that of the operating point's vehicle.
 
     Returns
     -------
-    DeadTimeLoop
-        L, dimensionless, SISO, closed by unity negative feedback.
+    DeadTimeLoop | SampledLoop
+        L, dimensionless, SISO, closed by unity negative feedback; sampled where the controller has a dt.
 
     Raises
     ------
     InputError
-        An argument of another kind.
+        An argument of another kind, or a controller without a transfer function.
     """
-    return DeadTimeLoop(controller.transfer_function * actuated_plant(plant, actuator), actuator.dead_time)
+    if isinstance(plant, OperatingPoint):
+        plant = linearize(plant)
+    actuator = plant.point.vehicle.actuator if actuator is None else actuator
+    design = linear_controller(controller, plant.point)
+    if not isinstance(design, PIController) and design.period is not None:
+        return SampledLoop(design.transfer_function, actuated_plant(plant, actuator), actuator.dead_time, design.period)
+    return DeadTimeLoop(design.transfer_function * actuated_plant(plant, actuator), actuator.dead_time)

@@ -1,17 +1,15 @@
-"""The design as a discrete controller: difference equations, anti-windup, and what sampling costs in margin.
+"""Linear controllers as discrete ones: difference equations, anti-windup, and what sampling costs in margin.
 
-The lead acts on the error first, the PI on its result, so that the integrator is the last state before the limits
-and anti-windup acts on it alone. With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference
-s = (z - 1)/(h z) ([Astrom1997] 8).
+With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,16 +17,28 @@ from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.loop.sampled_system import check_period
 from railslip_ctrl.parameters import Actuator
 
-from .controllers import PIController, actuated_plant
+from .controllers import (
+    LinearController,
+    PIController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+)
+from .difference import linear_step
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Complexes = NDArray[np.complex128]
+
+_AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
 
 class Rule(StrEnum):
@@ -38,74 +48,52 @@ class Rule(StrEnum):
     BACKWARD = "backward"
 
 
-class SampledState(NamedTuple):
-    """What the controller remembers from one sample to the next.
-
-    Attributes
-    ----------
-    integral : float
-        Integral part of the torque, N*m.
-    error, filtered_error : float
-        Latest error and what the lead made of it, m/s.
-    unlimited, torque : float
-        Latest torque before and after the limits, N*m.
-    """
-
-    integral: float
-    error: float
-    filtered_error: float
-    unlimited: float
-    torque: float
-
-
 @dataclass(frozen=True)
 class SampledController:
-    """A `PIController` at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 8).
+    """A linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 8).
 
-    At sample k, with e the slip-velocity error and f what the lead makes of it (f = e without one)::
+    With the continuous design x' = A x + B e, torque = C x + D e (a `PIController`'s states are the integral part of
+    its torque and the error behind the lead's filter), at sample k::
 
-        f[k] = p f[k-1] + q0 e[k] + q1 e[k-1]
-        I[k] = I[k-1] + ki h (b0 f[k] + b1 f[k-1]) + (h/Tt) (acted[k-1] - unlimited[k-1])
-        unlimited[k] = kp f[k] + I[k],    torque[k] = unlimited[k] within the limits
+        x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
+        unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    b0 = b1 = 1/2 with Tustin's rule; b0 = 1, b1 = 0 with the backward difference.
+    phi, now and before are those of the rule, exact for it; of a discrete design its own. `back` moves the poles that
+    decay more slowly than the tracking time Tt, an integrator's first, to 1 - h/Tt while a limit acts, and leaves the
+    others where they are. `difference.linear_step` is what runs.
 
     Parameters
     ----------
-    design : PIController
-        Gains and lead, continuous.
+    design : linear system
+        `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
     period : float
-        h, s, > 0; with a lead and Tustin's rule at most twice its filter's time constant (else the filter rings).
+        h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
     torque_low, torque_high : float
         N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
     rule : Rule
         Tustin's, or the backward difference.
     tracking_time : float, optional
-        Tt of the back-calculation, s, >= h; left out the integral time kp/ki, at least h.
+        Tt of the back-calculation, s, >= h; left out that of the design's slowest zero (of a PI kp/ki), at least h.
         inf switches the anti-windup off.
 
     Raises
     ------
     InputError
-        A period, limit or tracking time out of its range.
+        A design that is not linear, a period, limit or tracking time out of its range.
     """
 
-    design: PIController
+    design: Any
     period: float
     torque_low: float = -math.inf
     torque_high: float = math.inf
     rule: Rule = Rule.TUSTIN
     tracking_time: float | None = None
-    _step: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_fields(self)
-        h, filter_time = check_period(self.period), self.design.lead_filter
-        if self.rule is Rule.TUSTIN and 0 < filter_time < h / 2:
-            raise InputError(
-                f"period: {h:g} s is not allowed with a lead filter of {filter_time:g} s; give a value <= "
-                f"{2 * filter_time:g} (s), or the backward rule"
-            )
+        object.__setattr__(self, "design", linear_controller(self.design))
+        h = check_period(self.period)
+        _check_rule(self.design, self.rule, h)
         if not self.torque_low < self.torque_high:
             raise InputError(
                 f"torque limits: low {self.torque_low:g} and high {self.torque_high:g} N*m are not allowed; give "
@@ -115,68 +103,41 @@ class SampledController:
             raise InputError(
                 f"tracking time: {self.tracking_time:g} s is not allowed; give a value >= the period {h:g} (s)"
             )
-        object.__setattr__(self, "_step", self._constants())
-
-    def _constants(self) -> tuple[float, ...]:
-        """kp, p, q0, q1, the integrator's weights of f[k] and f[k-1], and h/Tt."""
-        h, gains = self.period, self.design.gains
-        q0, q1, p = self._lead
-        b0, b1 = (0.5, 0.5) if self.rule is Rule.TUSTIN else (1.0, 0.0)
-        tracking = h / self.effective_tracking_time if gains.ki != 0 else 0.0
-        return gains.kp, p, q0, q1, gains.ki * h * b0, gains.ki * h * b1, tracking
 
     @property
-    def constants(self) -> tuple[float, ...]:
-        """kp, p, q0, q1, ki h b0, ki h b1 and h/Tt of the difference equations."""
-        return self._step
+    def states(self) -> tuple[str, ...]:
+        """Names of the first numbers of what `step` remembers."""
+        return (*state_names(self.design), "error", "unlimited_torque")
 
-    @property
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """What `difference.linear_step` takes from its `c`."""
+        phi, now, before, c, d = _difference(self.design, self.rule, self.period)
+        parts = (c, now, before, self._back(phi, c), phi.ravel())
+        return (float(c.size), self.torque_low, self.torque_high, d, *(float(x) for part in parts for x in part))
+
+    def _back(self, phi: Floats, c: Floats) -> Floats:
+        tracking = self.effective_tracking_time
+        if isinstance(self.design, PIController):  # of its two states only the integral winds up
+            share = self.period / tracking if self.design.gains.ki != 0 else 0.0
+            return np.array([share, *[0.0] * (c.size - 1)])
+        return np.append(0.0, _back_calculation(phi[1:, 1:], c[1:], self.period, tracking))
+
+    @cached_property
     def effective_tracking_time(self) -> float:
         """Tt in use, s."""
-        gains = self.design.gains
         if self.tracking_time is not None:
             return self.tracking_time
-        return max(self.period, abs(gains.kp / gains.ki)) if gains.ki != 0 else math.inf
+        if isinstance(self.design, PIController):
+            gains = self.design.gains
+            return max(self.period, abs(gains.kp / gains.ki)) if gains.ki != 0 else math.inf
+        zeros = self.design.transfer_function.zeros
+        speeds = np.abs(zeros if self.design.period is None else (1 - zeros) / self.period)
+        slowest = np.min(speeds[speeds > 1e-9 / self.period], initial=math.inf)
+        return max(self.period, float(1 / slowest))
 
-    @property
-    def _lead(self) -> tuple[float, float, float]:
-        """q0, q1 and p of the lead (q0 z + q1)/(z - p)."""
-        h = self.period
-        lead, lag = self.design.lead / h, self.design.lead_filter / h
-        if lead == lag == 0:
-            return 1.0, 0.0, 0.0
-        if self.rule is Rule.TUSTIN:
-            scale = 1 + 2 * lag
-            return (1 + 2 * lead) / scale, (1 - 2 * lead) / scale, (2 * lag - 1) / scale
-        scale = 1 + lag
-        return (1 + lead) / scale, -lead / scale, lag / scale
-
-    # -- the difference equations -------------------------------------------------------------------------
-
-    def step(
-        self, state: SampledState, error: float, torque_applied: float | None = None
-    ) -> tuple[SampledState, float]:
-        """The state after a sample and the torque to command until the next, N*m; a pure function.
-
-        `error` is lambda_d v - sigma, m/s. `torque_applied` is the command that the brake accepted since the
-        previous sample, N*m, where something beyond the controller's own limits held it back; left out, its own. A
-        sample that is not finite is skipped: state and torque stay as they were.
-        """
-        if not math.isfinite(error):
-            return state, state.torque
-        kp, p, q0, q1, now, before, tracking = self._step
-        acted = state.torque if torque_applied is None else torque_applied
-        filtered = p * state.filtered_error + q0 * error + q1 * state.error
-        integral = state.integral + now * filtered + before * state.filtered_error
-        integral += tracking * (acted - state.unlimited)
-        unlimited = kp * filtered + integral
-        torque = min(max(unlimited, self.torque_low), self.torque_high)
-        return SampledState(integral, error, filtered, unlimited, torque), torque
-
-    def initial_state(self, torque: float = 0.0, error: float = 0.0) -> SampledState:
-        """The state from which a first step with `error` (m/s) gives exactly this `torque` (N*m): no bump.
-
-        The error counts as having stood since long, so that the lead is at rest.
+    def start(self, torque: float = 0.0) -> tuple[float, ...]:
+        """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
 
         Raises InputError if the torque is outside the limits.
         """
@@ -185,31 +146,34 @@ class SampledController:
                 f"initial torque: {torque:g} N*m is not allowed; give a value from {self.torque_low:g} to "
                 f"{self.torque_high:g} (N*m)"
             )
-        kp, _, _, _, now, before, _ = self._step
-        return SampledState(torque - (kp + now + before) * error, error, error, torque, torque)
+        return start_state(self.design, torque)
 
-    def take_over(self, state: SampledState) -> SampledState:
-        """The state of another controller of the same lead, for this one to go on from without a bump in torque.
+    def step(self, x: Floats, error: float, applied: float | None = None) -> float:
+        """The torque to command until the next sample, N*m.
 
-        For gain scheduling: only the integral part changes, by what the proportional part will.
+        `x`, an array of `start`, shape (2 n + 2,), units of `states`, is changed.
+
+        `error` is lambda_d v - sigma, m/s. `applied` is the command that the brake took since the sample before, N*m,
+        where something beyond the controller's own limits held it back; left out, its own. A sample that is not finite
+        is skipped: state and torque stay as they were.
         """
-        torque = min(max(state.unlimited, self.torque_low), self.torque_high)
-        integral = state.unlimited - self.design.gains.kp * state.filtered_error
-        return state._replace(integral=integral, torque=torque)
+        if applied is None:
+            unlimited = float(x[len(self.states) - 1])
+            applied = min(max(unlimited, self.torque_low), self.torque_high)
+        return float(linear_step(x, self.numbers, 0, error, applied))  # type: ignore[no-untyped-call]
 
-    # -- as a transfer function ---------------------------------------------------------------------------
-
-    @property
+    @cached_property
     def transfer_function(self) -> Rational:
-        """C in the variable z, between the limits; its pole at 1 is exact."""
-        kp, p, q0, q1, now, before, _ = self._step
-        pi = Rational(np.array([]), np.array([]), kp)
-        if self.design.gains.ki != 0:
-            # kp + (now z + before)/(z - 1)
-            pi = _first_order(kp + now, before - kp, -1.0)
-        if (q1, p) == (0.0, 0.0):
-            return pi
-        return pi * _first_order(q0, q1, -p)
+        """C in the variable z, between the limits, of the same equations; an integrator's pole at 1 is exact."""
+        system: Rational = self.design.transfer_function
+        if not isinstance(self.design, PIController) and self.design.period is not None:
+            return system
+        h = self.period
+        above, zeros = _mapped(system.zeros, self.rule, h)
+        below, poles = _mapped(system.poles, self.rule, h)
+        # every s - root has z + 1 (of Tustin's rule) or z (of the backward difference) below its line
+        rest = np.full(system.relative_degree, -1.0 if self.rule is Rule.TUSTIN else 0.0)
+        return Rational(np.append(zeros, rest), poles, float((system.gain * above / below).real))
 
     @cached_property
     def coefficients(self) -> tuple[Floats, Floats]:
@@ -220,11 +184,106 @@ class SampledController:
         return np.concatenate([np.zeros(denominator.size - numerator.size), numerator]), denominator
 
 
-def _first_order(b0: float, b1: float, a1: float) -> Rational:
-    """(b0 z + b1)/(z + a1)."""
-    if b0 == 0:
-        return Rational(np.array([]), np.array([-a1]), b1)
-    return Rational(np.array([-b1 / b0]), np.array([-a1]), b0)
+def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
+    """The product of s - root in z, but for the rule's denominators: its leading factor and its roots."""
+    ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
+    at_infinity = np.abs(ahead) < _AT_INFINITY
+    scale = 2 / h if rule is Rule.TUSTIN else 1 / h
+    leading = np.prod(np.where(at_infinity, -behind, ahead) * scale)
+    return complex(leading), np.asarray(behind[~at_infinity] / ahead[~at_infinity])
+
+
+def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
+    if isinstance(design, PIController):
+        filter_time = design.lead_filter
+        if rule is Rule.TUSTIN and 0 < filter_time < h / 2:
+            raise InputError(
+                f"period: {h:g} s is not allowed with a lead filter of {filter_time:g} s; give a value <= "
+                f"{2 * filter_time:g} (s), or the backward rule"
+            )
+        return
+    if design.period is not None:
+        if not math.isclose(design.period, h):
+            raise InputError(f"period: {h:g} s is not allowed with a discrete controller of {design.period:g} s")
+        return
+    poles = design.transfer_function.poles
+    real = poles[poles.imag == 0].real
+    limit = 2.0 if rule is Rule.TUSTIN else 1.0
+    rising, falling = float(np.max(real, initial=0.0)), float(np.max(-real, initial=0.0))
+    fastest = max(rising, falling) if rule is Rule.TUSTIN else rising
+    if rising * h >= limit or (rule is Rule.TUSTIN and falling * h > limit):
+        other = ", or the backward rule" if rule is Rule.TUSTIN else ""
+        raise InputError(
+            f"period: {h:g} s is not allowed with a pole of {fastest:g} 1/s; give a value <= {limit / fastest:.3g} (s)"
+            f"{other}"
+        )
+
+
+def state_names(design: LinearController) -> tuple[str, ...]:
+    """Names of the states of a design's difference equations."""
+    if isinstance(design, PIController):
+        return ("integral", "lagged_error") if design.lead_filter > 0 else ("integral",)
+    return ("initial_torque", *(f"x{i + 1}" for i in range(_continuous(design)[1].size - 1)))
+
+
+def start_state(design: LinearController, torque: float) -> tuple[float, ...]:
+    """At rest but for a torque, N*m, that stays: states, error, torque, and room for as many states."""
+    n = len(state_names(design))
+    return (torque, *[0.0] * n, torque, *[0.0] * n)
+
+
+def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
+    """A, B, C, D; the first state is the integral part of a PI's torque, of another design a constant torque."""
+    if isinstance(design, PIController):
+        kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
+        if lag == 0:
+            return np.zeros((1, 1)), np.array([ki]), np.ones(1), kp
+        direct = design.lead / lag  # (lead s + 1)/(lag s + 1) = direct + (1 - direct)/(lag s + 1)
+        a = np.array([[0.0, ki * (1 - direct)], [0.0, -1 / lag]])
+        return a, np.array([ki * direct, 1 / lag]), np.array([1.0, kp * (1 - direct)]), kp * direct
+    if isinstance(design, StateSpaceController):
+        inner, b, c, d = np.array(design.a, dtype=float), np.array(design.b), np.array(design.c), design.d
+    else:
+        made = realise(design.transfer_function)
+        inner, b, c, d = made.a, made.b, made.c, made.d
+    n = b.size
+    a = np.zeros((n + 1, n + 1))
+    a[1:, 1:] = inner.reshape(n, n)
+    return a, np.append(0.0, b), np.append(1.0, c), d
+
+
+def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
+    """phi, now, before, C and D of the difference equations."""
+    a, b, c, d = _continuous(design)
+    one = np.eye(b.size)
+    if not isinstance(design, PIController) and design.period is not None:
+        a[0, 0] = 1.0
+        return a, 0.0 * b, b, c, d
+    if rule is Rule.BACKWARD:
+        inverse = np.linalg.inv(one - h * a).astype(float)
+        return inverse, inverse @ (b * h), 0.0 * b, c, d
+    inverse = np.linalg.inv(one - h / 2 * a).astype(float)
+    share = inverse @ (b * h * 0.5)
+    return inverse @ (one + h / 2 * a), share, share, c, d
+
+
+def _back_calculation(phi: Floats, c: Floats, h: float, tracking_time: float) -> Floats:
+    """Weights of acted - unlimited that move the slow poles of phi, and no others, to 1 - h/Tt.
+
+    Slow ones are those that decay more slowly; on their invariant subspace by Ackermann's formula, in (z - 1)/h, where
+    poles near 1 lie well apart. Modes that the torque does not show stay.
+    """
+    from scipy.linalg import schur
+
+    if c.size == 0 or math.isinf(tracking_time):
+        return np.zeros(c.size)
+    least = (1 - h / tracking_time) * (1 + 1e-12)
+    triangle, basis, count = schur(phi, output="real", sort=lambda re, im: math.hypot(re, im) > least)
+    slow, row = (triangle[:count, :count] - np.eye(count)) / h, c @ basis[:, :count]
+    observed = np.array([row @ np.linalg.matrix_power(slow, k) for k in range(count)]).reshape(count, count)
+    moved = np.linalg.matrix_power(slow + np.eye(count) / tracking_time, count)
+    weights = moved @ np.linalg.lstsq(observed, np.eye(count)[:, -1], rcond=None)[0] if count else np.zeros(0)
+    return np.asarray(h * basis[:, :count] @ weights)
 
 
 # --- margins ---------------------------------------------------------------------------------------------------------
@@ -273,7 +332,7 @@ def continuous_equivalent(
     Agrees with `sampled_loop` to the order of h squared ([Astrom1997] 8 replaces the hold by this delay).
     """
     delay = actuator.dead_time + controller.period / 2 + _computation(computation)
-    return DeadTimeLoop(controller.design.transfer_function * actuated_plant(plant, actuator), delay)
+    return DeadTimeLoop(controller_system(controller.design) * actuated_plant(plant, actuator), delay)
 
 
 @checked

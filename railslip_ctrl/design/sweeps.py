@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import inspect
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +17,11 @@ from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.units import KMH
 
-from .controllers import PIController, wheel_slip_loop
+from .controllers import controller_system, wheel_slip_loop
 from .families import family_margins
 
-Controller = PIController | Callable[[float], PIController]
-"""A fixed controller, or one scheduled over the sweep's own axis."""
+Controller = Any
+"""A fixed linear controller (`controllers.linear_controller`), or a function of the sweep's own axis that gives one."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,9 @@ def _sweep(
         raise InputError("sweep: give at least one value and one controller")
     margins = {}
     for name, controller in controllers.items():
-        fixed = [controller if isinstance(controller, PIController) else controller(float(x)) for x in values]
-        loops = [wheel_slip_loop(p, c, p.point.vehicle.actuator) for p, c in zip(plants, fixed, strict=True)]
+        scheduled = inspect.isfunction(controller) or inspect.ismethod(controller)
+        fixed = [controller(float(x)) if scheduled else controller for x in values]
+        loops = [wheel_slip_loop(p, controller_system(c, p.point)) for p, c in zip(plants, fixed, strict=True)]
         margins[name] = family_margins(loops)
     pole = np.array([float(plant.poles.real.max()) for plant in plants])
     return MarginSweep(title, axis, unit, np.asarray(values, dtype=float), pole, margins)

@@ -120,16 +120,24 @@ class Rational:
         return _factor(a, b, c, d)
 
     @classmethod
-    def from_control(cls, system: Any, name: str = "loop") -> Rational:
-        """From a linear `system` of python-control or scipy.signal, continuous-time and SISO, or a real number.
+    def from_control(cls, system: Any, name: str = "loop", *, period: float | None = None) -> Rational:
+        """From a linear `system` of python-control or scipy.signal, SISO, or a real number.
+
+        Continuous-time, in s; with a `period` (s) discrete-time with that dt, in z. What has a `transfer_function`,
+        as a `PIController`, is taken by that.
 
         Raises
         ------
         InputError
-            Discrete-time, MIMO, nonlinear, frequency-response data, or not proper; it begins with `name`.
+            Discrete-time, or of another period, MIMO, nonlinear, frequency-response data, or not proper; it begins
+            with `name`.
         """
         if isinstance(system, Rational):
             return system
+        own = getattr(system, "transfer_function", None)
+        if isinstance(own, Rational):
+            _check_time(name, getattr(system, "period", None) or 0, period)
+            return own
         if isinstance(system, (int, float, np.integer, np.floating)) and not isinstance(system, bool):
             return cls(np.array([]), np.array([]), real("system", system))
         ports = [getattr(system, f"n{side}", getattr(system, side, None)) for side in ("inputs", "outputs")]
@@ -144,10 +152,7 @@ class Rational:
                 f"{name}: a system with {ports[0]} inputs and {ports[1]} outputs is not SISO; "
                 "select one input and one output"
             )
-        if system.dt not in (None, 0):
-            raise InputError(
-                f"{name}: a discrete-time system (dt = {system.dt}) is not accepted; give a continuous one"
-            )
+        _check_time(name, system.dt, period)
         if form == "A":
             return cls.from_state_space(system.A, system.B, system.C, system.D)
         if form == "gain":
@@ -253,6 +258,16 @@ class Rational:
     def angle_slope(self, omega: Floats) -> Floats:
         """Its derivative alone, s, at `omega`, rad/s, of any shape."""
         return np.asarray(_angle_slope(self.zeros, omega) - _angle_slope(self.poles, omega))
+
+
+def _check_time(name: str, dt: float | bool | None, period: float | None) -> None:
+    """Refuse a discrete-time system where a continuous one is asked for, and any but that of a period, s."""
+    if period is None and dt not in (None, 0):
+        raise InputError(f"{name}: a discrete-time system (dt = {dt}) is not accepted; give a continuous one")
+    if period is not None and not (dt in (None, True) or math.isclose(dt, period)):
+        raise InputError(
+            f"{name}: a system with dt = {dt:g} s does not go with a period of {period:g} s; sample it there"
+        )
 
 
 def polynomial_roots(coefficients: ArrayLike) -> Complexes:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -58,10 +58,10 @@ class SampledSystem:
 
     Parameters
     ----------
-    controller : Rational
-        C in the variable z, proper; u = C (reference - y) at the samples.
-    plant : Rational
-        P in the variable s, strictly proper, without dead time.
+    controller : python-control or scipy.signal system of that period, `Rational` in z, or a real number
+        C, proper; u = C (reference - y) at the samples.
+    plant : python-control or scipy.signal system, or `Rational` in s
+        P, continuous-time, strictly proper, without dead time.
     dead_time : float
         s, >= 0, between the controller's output and the plant: actuator and computation together.
     period : float
@@ -70,21 +70,23 @@ class SampledSystem:
     Raises
     ------
     InputError
-        The plant is not strictly proper, or a time is out of range.
+        A system of another kind, a plant that is not strictly proper, or a time out of range.
     """
 
-    def __init__(self, controller: Rational, plant: Rational, dead_time: float, period: float) -> None:
+    def __init__(self, controller: Any, plant: Any, dead_time: float, period: float) -> None:
         check_period(period)
+        c = Rational.from_control(controller, "controller", period=period)
+        p = Rational.from_control(plant, "plant")
         if not (math.isfinite(dead_time) and dead_time >= 0):
             raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
-        if plant.relative_degree < 1:
+        if p.relative_degree < 1:
             raise InputError(
-                f"sampled plant: {plant.zeros.size} zeros and {plant.poles.size} poles are not strictly proper; add "
+                f"sampled plant: {p.zeros.size} zeros and {p.poles.size} poles are not strictly proper; add "
                 "the actuator's lag"
             )
-        if controller.gain == 0:
+        if c.gain == 0:
             raise InputError("sampled loop: a controller with gain 0 closes no loop; give one that is not 0")
-        self._controller, self._plant = controller, plant
+        self._controller, self._plant = c, p
         self._dead_time, self._period = float(dead_time), float(period)
 
     @property

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
+
+import numpy as np
 
 from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.design.controllers import LinearController, PIController
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import source_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Certificate, Margins
+from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.parameters import Vehicle, remarks
 
 from .laws import law_json
@@ -107,25 +112,21 @@ def _pade_json(row: PadeRow) -> dict[str, Any]:
 
 def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
     """One loop's margins, of an unstable loop null, and its certificate where there is one."""
-    controller = assessment.controller
-    described: dict[str, Any] = {"kp_si": controller.gains.kp, "ki_si": controller.gains.ki}
-    if controller.structure != "PI":
-        described |= {"lead_s": controller.lead, "lead_filter_s": controller.lead_filter}
     usable = assessment.stabilizing_gain_range
     limits = assessment.limits
     return {
         **case_json(assessment.point),
         **_context_json(assessment.point),
-        "controller": described,
+        "controller": controller_json(assessment.controller),
         "actuator": {"dead_time_s": assessment.actuator.dead_time, "lag_s": assessment.actuator.lag},
         "plant_poles": _complex_pairs(assessment.plant.poles),
-        "open_loop_unstable_poles": assessment.loop.open_loop_unstable_poles,
+        "open_loop_unstable_poles": open_loop_unstable_poles(assessment),
         "stable": assessment.stable,
         "unstable_closed_loop_poles": (
             int(assessment.unstable_poles) if math.isfinite(assessment.unstable_poles) else None
         ),
         "closed_loop_poles": _complex_pairs(assessment.closed_loop_poles),
-        "gain_crossovers_rad_s": [float(w) for w in assessment.loop.gain_crossovers],
+        "gain_crossovers_rad_s": [float(w) for w in _crossovers(assessment)],
         **margin_numbers(assessment.margins),
         "stabilizing_gain_range": None if usable is None else [number(usable[0]), number(usable[1])],
         "frequencies_rad_s": _frequencies(assessment.margins),
@@ -138,8 +139,41 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
         },
         "pade": [_pade_json(row) for row in assessment.pade],
         "verdict": assessment.verdict.value,
+        **_sampled_json(assessment),
         **({} if certificate is None else {"certificate": _certificate_json(certificate)}),
     }
+
+
+def controller_json(controller: LinearController) -> dict[str, Any]:
+    """The numbers of a linear controller, SI."""
+    if isinstance(controller, PIController):
+        found: dict[str, Any] = {"kp_si": controller.gains.kp, "ki_si": controller.gains.ki}
+        if controller.structure != "PI":
+            found |= {"lead_s": controller.lead, "lead_filter_s": controller.lead_filter}
+        return found
+    return {"structure": controller.structure, **{k: v for k, v in asdict(controller).items() if v is not None}}
+
+
+def _crossovers(assessment: Assessment) -> Sequence[float]:
+    if isinstance(assessment.loop, SampledLoop):
+        return () if assessment.margins is None else assessment.margins.gain_crossovers.tolist()
+    return list(assessment.loop.gain_crossovers)
+
+
+def open_loop_unstable_poles(assessment: Assessment) -> int:
+    """Poles of the open loop right of the imaginary axis, of a sampled one outside the unit circle."""
+    loop = assessment.loop
+    if isinstance(loop, SampledLoop):
+        return int(np.count_nonzero(np.abs(loop.controller.poles) > 1) + np.count_nonzero(loop.plant.poles.real > 0))
+    return int(loop.open_loop_unstable_poles)
+
+
+def _sampled_json(assessment: Assessment) -> dict[str, Any]:
+    """Margins of what is run, where a continuous controller says how it is sampled."""
+    if assessment.as_run is None:
+        return {}
+    stable = assessment.as_run.is_stable()
+    return {"sampled": {"period_s": assessment.as_run.period, "stable": stable, **margin_numbers(assessment.sampled)}}
 
 
 def _certificate_json(certificate: Certificate) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from railslip_ctrl.design import PIController
 from railslip_ctrl.law_sources import GIVEN, law_words, source_of
 from railslip_ctrl.parameters import Rail, remarks
 from railslip_ctrl.simulation import (
@@ -27,7 +28,7 @@ from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH
 
-from .jsonable import number
+from .jsonable import controller_json, number
 from .laws import law_json
 from .layout import facts, fixed, heading, render, table
 from .text import controller_text, vehicle_facts
@@ -128,10 +129,12 @@ def _law_source(scenario: Scenario, law_speed: float | None) -> str:
     return source_of(scenario.adhesion, lambda: named_law(scenario.adhesion.name, scenario.vehicle, v0))
 
 
-def gain_values(controller: Controller) -> dict[str, float | None]:
+def gain_values(controller: Controller) -> dict[str, Any]:
     """The gains of a controller by name, SI; empty where it has none."""
     if isinstance(controller, LinearControl):
         design = controller.design
+        if not isinstance(design, PIController):
+            return controller_json(design)
         return {
             "kp_si": design.gains.kp,
             "ki_si": design.gains.ki,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import zip_longest
+from typing import Any
 
 from rich.console import RenderableType
 from rich.padding import Padding
@@ -16,6 +17,7 @@ from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
@@ -24,6 +26,7 @@ from railslip_ctrl.parameters import Actuator, Rail, Vehicle, remarks
 from railslip_ctrl.rounding import BOUND_DIGITS, rounded_down, rounded_up
 from railslip_ctrl.units import KMH
 
+from .jsonable import open_loop_unstable_poles
 from .layout import counted, facts, fixed, heading, render, roots_text, table
 
 
@@ -38,13 +41,21 @@ def case_title(point: OperatingPoint) -> str:
     )
 
 
-def controller_text(controller: PIController) -> str:
+def controller_text(controller: LinearController) -> str:
+    """What a linear controller is, with its numbers."""
+    if not isinstance(controller, PIController):
+        numbers = {k: v for k, v in asdict(controller).items() if v is not None}
+        return f"{controller.structure}: " + ", ".join(f"{k} {_plain(v)}" for k, v in numbers.items())
     kp, ki = controller.gains.kp, controller.gains.ki
     text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
     text += f"   ({kp * KMH:.5g} N·m per km/h, {ki * KMH:.5g} N·m per km/h per s)"
     if controller.structure != "PI":
         text += f", lead ({controller.lead:g} s + 1)/({controller.lead_filter:g} s + 1)"
     return text
+
+
+def _plain(value: float | tuple[Any, ...]) -> str:
+    return f"[{' '.join(map(_plain, value))}]" if isinstance(value, tuple) else f"{value:.6g}"
 
 
 def _actuator(actuator: Actuator) -> str:
@@ -208,16 +219,28 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
-        ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
+        ("Open loop", counted(open_loop_unstable_poles(assessment), "unstable pole")),
         ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
     if assessment.margins is not None:
         parts.append(_margin_table(assessment, assessment.margins))
         parts.append(_crossover_line(assessment.margins))
-    parts += _pade_part(assessment)
+    if assessment.pade:
+        parts += _pade_part(assessment)
+    if assessment.as_run is not None:
+        parts.append(Text(_sampled_line(assessment.as_run.period, assessment.sampled)))
     parts.append(Text(f"Verdict: {assessment.verdict_line}"))
     return parts
+
+
+def _sampled_line(period: float, sampled: Margins | None) -> str:
+    if sampled is None:
+        return f"As run, sampled every {period:g} s: unstable"
+    return (
+        f"As run, sampled every {period:g} s: Ms {rounded_up(sampled.ms):g}, phase margin {sampled.phase_deg:.4g} deg, "
+        f"delay margin {sampled.delay_s:.4g} s"
+    )
 
 
 def _certificate(certificate: Certificate | None) -> list[RenderableType]:

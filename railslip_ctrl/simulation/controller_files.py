@@ -1,6 +1,6 @@
-"""Controllers from the user's TOML files.
+"""Controllers from the user's files: TOML, and Python files, which are run and name theirs `CONTROLLER`.
 
-kind = "pi"                       # pi, asmc, scheduled, slide-protection or torque-profile
+kind = "pi"                       # one of `KINDS`
 kp = "336 N*m/(km/h)"             # the keys of its kind, see the classes below; plain numbers are SI
 ki = 1220.0
 lead = "0.6 s"
@@ -30,6 +30,7 @@ from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.parameters import PIGains, Record
+from railslip_ctrl.parameters.modules import record_in
 from railslip_ctrl.parameters.validation import close_match, file_name, given_path, read_text, read_toml, validated
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.units import KMH, quantity, shown
@@ -189,23 +190,30 @@ KINDS: dict[str, type[ControllerKeys]] = {
 
 
 @checked
-def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Controller:
+def load_controller(path: str | Path, *, initial_speed: float | None = None) -> Any:
     """Read a controller.
 
     Parameters
     ----------
     path : str or Path
-        The TOML file; the module says what is in it.
+        The TOML file; the module says what is in it. A Python file is run as a script is: give only those you trust.
     initial_speed : float, optional
         v0 of the run, m/s, at which a model of its own is taken that has polynomials of v0; not needed without.
+
+    Returns
+    -------
+    Controller | Any
+        What a run takes (SI); of a Python file its `CONTROLLER`: a linear system, a step object or a function.
 
     Raises
     ------
     InputError
-        One line naming the file, the key, the value and what is allowed.
+        One line naming the file, the key, the value and what is allowed; of a Python file that fails, its line.
     """
     path = given_path(path)
     where = file_name(path)
+    if path.suffix.lower() == ".py":
+        return record_in(path, "CONTROLLER", ())
     content = read_toml(path)
     kind = content.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:

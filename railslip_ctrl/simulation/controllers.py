@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.arguments import check_fields, number
-from railslip_ctrl.design.controllers import PIController
-from railslip_ctrl.design.sampled import Rule, SampledController
+from railslip_ctrl.design.controllers import LinearController, PIController, linear_controller
+from railslip_ctrl.design.sampled import Rule, SampledController, start_state, state_names
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import plant_parameters
@@ -19,10 +21,12 @@ from railslip_ctrl.sliding.gains import LawGains, gain_parameters
 from railslip_ctrl.sliding.generated import generated_law, law_states
 from railslip_ctrl.units import KMH
 
-from .kernel_text import step_text
+from .kernel_text import difference_text, step_text
 from .sliding_text import sliding_source
 
 if TYPE_CHECKING:
+    from railslip_ctrl.linearization import OperatingPoint
+
     from .scenario import Scenario
 
 
@@ -82,24 +86,25 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class LinearControl:
-    """A `PIController`, sampled, with limits and anti-windup; see `design.sampled.SampledController`.
+    """A linear controller, sampled, with limits and anti-windup; see `design.sampled.SampledController`.
 
     Parameters
     ----------
-    design : PIController
-        Gains and lead, continuous.
+    design : linear system
+        `PIController`, a python-control system or what else `design.controllers.linear_controller` takes.
     reference : ReferenceSlip
         Slip ratio to be held, by rail.
     name : str
         For reports.
     period : float or None
-        Sampling period, s; None samples at every step.
+        Sampling period, s; None samples at every step, a discrete design at its own.
     torque_low, torque_high : float
         The controller's own limits, N*m.
     tracking_time, rule
         As of `SampledController`; a tracking time of inf: no anti-windup.
     initial_torque : float
-        The integral's start, N*m: a torque that the rail surely takes, which need not be built up first.
+        N*m, from the start: a torque that the rail surely takes, which need not be built up first; where an integral
+        starts, added to the torque of a controller without one.
     cut_out_speed, cut_out_torque : float
         Below that measured train speed, m/s, slip is no longer controlled and that torque, N*m, is commanded; a speed
         of 0: never.
@@ -109,10 +114,11 @@ class LinearControl:
     Raises
     ------
     InputError
-        An initial or cut-out torque that is not finite, a cut-out speed that is not or is negative.
+        An initial or cut-out torque that is not finite, a cut-out speed that is not or is negative; as of
+        `SampledController`, where the period is known.
     """
 
-    design: PIController
+    design: Any
     reference: ReferenceSlip
     name: str = "pi"
     period: float | None = None
@@ -126,30 +132,45 @@ class LinearControl:
     model_law: None = None
     knows_rail: bool = True
 
-    states = ("integral", "error", "filtered_error", "unlimited_torque")
-
     def __post_init__(self) -> None:
         check_fields(self)
+        object.__setattr__(self, "design", linear_controller(self.design))
+        if self.period is None and not isinstance(self.design, PIController):
+            object.__setattr__(self, "period", self.design.period)
         number("initial torque", self.initial_torque, "N*m")
         number("cut-out speed", self.cut_out_speed, "m/s", ge=0)
         number("cut-out torque", self.cut_out_torque, "N*m")
+        _ = self.as_run
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Those of the difference equations, the error before and the torque before its limits."""
+        return (*state_names(self.design), "error", "unlimited_torque")
+
+    def linear(self, point: OperatingPoint) -> LinearController:
+        """The design, the same at every operating point."""
+        return self.design  # type: ignore[no-any-return]
 
     def sampled(self, period: float) -> SampledController:
         """The difference equations at a period, s."""
         return SampledController(self.design, period, self.torque_low, self.torque_high, self.rule, self.tracking_time)
 
+    @property
+    def as_run(self) -> SampledController | None:
+        """The difference equations, where they do not follow the step of the scenario."""
+        return None if self.period is None else self.sampled(self.period)
+
     def source(self) -> str:
         """Text of its `command`."""
-        return step_text("linear")
+        return difference_text() + step_text("linear")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """kp, p, q0, q1, the integrator's weights, h/Tt, limits, cut-out speed and torque."""
-        limits, cut_out = (self.torque_low, self.torque_high), (self.cut_out_speed, self.cut_out_torque)
-        return (*self.sampled(situation.period).constants, *limits, *cut_out)
+        """Cut-out speed and torque, then the numbers of the difference equations."""
+        return (self.cut_out_speed, self.cut_out_torque, *self.sampled(situation.period).numbers)
 
     def start(self, speed: float) -> tuple[float, ...]:
         """At rest but for the initial torque."""
-        return (self.initial_torque, 0.0, 0.0, self.initial_torque)
+        return start_state(self.design, self.initial_torque)
 
 
 @dataclass(frozen=True)
@@ -177,16 +198,15 @@ class ScheduledControl:
     model_law: None = None
     knows_rail: bool = True
 
-    states = LinearControl.states
+    states = ("integral", "error", "filtered_error", "unlimited_torque")
 
     def __post_init__(self) -> None:
         check_fields(self)
         number("initial torque", self.initial_torque, "N*m")
 
-    def sampled(self, speed: float, rail: Rail, period: float) -> SampledController:
-        """The difference equations at a speed, m/s, on a rail, and a period, s."""
-        design = self.schedule.controller(speed, rail)
-        return SampledController(design, period, self.torque_low, self.torque_high, self.rule, self.tracking_time)
+    def linear(self, point: OperatingPoint) -> PIController:
+        """The PI at an operating point's speed and rail."""
+        return self.schedule.controller(point.speed, point.rail)
 
     def source(self) -> str:
         """Text of its `command`."""
@@ -198,14 +218,23 @@ class ScheduledControl:
         by_rail = [sorted({e.speed_kmh * KMH for e in self.schedule.entries if e.rail is one}) for one in Rail]
         speeds = by_rail[tuple(Rail).index(rail)] or [situation.scenario.initial_speed]  # none: the schedule refuses
         designs = [self.schedule.controller(speed, rail).gains for speed in speeds]
-        # the lead is the same at all speeds; with ki = 1 its weights are those of the integrator alone
-        lead = PIController(PIGains(kp=1.0, ki=1.0), self.schedule.lead, self.schedule.lead_filter)
-        _, p, q0, q1, now, before, _ = SampledController(lead, h, rule=self.rule).constants
+        p, q0, q1 = self._lead(h)
+        now, before = (h * 0.5, h * 0.5) if self.rule is Rule.TUSTIN else (h, 0.0)
         tracking = -1.0 if self.tracking_time is None else h / self.tracking_time
         return (
             *(p, q0, q1, now, before, tracking, h, self.torque_low, self.torque_high, float(len(speeds))),
             *(*speeds, *(gains.kp for gains in designs), *(gains.ki for gains in designs)),
             *(0.0,) * (3 * (max(map(len, by_rail)) - len(speeds))),  # rows of both rails have one length
+        )
+
+    def _lead(self, h: float) -> tuple[float, float, float]:
+        """p, q0 and q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
+        design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
+        made = SampledController(design, h, rule=self.rule).transfer_function
+        return (
+            float(np.sum(made.poles).real),
+            made.gain,
+            -made.gain * float(np.sum(made.zeros).real),
         )
 
     def start(self, speed: float) -> tuple[float, ...]:

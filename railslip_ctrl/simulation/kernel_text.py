@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.design import difference
 from railslip_ctrl.kernels.compilation import module_of
 from railslip_ctrl.kernels.text import module_text, plain
 
@@ -21,6 +22,11 @@ def kernel_text(law: type[AdhesionLaw], controller: str, *, compiled: bool = Tru
 def step_text(name: str) -> str:
     """The source of a file of `steps/`, without its imports."""
     return plain((_HERE / "steps" / f"{name}.py").read_text("utf-8"))
+
+
+def difference_text() -> str:
+    """The source of a linear controller's difference equations, without its imports."""
+    return plain(Path(difference.__file__).read_text("utf-8"))
 
 
 @cache

@@ -20,6 +20,7 @@ from .controllers import Controller
 from .kernel_text import kernel
 from .plan import make_plan
 from .scenario import Scenario
+from .step_objects import ADDRESS, Call, StepControl, as_control
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -162,7 +163,7 @@ class Run:
 @checked
 def simulate(
     scenario: Scenario,
-    controller: Controller,
+    controller: Any,
     *,
     seed: int | np.random.SeedSequence | None = 0,
     record_every: int | None = 1,
@@ -174,8 +175,8 @@ def simulate(
     ----------
     scenario : Scenario
         The run: vehicle, rail, adhesion law, speeds and disturbances, SI.
-    controller : Controller
-        What commands the brake torque, N*m, at its own period.
+    controller : Controller, linear system, step object or function
+        What commands the brake torque, N*m, at its own period: see `step_objects.as_control`.
     seed : int, SeedSequence or None
         Of the random force and the measurement noise; a run repeats with its seed. None: without any.
     record_every : int or None
@@ -192,7 +193,8 @@ def simulate(
     Raises
     ------
     InputError
-        A seed or record_every out of range, an event that changes nothing the law knows, a period below the step's.
+        A seed or record_every out of range, an event that changes nothing the law knows, a period below the step's,
+        or a step that fails or gives no torque.
     """
     return Simulator(scenario, controller, compiled=compiled).run(seed, record_every=record_every)
 
@@ -204,12 +206,13 @@ class Simulator:
     """
 
     @checked
-    def __init__(self, scenario: Scenario, controller: Controller, *, compiled: bool = True) -> None:
-        self.scenario, self.controller, self._compiled = scenario, controller, compiled
-        self.period = scenario.step if controller.period is None else controller.period
+    def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
+        control = as_control(controller, scenario)
+        self.scenario, self.controller, self._compiled = scenario, control, compiled
+        self.period = scenario.step if control.period is None else control.period
         if not (math.isfinite(self.period) and self.period > 0):
             raise InputError(f"period: {self.period:g} s is not allowed; give a finite value > 0")
-        self._plan = make_plan(scenario, controller, self.period)
+        self._plan = make_plan(scenario, control, self.period)
 
     @cached_property
     def _kernel(self) -> Any:
@@ -229,13 +232,27 @@ class Simulator:
         y, x = np.zeros(layout.STATES), np.array(start, dtype=float)
         y[layout.V] = self.scenario.initial_speed
         summary = np.empty(layout.SUMMARY)
+        c, call = plan.c.copy(), self._opened()
+        if call is not None:
+            c[ADDRESS] = call.address
         settings = kernel_.Settings(**{**plan.settings, "random_hold": hold})
         events = kernel_.Events(*plan.events)
         status, written = kernel_.run(
-            settings, events, forces, noise, plan.p.copy(), plan.c.copy(), plan.chosen.copy(), plan.tables, plan.limits,
-            y, x, log, every, summary,
+            settings, events, forces, noise, plan.p.copy(), c, plan.chosen.copy(), plan.tables, plan.limits, y, x,
+            log, every, summary,
         )  # fmt: skip
+        if call is not None:
+            v, omega = y[layout.V], (y[layout.V] - y[layout.SIGMA]) / self.scenario.vehicle.wheel.radius
+            ended = _OUTCOMES[status] is Outcome.NOT_FINITE
+            call.check(float(summary[layout.END_TIME]), float(v), float(omega), x, ended=ended)
         return self._result(seed, status, y, summary, log[:written] if every else None)
+
+    def _opened(self) -> Call | None:
+        """A user's step made ready for a run."""
+        if not isinstance(self.controller, StepControl):
+            return None
+        v = self.scenario.initial_speed
+        return self.controller.opened(v, v / self.scenario.vehicle.wheel.radius)
 
     def _draw(self, seed: int | np.random.SeedSequence | None) -> tuple[Floats, Floats, float]:
         """Random forces, N, measurement noise (samples by 2), and the hold of the forces, 0 for none."""

@@ -1,0 +1,370 @@
+"""Controllers of a user's own that are known by their step: a Python object or a function, or the same for Numba.
+
+The kernel calls the step where it is, once a sample, with time (s), measured train speed (m/s) and wheel speed (rad/s);
+it returns the torque to command until the next, N*m. Nothing of the user's is compiled into the kernel.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import inspect
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.arguments import check_fields
+from railslip_ctrl.design.controllers import PIController, linear_controller, step_alone
+from railslip_ctrl.design.sampled import Rule
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.parameters.modules import failure, place
+from railslip_ctrl.units import shown
+
+from .catalogue import reference_of
+from .controllers import Controller, LinearControl, Situation
+from .designed import full_brake_torque
+from .kernel_text import step_text
+from .scenario import Scenario
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from railslip_ctrl.linearization import OperatingPoint
+
+    Floats = NDArray[np.float64]
+
+PERIOD = 0.01
+"""s, of a controller that says none."""
+
+ADDRESS = 2
+"""Place of the step's address in a controller's row; see `steps.called`."""
+
+
+class UserStep:
+    """A user's `thing`: an object with `step(t, v, omega)`, or a function, of Python or Numba's."""
+
+    def __init__(self, thing: Any) -> None:
+        self.thing = thing
+        if not callable(self.function):
+            raise InputError(
+                f"controller: {type(thing).__name__} has no step(t, v, omega); give a linear system, or an object or "
+                "a function that returns a torque"
+            )
+
+    @property
+    def function(self) -> Any:
+        """The step itself."""
+        return self.thing if _is_function(self.thing) else getattr(self.thing, "step", None)
+
+    @property
+    def is_numba(self) -> bool:
+        """Whether it is compiled, and may run without the interpreter."""
+        return hasattr(self.function, "py_func")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        from numba import cloudpickle
+
+        module = sys.modules.get(type(self.thing).__module__)
+        if module is not None and not getattr(module, "__spec__", None):  # of a file that no worker can import
+            cloudpickle.register_pickle_by_value(module)
+        return _unpacked, (cloudpickle.dumps(self.thing),)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, UserStep) and self.thing is other.thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of its source and what it holds."""
+        of = getattr(self.thing, "py_func", self.thing)
+        try:
+            source = inspect.getsource(of if inspect.isfunction(of) else type(of))
+        except (OSError, TypeError):  # typed at a prompt
+            source = repr(of)
+        held = sorted((name, repr(value)) for name, value in getattr(self.thing, "__dict__", {}).items())
+        kept = [] if self.is_numba else held
+        return hashlib.sha256(repr((source, kept)).encode()).hexdigest()
+
+
+def _unpacked(content: bytes) -> UserStep:
+    from numba import cloudpickle
+
+    return UserStep(cloudpickle.loads(content))
+
+
+def _is_function(thing: Any) -> bool:
+    return inspect.isfunction(thing) or hasattr(thing, "py_func")
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """A controller known by its step.
+
+    Parameters
+    ----------
+    step : object or function
+        An object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before the
+        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object. SI.
+    reference : ReferenceSlip
+        What the slip error is taken against; the step has its own.
+    name : str
+        For reports.
+    period : float
+        Sampling period, s.
+    start : tuple of float
+        The numbers that a function remembers, at the start: with them it is step(t, v, omega, x), where x is an array
+        of them that it changes.
+    knows_rail, model_law
+        As of `Controller`.
+
+    Raises
+    ------
+    InputError
+        A step that cannot be called.
+    """
+
+    step: Any
+    reference: ReferenceSlip
+    name: str = "step"
+    period: float | None = PERIOD
+    start_numbers: tuple[float, ...] = ()
+    knows_rail: bool = True
+    model_law: None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not isinstance(self.step, UserStep):
+            object.__setattr__(self, "step", UserStep(self.step))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The numbers of a function."""
+        return tuple(f"x{i + 1}" for i in range(len(self.start_numbers)))
+
+    def linear(self, point: OperatingPoint) -> Any:
+        """What the object says of itself at an operating point; InputError where it says nothing."""
+        own = getattr(self.step.thing, "linear", None)
+        if own is None:
+            raise step_alone(self.step.thing)
+        return own(point)
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return "from railslip_ctrl.kernels.calls import call_step\n\n\n" + step_text("called")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Room for the address, which each run has its own of."""
+        return (math.nan,)
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """The numbers of a function."""
+        return self.start_numbers
+
+    def opened(self, v: float, omega: float) -> Call:
+        """The step made ready for one run, which begins at these speeds, m/s and rad/s."""
+        return NumbaCall(self) if self.step.is_numba else PythonCall(self, v, omega)
+
+
+class Call:
+    """A step made ready for one run: its `address`, and what went wrong in it."""
+
+    address: int
+
+    def __init__(self, control: StepControl) -> None:
+        self.control, self.count = control, len(control.start_numbers)
+
+    def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
+        """Raise what went wrong by time t, s; `ended` says that the run broke off there for want of a number."""
+        raise NotImplementedError
+
+    def _refused(self, torque: Any, t: float) -> InputError:
+        code = getattr(getattr(self.control.step.function, "py_func", self.control.step.function), "__code__", None)
+        where = "" if code is None else f"{place(code.co_filename, code.co_firstlineno)}: "
+        return InputError(
+            f"controller {self.control.name}: {where}step gives {shown(torque)} at t = {t:g} s; give a finite torque "
+            "(N*m)"
+        )
+
+    def _failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
+        return InputError(f"controller {self.control.name}: {failure(error, f'{what} at t = {t:g} s')}")
+
+
+class PythonCall(Call):
+    """Calls back into the interpreter, once a sample."""
+
+    def __init__(self, control: StepControl, v: float, omega: float) -> None:
+        from railslip_ctrl.kernels.calls import STEP, address_of
+
+        super().__init__(control)
+        self._error: tuple[BaseException, float] | None = None
+        self._torque: tuple[Any, float] | None = None
+        step = self._reset(v, omega)
+        finite, nan, count = math.isfinite, math.nan, self.count
+
+        def called(t: float, v: float, omega: float, x: int) -> float:
+            try:
+                torque = step(t, v, omega) if not count else step(t, v, omega, _numbers_at(x, count))
+                if torque.__class__ is float and finite(torque):
+                    return torque
+                if not isinstance(torque, Real) or isinstance(torque, bool) or not finite(torque):
+                    self._torque = torque, t
+                    return nan
+                return float(torque)
+            except BaseException as error:  # noqa: BLE001  # told when the kernel is left: none passes through it
+                self._error = error, t
+                return nan
+
+        self._kept = STEP(called)
+        self.address = address_of(self._kept)
+
+    def _reset(self, v: float, omega: float) -> Callable[..., Any]:
+        step = self.control.step
+        if _is_function(step.thing):
+            return step.function  # type: ignore[no-any-return]
+        try:
+            thing = copy.deepcopy(step.thing)
+        except Exception as error:  # the user's object may fail in any way
+            raise self._failed(error, 0.0, "copying it for a run") from error
+        if hasattr(thing, "reset"):
+            try:
+                thing.reset(0.0, v, omega)
+            except Exception as error:  # as above
+                raise self._failed(error, 0.0, "reset") from error
+        return thing.step  # type: ignore[no-any-return]
+
+    def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
+        """As of `Call`."""
+        if self._error is not None:
+            error, at = self._error
+            if not isinstance(error, Exception):  # an interruption
+                raise error
+            raise self._failed(error, at) from error
+        if self._torque is not None:
+            raise self._refused(*self._torque)
+
+
+class NumbaCall(Call):
+    """Compiled by Numba, called without the interpreter."""
+
+    def __init__(self, control: StepControl) -> None:
+        super().__init__(control)
+        self._kept = _compiled(control.step.function, self.count, control.name)
+        self.address = int(self._kept.address)
+
+    def check(self, t: float, v: float, omega: float, x: Floats, *, ended: bool) -> None:
+        """As of `Call`: why it gave no number says the same function, run in the interpreter where the run ended."""
+        if not ended:
+            return
+        numbers = (x,) if self.count else ()
+        try:
+            torque = self.control.step.function.py_func(t, v, omega, *numbers)
+        except Exception as error:  # the user's
+            raise self._failed(error, t) from error
+        if not (isinstance(torque, Real) and math.isfinite(torque)):
+            raise self._refused(torque, t)
+
+
+_COMPILED: dict[tuple[int, int], tuple[Any, Any]] = {}
+
+
+def _compiled(function: Any, count: int, name: str) -> Any:
+    """The function as a C function, once a process."""
+    from numba import carray, cfunc, types
+    from numba.core.errors import NumbaError
+
+    found = _COMPILED.get((id(function), count))
+    if found is not None:
+        return found[1]
+    nan = math.nan
+
+    def without(t, v, omega, x):  # type: ignore[no-untyped-def]
+        try:
+            return float(function(t, v, omega))
+        except Exception:  # noqa: BLE001  # as Numba knows it
+            return nan
+
+    def remembering(t, v, omega, x):  # type: ignore[no-untyped-def]
+        try:
+            return float(function(t, v, omega, carray(x, (count,))))
+        except Exception:  # noqa: BLE001  # as above
+            return nan
+
+    number = types.float64
+    signature = number(number, number, number, types.CPointer(number))
+    try:
+        made = cfunc(signature)(remembering if count else without)
+    except NumbaError as error:
+        raise InputError(f"controller {name}: {_compile_failure(function, error)}") from None
+    _COMPILED[id(function), count] = function, made
+    return made
+
+
+def _compile_failure(function: Any, error: BaseException) -> str:
+    """File and line of the user's function that Numba stopped at, and its reason in a line."""
+    import re
+
+    code = function.py_func.__code__
+    text = str(error)
+    lines = [int(n) for f, n in re.findall(r'File "([^"]+)", line (\d+)', text) if f.endswith(code.co_filename[-20:])]
+    told = (line.strip() for line in text.splitlines())
+    reason = next((line for line in told if line and not line.startswith(("Failed", "-", "File", "During"))), "")
+    where = place(code.co_filename, lines[-1] if lines else code.co_firstlineno)
+    return f"{where}: Numba cannot compile step: {' '.join(reason.split())[:200]}"
+
+
+def _numbers_at(address: int, count: int) -> Floats:
+    import ctypes
+
+    return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
+
+
+# --- whatever is given as a controller --------------------------------------------------------------------------------
+
+
+def as_control(controller: Any, scenario: Scenario, name: str | None = None) -> Controller:
+    """Whatever is given as a controller, as one that runs, with a `name` where it says none.
+
+    A `Controller` is itself. A linear system (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at
+    its own, by Tustin's rule, within 0 and the vehicle's full brake, with anti-windup, and holds the slip that the
+    scenario's adhesion law is to be held at. Of anything else its step is called, at its `period`, or `PERIOD`.
+
+    InputError for what is none of these, or where the law has no reference slip.
+    """
+    linear = _is_linear(controller)
+    if not linear and isinstance(controller, Controller):
+        return controller
+    reference = getattr(controller, "reference", None)
+    if reference is None:
+        reference = reference_of(scenario.adhesion, "controller", "one with a reference slip")
+    if not linear and (_is_function(controller) or hasattr(controller, "step")):
+        period = getattr(controller, "period", None)
+        own_name = getattr(controller, "name", None) or name or getattr(controller, "__name__", None)
+        return StepControl(
+            controller, reference, str(own_name or type(controller).__name__), PERIOD if period is None else period
+        )
+    design = linear_controller(controller)
+    own = None if isinstance(design, PIController) else design.period
+    return LinearControl(
+        design,
+        reference,
+        name=name or design.structure.lower().replace(" ", "-"),
+        period=PERIOD if own is None else own,
+        torque_low=0.0,
+        torque_high=full_brake_torque(scenario.vehicle),
+        tracking_time=None,
+        rule=Rule.TUSTIN,
+    )
+
+
+def _is_linear(controller: Any) -> bool:
+    """Whether it is a system (that of scipy.signal has a step, its response), and no step object."""
+    return hasattr(controller, "dt") or isinstance(controller, Rational | PIController)

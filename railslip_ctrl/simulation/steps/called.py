@@ -1,0 +1,16 @@
+"""A step that is called where it is: a user's Python object or Numba function.
+
+c: reference slip, radius, address of the function.
+x: the function's own numbers.
+"""
+
+from __future__ import annotations
+
+from railslip_ctrl.kernels.calls import call_step
+from railslip_ctrl.kernels.slots import compiled
+
+
+@compiled
+def command(x, t, v, omega, applied, c, table):
+    """See the package of the steps."""
+    return call_step(c[2], t, v, omega, x)

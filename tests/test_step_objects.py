@@ -1,0 +1,274 @@
+"""Controllers known by their step: Python objects and Numba functions in runs and campaigns, and what they do wrong."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+from pathlib import Path
+
+import control as ct
+import numba
+import numpy as np
+import pytest
+import scipy.signal
+
+from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.campaign.execution import execute
+from railslip_ctrl.campaign.specification import Campaign
+from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import operating_point
+from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.designed import full_brake_torque
+from railslip_ctrl.simulation.step_objects import StepControl, as_control
+
+SCENARIO = built_in_scenario("park2008")
+RADIUS = SCENARIO.vehicle.wheel.radius
+REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
+BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, period=0.01, name="built-in")
+
+
+class PI:
+    """The law of `BUILT_IN`, by its backward difference."""
+
+    period = 0.01
+    name = "object"
+    reference = REFERENCE
+
+    def reset(self, t: float, v: float, omega: float) -> None:
+        self.integral = 0.0
+
+    def step(self, t: float, v: float, omega: float) -> float:
+        error = 0.132 * v - (v - RADIUS * omega)
+        self.integral += 0.01 * 1220.0 * error
+        return 1210.0 * error + self.integral
+
+
+@numba.njit
+def pi(t, v, omega, x):
+    error = 0.132 * v - (v - RADIUS * omega)
+    x[0] += 0.01 * 1220.0 * error
+    return 1210.0 * error + x[0]
+
+
+@numba.njit
+def proportional(t, v, omega):
+    return 1210.0 * (0.132 * v - (v - RADIUS * omega))
+
+
+NUMBA_PI = StepControl(pi, REFERENCE, "numba", start_numbers=(0.0,))
+
+
+@pytest.mark.parametrize("controller", [PI(), NUMBA_PI], ids=["object", "numba"])
+def test_one_law_in_every_form_makes_one_run(controller):
+    expected, found = (simulate(SCENARIO, c, seed=3) for c in (BUILT_IN, controller))
+    # sums in another order, over 48 s of a stable loop
+    assert found.braking_distance == pytest.approx(expected.braking_distance, rel=1e-9)
+    assert found.signals.command == pytest.approx(expected.signals.command, rel=1e-9, abs=1e-6)
+    again = simulate(SCENARIO, controller, seed=3)
+    assert again.braking_distance == found.braking_distance  # each run begins anew
+
+
+def test_the_interpreted_kernel_calls_steps_too():
+    short = SCENARIO.with_changes(longest_time=0.3, events=())
+    runs = [simulate(short, c, compiled=how).signals.command for c in (PI(), NUMBA_PI) for how in (True, False)]
+    for run in runs[1:]:
+        assert run == pytest.approx(runs[0], rel=1e-12, abs=1e-9)
+
+
+def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
+    expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
+    for function in (proportional, proportional.py_func):
+        made = as_control(function, SCENARIO)
+        assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
+        found = simulate(SCENARIO.with_changes(events=()), function)
+        assert found.braking_distance == pytest.approx(
+            simulate(SCENARIO.with_changes(events=()), expected.controller).braking_distance, rel=1e-9
+        )
+
+
+def test_an_object_that_says_what_it_is_has_margins():
+    class Told(PI):
+        def linear(self, point: object) -> ct.TransferFunction:
+            return 1210.0 + 1220.0 / ct.tf("s")
+
+    point = operating_point(SCENARIO.adhesion, SCENARIO.vehicle, 20.0, 0.1)
+    expected = wheel_slip_loop(point, BUILT_IN.design).margins().ms
+    for controller in (Told(), as_control(Told(), SCENARIO)):
+        assert wheel_slip_loop(point, controller).margins().ms == pytest.approx(expected, rel=1e-9)
+    for controller in (PI(), as_control(PI(), SCENARIO), pi, NUMBA_PI):
+        with pytest.raises(InputError, match=r"is known by its step alone and has no margins; give it a method linear"):
+            wheel_slip_loop(point, controller)
+
+
+# --- linear systems as they are given --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["tf", "ss", "scipy", "discrete", "PI"])
+def test_a_linear_system_runs_as_it_is_given(form):
+    s = ct.tf("s")
+    system = 1210.0 + 1220.0 / s
+    given = {
+        "tf": system,
+        "ss": ct.tf2ss(system),
+        "scipy": scipy.signal.lti(system.num[0][0], system.den[0][0]),
+        "discrete": ct.sample_system(system, 0.01, "tustin"),
+        "PI": BUILT_IN.design,
+    }[form]
+    limit = full_brake_torque(SCENARIO.vehicle)
+    reference = SCENARIO.adhesion.reference
+    own = LinearControl(
+        BUILT_IN.design, reference, period=0.01, torque_low=0.0, torque_high=limit, tracking_time=None, rule="tustin"
+    )
+    assert as_control(given, SCENARIO).torque_high == limit
+    found, expected = simulate(SCENARIO, given, seed=1), simulate(SCENARIO, own, seed=1)
+    # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki
+    assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
+
+
+# --- campaigns -------------------------------------------------------------------------------------------------------
+
+FILE = """
+import numba
+
+class Mine:
+    period = 0.01
+    def __init__(self):
+        self.i = 0.0
+    def step(self, t, v, omega):
+        e = 0.132 * v - (v - 0.43 * omega)
+        self.i += 12.2 * e
+        return 1210.0 * e + self.i
+
+@numba.njit
+def p(t, v, omega):
+    return 1210.0 * (0.132 * v - (v - 0.43 * omega))
+
+CONTROLLER = {}
+"""
+
+
+def written(folder: Path, name: str, controller: str) -> Path:
+    path = folder / f"{name}.py"
+    path.write_text(FILE.replace("{}", controller))
+    return path
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    short = SCENARIO.with_changes(longest_time=2.0, events=())
+    loaded = [as_control(load_controller(written(tmp_path, n, c)), short, n) for n, c in (("a", "Mine()"), ("b", "p"))]
+    return Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
+
+
+def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
+    assert campaign.controller_names == ("a", "b", "transfer-function-of-order-1")
+    one, two = (execute(campaign, tmp_path / str(n), workers=n, part_runs=4) for n in (1, 2))
+    for i in (0, 7):
+        assert one.row(i) == two.row(i)
+    again = Campaign(campaign.scenario, campaign.controllers, 8)
+    assert again.fingerprint == campaign.fingerprint
+
+
+@pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
+def test_a_dask_cluster_runs_them(tmp_path, campaign):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
+        far = execute(campaign, tmp_path / "far", scheduler=cluster.scheduler_address, part_runs=4)
+    near = execute(campaign, tmp_path / "near", workers=1)
+    assert far.row(5) == near.row(5)
+
+
+def test_what_is_pickled_needs_no_file(campaign):
+    sent = pickle.loads(pickle.dumps(campaign))
+    assert simulate(sent.scenario, sent.controllers[0]).braking_distance > 0
+
+
+# --- what goes wrong -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (
+            "return 1.0 / (t - 0.5 if abs(t - 0.5) > 1e-9 else 0)",
+            r"line 7: step at t = 0.5 s fails with ZeroDivisionError",
+        ),
+        ("return float('nan') if t > 0.3 else 0.0", r"line 6: step gives nan at t = 0.31 s; give a finite torque"),
+        ("return float('inf')", "step gives inf at t = 0 s; give a finite torque"),
+        ("return 'brake'", "step gives 'brake' at t = 0 s"),
+        ("return None", "step gives None at t = 0 s"),
+        ("return helped(t)", "line 2: step at t = 0 s fails with KeyError"),
+        (
+            "return 0.0\n    def reset(self, t, v, omega):\n        self.nothing",
+            "line 9: reset at t = 0 s fails with Attrib",
+        ),
+    ],
+)
+def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, body, told):
+    path = tmp_path / "mine.py"
+    head = "def helped(t):\n    return {}['torque']\n\n\nclass Mine:\n    def step(self, t, v, omega):\n        "
+    path.write_text(f"{head}{body}\n\nCONTROLLER = Mine()\n")
+    status, out, err = railslip("simulate", "--controller", path)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert re.search(rf"{re.escape(str(path))}, {told}" if "line" in told else told, err), err
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("return {}[v]", "line 6: Numba cannot compile step"),
+        (
+            "x = [1.0]\n    return x[int(9 * t)] if t < 1.0 else 1.0 / (t - t)",
+            "line 7: step at t = 0.12 s fails with Index",
+        ),
+        (
+            "if t > 0.3:\n        raise ValueError('no more')\n    return 0.0",
+            "line 7: step at t = 0.31 s fails with ValueError: no more",
+        ),
+        ("return math.inf if t > 0.3 else 0.0", "line 4: step gives inf at t = 0.31 s"),
+    ],
+)
+def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\nCONTROLLER = mine\n"
+    )
+    status, out, err = railslip("simulate", "--controller", path)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert f"{path}, {told}" in err
+
+
+def test_an_interruption_in_a_step_interrupts():
+    class Stopped(PI):
+        def step(self, t: float, v: float, omega: float) -> float:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(SCENARIO, Stopped())
+
+
+def test_what_is_no_controller_is_refused():
+    with pytest.raises(InputError, match="has no step"):
+        StepControl(3, REFERENCE)
+    with pytest.raises(InputError, match="controller: dict is not a linear system"):
+        simulate(SCENARIO, {})
+
+
+def test_a_run_has_its_own_copy():
+    class Lasting:
+        count = 0
+        reference = REFERENCE
+
+        def step(self, t: float, v: float, omega: float) -> float:
+            self.count += 1
+            return 10.0 * self.count
+
+    one = Lasting()
+    first, second = (simulate(SCENARIO, one, seed=None).signals.command for _ in range(2))
+    assert one.count == 0
+    assert np.array_equal(first, second)
+    assert math.isclose(first[1], 20.0)
