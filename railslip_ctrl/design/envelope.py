@@ -18,7 +18,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -294,6 +294,11 @@ class EnvelopePoints:
     def load(self) -> NDArray[np.str_]:
         """Load of each case, (n,)."""
         return np.array(self.loads)[self.plant]
+
+    def take(self, chosen: NDArray[Any]) -> EnvelopePoints:
+        """Some of the cases, by number or by flag."""
+        some = {name: getattr(self, name)[chosen] for name in ("plant", "actuator", "operating")}
+        return replace(self, **some)
 
     def case(self, index: int) -> Case:
         """One of the cases."""

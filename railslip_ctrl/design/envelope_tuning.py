@@ -126,10 +126,12 @@ def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:
 
 
 def held_slips(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | None:
-    """The slip ratios held on dry and on wet rail; None where the laws have different ones, or a rail is missing."""
+    """The slip ratios held on dry and on wet rail (on one that is not in the envelope: the other's); None where the
+    laws have different ones."""
     if envelope.reference is not None:
         return envelope.reference
     held = {rail: {p.point.slip for p in operating_plants(points) if p.point.rail is rail} for rail in Rail}
-    if any(len(slips) != 1 for slips in held.values()):
+    if any(len(slips) > 1 for slips in held.values()):
         return None
-    return ReferenceSlip(dry=held[Rail.DRY].pop(), wet=held[Rail.WET].pop())
+    (dry,), (wet,) = held[Rail.DRY] or held[Rail.WET], held[Rail.WET] or held[Rail.DRY]
+    return ReferenceSlip(dry=dry, wet=wet)

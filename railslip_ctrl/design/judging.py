@@ -283,24 +283,34 @@ def judge(controller: Any, envelope: Envelope, nominal: bool = False) -> Judgeme
 
 def judge_points(controller: Any, envelope: Envelope, points: EnvelopePoints, *, nominal: bool = False) -> Judgement:
     """As `judge`, at points made before by `Envelope.points`."""
-    return Judgement(controller, envelope, nominal, points, _margins(controller, points))
+    return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
 _NO_BRAKE = Actuator(dead_time=0.0, lag=0.0)
 
 
-def _margins(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Margins of every case; the loop of a plant is made once, and each actuator put into it in arrays."""
-    bare = [wheel_slip_loop(plant, controller, _NO_BRAKE) for plant in points.plants]
-    if not all(isinstance(loop, DeadTimeLoop) for loop in bare):
+def margins_at(
+    controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
+) -> BatchMargins:
+    """Margins of every case; the loop of a plant is made once, and each actuator put into it in arrays.
+
+    With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
+    margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
+    """
+    used = np.unique(points.plant).tolist()
+    bare = dict(zip(used, (wheel_slip_loop(points.plants[i], controller, _NO_BRAKE) for i in used), strict=True))
+    if not all(isinstance(loop, DeadTimeLoop) for loop in bare.values()):
         return _one_by_one(controller, points)
+    times = factors if factors is not None else np.ones(1)
     lags = np.array([one.lag for one in points.actuators])[points.actuator]
     dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
-    found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
-    shapes = np.array([(loop.system.zeros.size, loop.system.poles.size) for loop in bare])
-    kinds = product(np.unique(shapes, axis=0).tolist(), (lags > 0, lags == 0), (points.operating, ~points.operating))
-    for (zeros, poles), braked, asked in kinds:
-        mine = np.flatnonzero((shapes == (zeros, poles)).all(axis=1)[points.plant] & braked & asked)
+    found = {field.name: np.full((times.size, len(points)), np.nan) for field in fields(BatchMargins)}
+    shapes = np.zeros((len(points.plants), 2), dtype=int)
+    shapes[used] = [(loop.system.zeros.size, loop.system.poles.size) for loop in bare.values()]
+    asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
+    kinds = product(np.unique(shapes[used], axis=0).tolist(), (lags > 0, lags == 0), asked)
+    for (zeros, poles), braked, kind in kinds:
+        mine = np.flatnonzero((shapes == (zeros, poles)).all(axis=1)[points.plant] & braked & kind)
         if not mine.size:
             continue
         loops = [bare[i] for i in points.plant[mine]]
@@ -309,10 +319,19 @@ def _margins(controller: Any, points: EnvelopePoints) -> BatchMargins:
         gain = np.array([loop.system.gain for loop in loops])
         if lags[mine[0]] > 0:
             p, gain = np.column_stack([p, -1 / lags[mine]]), gain / lags[mine]
-        part = batch_margins(z, p, gain, dead_times[mine], gain_margins=bool(points.operating[mine[0]]))
+        n = times.size
+        part = batch_margins(
+            np.tile(z, (n, 1)),
+            np.tile(p, (n, 1)),
+            np.outer(times, gain).ravel(),
+            np.tile(dead_times[mine], n),
+            gain_margins=gain_margins or (factors is None and bool(points.operating[mine[0]])),
+            peaks=not gain_margins,
+        )
         for name, column in found.items():
-            column[mine] = getattr(part, name)
-    return BatchMargins(**{**found, "stable": found["stable"] == 1})
+            column[:, mine] = getattr(part, name).reshape(n, mine.size)
+    flat = {name: column.ravel() for name, column in found.items()}
+    return BatchMargins(**{**flat, "stable": flat["stable"] == 1})
 
 
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
