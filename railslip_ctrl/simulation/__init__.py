@@ -12,6 +12,7 @@ from .scenario import (
     Scenario,
     built_in_scenario,
     published_scenario,
+    stop,
 )
 
 __all__ = [
@@ -33,4 +34,5 @@ __all__ = [
     "built_in_scenario",
     "published_scenario",
     "simulate",
+    "stop",
 ]

@@ -1,0 +1,258 @@
+"""A design report computed: the best design over an envelope, and what a design review asks of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from railslip_ctrl.assessment import limits_of
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
+from railslip_ctrl.design.limits import Limits
+from railslip_ctrl.design.selection import Selection, select
+from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.kept import found as look_up
+from railslip_ctrl.kept import kept
+from railslip_ctrl.kernels.compilation import cache_folder
+from railslip_ctrl.linearization import OperatingPoint
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.curves import frequency_curve
+from railslip_ctrl.loop.responses import disturbance_response, step_response
+from railslip_ctrl.machine import cores, processes
+from railslip_ctrl.numeric import adhesion_coefficient, peak
+from railslip_ctrl.parameters import Actuator, PIGains, Vehicle
+from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.sliding_verification import verify_with_actuator
+from railslip_ctrl.units import KMH
+
+from .records import DesignReport, FasterBrake, GainMap, LawCurve, Responses, Rival, ShownLoop, Sliding, restricted
+from .stops import as_run, laws_of, stops
+
+Progress = Callable[[str], None]
+
+LOAD_STEP = 100.0
+"""N*m at the wheel, of the load response."""
+
+_LARGEST_SLIP = 0.5  # end of the adhesion curves
+_SLIPS = 401
+_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
+_RESPONSE_TIME = 10.0  # s
+_FASTER = (0.8, 0.65, 0.5, 0.35)  # times dead time and lag, tried in turn
+
+
+def design_report(
+    envelope: Envelope,
+    *,
+    nominal: bool = False,
+    given: dict[str, Any] | None = None,
+    sliding: bool = True,
+    fresh: bool = False,
+    progress: Progress = lambda message: None,
+) -> DesignReport:
+    """Everything of one vehicle that a design review looks at.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        What the design must hold.
+    nominal : bool
+        Judge its operating points alone.
+    given : dict, optional
+        Linear controllers of the user's by name, judged and run beside.
+    sliding : bool
+        Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
+    fresh : bool
+        Decide them again, which an earlier report of the same vehicle may have kept.
+    progress : callable
+        Told what is done, a line at a time.
+
+    Raises
+    ------
+    InputError
+        An envelope without points, or a controller without margins.
+    """
+    if not sliding:
+        return _report(envelope, nominal, given or {}, lambda: Sliding(None, "not asked for"), progress)
+    car = envelope.vehicle.model_dump_json()
+    before = None if fresh else look_up("conditions-layered", car)
+    if before is not None:
+        return _report(envelope, nominal, given or {}, lambda: Sliding(before), progress)
+    if cores() < 2:
+        return _report(envelope, nominal, given or {}, lambda: _verified(envelope.vehicle), progress)
+    cache_folder()  # the other process's too, where there is none but for this run
+    with processes(1) as submit:
+        under_way = submit(_verified, envelope.vehicle)
+        return _report(envelope, nominal, given or {}, under_way.result, progress)
+
+
+def _verified(vehicle: Vehicle) -> Sliding:
+    """The conditions of the layered law, or why they cannot be decided for this vehicle."""
+    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
+    try:
+        return Sliding(kept("conditions-layered", decide, vehicle.model_dump_json(), fresh=True))
+    except RailslipError as error:
+        return Sliding(None, str(error))
+
+
+def _report(
+    envelope: Envelope, nominal: bool, given: dict[str, Any], sliding: Callable[[], Sliding], progress: Progress
+) -> DesignReport:
+    started = time.perf_counter()
+    progress(f"the best design over the envelope of {envelope.vehicle.name}")
+    selection = select(envelope)
+    report = _designed(envelope, nominal, selection, progress)
+    rivals = []
+    for name, controller in given.items():
+        progress(f"{name}, judged and run beside")
+        rivals.append(_rival(name, controller, envelope, nominal, report))
+    progress("conditions of the layered sliding-mode law")
+    return replace(
+        report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started
+    )
+
+
+def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress: Progress) -> DesignReport:
+    """The report but for rivals and the sliding-mode law."""
+    best = selection.best
+    judgement = None if best is None or best.design is None else best.design.judgement
+    if judgement is not None and nominal:
+        judgement = judge(best.design, judgement.envelope, nominal=True)  # type: ignore[union-attr]
+        best = replace(best, design=replace(best.design, judgement=judgement))  # type: ignore[arg-type, type-var]
+        selection = Selection((best, *selection.choices[1:]))
+    empty = DesignReport(
+        envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
+        is_published(envelope.vehicle),
+    )  # fmt: skip
+    if judgement is None:
+        points = envelope.points(nominal=True)
+        blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
+        return replace(empty, limits=_limits(blank), curves=_curves(blank))
+    above = judgement.robust_from_kmh
+    lowest = above if above is not None else judgement.usable_from_kmh or 0.0
+    in_use = restricted(judgement, lowest)
+    design = PIController(best.design.gains, best.design.lead, best.design.lead_filter)  # type: ignore[union-attr]
+    control = as_run(design, judgement, lowest if lowest > min(envelope.speeds) else 0.0)
+    progress("braking runs")
+    runs = stops(control, judgement)
+    progress("limits, gains around the design, responses")
+    return replace(
+        empty,
+        control=control,
+        above_kmh=above,
+        in_use=in_use,
+        worst_loops=_worst_loops(in_use),
+        stops=runs,
+        limits=_limits(judgement),
+        curves=_curves(judgement),
+        gains=_gain_map(in_use, design),
+        responses=_responses(in_use.worst, design),
+        faster=None if above == min(envelope.speeds) else _faster(envelope, selection),
+    )
+
+
+def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
+    judgement = judge(controller, envelope, nominal=nominal)
+    low = judgement.usable_from_kmh or 0.0
+    control = as_run(controller, judgement, low if low > min(envelope.speeds) else 0.0, name)
+    return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
+
+
+# --- loops ----------------------------------------------------------------------------------------------------------
+
+
+def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
+    cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
+    bands = [case.loop.feature_band() for case in cases]
+    low, high = min(band[0] for band in bands), max(band[1] for band in bands)
+    return tuple(
+        ShownLoop(case.words, case.loop, case.margins, frequency_curve(case.loop, low, high)) for case in cases
+    )
+
+
+def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
+    """What no controller beats, at the hardest operating point of each rail and load."""
+    points = judgement.points
+    operating = points.plant[points.operating].tolist()
+    found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
+    for i in operating:
+        plant = points.plants[i]
+        here = limits_of(plant, points.vehicle.actuator)
+        key = (plant.point.rail.value, points.loads[i])
+        if key not in found or here.ms_bound > found[key][1].ms_bound:
+            found[key] = (plant.point, here)
+    return tuple(found.values())
+
+
+def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
+    """Worst Ms around the design, at the operating points of the lowest and the highest speed in use."""
+    points = judgement.points
+    speeds = points.speed_kmh
+    some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
+    kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
+    ms = np.empty((kp.size, ki.size))
+    for i, j in np.ndindex(*ms.shape):
+        gains = PIGains(kp=float(kp[i]), ki=float(ki[j]))
+        found = margins_at(PIController(gains, design.lead, design.lead_filter), some)
+        ms[i, j] = found.ms.max() if found.stable.all() else math.inf
+    return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
+
+
+def _responses(worst: WorstCase, design: PIController) -> Responses | None:
+    """At the worst operating point; None of a loop too fast or too slow for the time shown."""
+    if worst.margins is None:
+        return None
+    plant, actuator = worst.case.plant, worst.case.actuator
+    bare, brake = Rational(plant.zeros, plant.poles, plant.gain), _lag(actuator)
+    c, tau = design.transfer_function, actuator.dead_time
+    try:
+        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=KMH)
+        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
+    except RailslipError:
+        return None
+    return Responses(worst.point, KMH, LOAD_STEP, step, push)
+
+
+def _lag(actuator: Actuator) -> Rational:
+    none: Any = np.array([])
+    lag = actuator.lag
+    return Rational(none, np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(none, none, 1)
+
+
+def _faster(envelope: Envelope, selection: Selection) -> FasterBrake | None:
+    """The brake with which the best structure is robust over the whole envelope; None if not even the fastest."""
+    best = selection.choices[0]
+    car, lowest = envelope.vehicle, min(envelope.speeds)
+    for factor in _FASTER:
+        actuator = Actuator(dead_time=factor * car.actuator.dead_time, lag=factor * car.actuator.lag)
+        held = best.design.judgement.envelope if best.design and best.design.judgement else envelope
+        faster = held.at(vehicle=car.model_copy(update={"actuator": actuator}))
+        found = select(faster, (best.structure,)).best
+        judgement = None if found is None or found.design is None else found.design.judgement
+        if judgement is not None and judgement.robust_from_kmh == lowest:
+            return FasterBrake(factor, actuator.dead_time, actuator.lag)
+    return None
+
+
+# --- adhesion -------------------------------------------------------------------------------------------------------
+
+
+def _curves(judgement: Judgement) -> tuple[LawCurve, ...]:
+    """The laws of the envelope, rail by rail."""
+    return tuple(_curve(point) for point in laws_of(judgement))
+
+
+def _curve(point: OperatingPoint) -> LawCurve:
+    law, load = point.law, point.vehicle.wheel_load
+    end = min(_LARGEST_SLIP, law.domain_limit(point.speed)[0] * (1.0 - 1e-9))
+    slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
+    coefficient = np.asarray(adhesion_coefficient(law, point.speed, slip, load))
+    return LawCurve(
+        law.name, point.rail, point.speed_kmh, slip, coefficient, peak(law, point.speed, load), point
+    )
+
