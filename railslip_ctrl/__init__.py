@@ -40,9 +40,12 @@ if TYPE_CHECKING:
     from .parameters import Rail as Rail
     from .parameters import Vehicle as Vehicle
     from .parameters import load_vehicle as load_vehicle
+    from .simulation import LinearControl as LinearControl
     from .simulation import Scenario as Scenario
+    from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
+    from .simulation.controller_files import load_controller as load_controller
     from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
@@ -55,6 +58,7 @@ _HOME = {
     "InfeasibleDesignError": ".errors",
     "InputError": ".errors",
     "KinkError": ".errors",
+    "LinearControl": ".simulation",
     "Margins": ".loop",
     "MissingParametersError": ".errors",
     "PARK2008": ".parameters",
@@ -63,6 +67,7 @@ _HOME = {
     "Rail": ".parameters",
     "RailslipError": ".errors",
     "Scenario": ".simulation",
+    "StepControl": ".simulation",
     "UnstableLoopError": ".errors",
     "Vehicle": ".parameters",
     "assess": ".assessment",
@@ -70,6 +75,7 @@ _HOME = {
     "derive": ".sliding.derivation",
     "judge": ".design.judging",
     "linearize": ".linearization",
+    "load_controller": ".simulation.controller_files",
     "load_envelope": ".design.envelope",
     "load_law": ".adhesion",
     "load_vehicle": ".parameters",
@@ -92,6 +98,7 @@ __all__ = [
     "InfeasibleDesignError",
     "InputError",
     "KinkError",
+    "LinearControl",
     "Margins",
     "MissingParametersError",
     "PIController",
@@ -99,6 +106,7 @@ __all__ = [
     "Rail",
     "RailslipError",
     "Scenario",
+    "StepControl",
     "UnstableLoopError",
     "Vehicle",
     "__version__",
@@ -107,6 +115,7 @@ __all__ = [
     "derive",
     "judge",
     "linearize",
+    "load_controller",
     "load_envelope",
     "load_law",
     "load_vehicle",

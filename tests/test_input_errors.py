@@ -36,7 +36,6 @@ from railslip_ctrl import (
     nonlinear_plant,
     operating_point,
     published_law,
-    simulate,
     stabilizing_pi,
     tune_pi,
 )

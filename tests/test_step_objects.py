@@ -31,6 +31,10 @@ REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
 BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, period=0.01, name="built-in")
 
 
+def as_run(controller: object, name: str | None = None) -> object:
+    return as_control(controller, SCENARIO.vehicle, SCENARIO.adhesion.reference, name)
+
+
 class PI:
     """The law of `BUILT_IN`, by its backward difference."""
 
@@ -82,7 +86,7 @@ def test_the_interpreted_kernel_calls_steps_too():
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
     for function in (proportional, proportional.py_func):
-        made = as_control(function, SCENARIO)
+        made = as_run(function)
         assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
         found = simulate(SCENARIO.with_changes(events=()), function)
         assert found.braking_distance == pytest.approx(
@@ -97,9 +101,9 @@ def test_an_object_that_says_what_it_is_has_margins():
 
     point = operating_point(SCENARIO.adhesion, SCENARIO.vehicle, 20.0, 0.1)
     expected = wheel_slip_loop(point, BUILT_IN.design).margins().ms
-    for controller in (Told(), as_control(Told(), SCENARIO)):
+    for controller in (Told(), as_run(Told())):
         assert wheel_slip_loop(point, controller).margins().ms == pytest.approx(expected, rel=1e-9)
-    for controller in (PI(), as_control(PI(), SCENARIO), pi, NUMBA_PI):
+    for controller in (PI(), as_run(PI()), pi, NUMBA_PI):
         with pytest.raises(InputError, match=r"is known by its step alone and has no margins; give it a method linear"):
             wheel_slip_loop(point, controller)
 
@@ -123,7 +127,7 @@ def test_a_linear_system_runs_as_it_is_given(form):
     own = LinearControl(
         BUILT_IN.design, reference, period=0.01, torque_low=0.0, torque_high=limit, tracking_time=None, rule="tustin"
     )
-    assert as_control(given, SCENARIO).torque_high == limit
+    assert as_run(given).torque_high == limit
     found, expected = simulate(SCENARIO, given, seed=1), simulate(SCENARIO, own, seed=1)
     # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki
     assert found.braking_distance == pytest.approx(expected.braking_distance, rel=2e-4 if form == "discrete" else 1e-9)
@@ -160,7 +164,7 @@ def written(folder: Path, name: str, controller: str) -> Path:
 @pytest.fixture
 def campaign(tmp_path: Path) -> Campaign:
     short = SCENARIO.with_changes(longest_time=2.0, events=())
-    loaded = [as_control(load_controller(written(tmp_path, n, c)), short, n) for n, c in (("a", "Mine()"), ("b", "p"))]
+    loaded = [as_run(load_controller(written(tmp_path, n, c)), n) for n, c in (("a", "Mine()"), ("b", "p"))]
     return Campaign(short, (*loaded, 1210.0 + 1220.0 / ct.tf("s")), 8)
 
 
@@ -256,6 +260,21 @@ def test_what_is_no_controller_is_refused():
         StepControl(3, REFERENCE)
     with pytest.raises(InputError, match="controller: dict is not a linear system"):
         simulate(SCENARIO, {})
+
+
+def test_what_cannot_be_copied_begins_by_its_reset():
+    class Held(PI):
+        def __deepcopy__(self, memo: object) -> object:
+            raise TypeError("one line\nto the valve")
+
+    first, second = (simulate(SCENARIO, Held(), seed=None).braking_distance for _ in range(2))
+    assert first == second
+
+    class Lasting:
+        reference, step, __deepcopy__ = REFERENCE, PI.step, Held.__deepcopy__
+
+    with pytest.raises(InputError, match=r"has no reset and cannot be copied for a run \(one line to the valve\)"):
+        simulate(SCENARIO, Lasting())
 
 
 def test_a_run_has_its_own_copy():

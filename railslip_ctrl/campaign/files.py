@@ -5,7 +5,7 @@ Numbers are in SI, or strings with a unit, which is converted to that of the num
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -87,12 +87,12 @@ class CampaignKeys(BaseModel):
     runs: int = Field(strict=True, ge=1, le=MOST_RUNS, description="number of runs")
     seed: int = Field(0, strict=True, ge=0, le=LARGEST_SEED)
     sampling: str = Sampling.RANDOM.value
-    controller: list[ControllerKeys] = Field(min_length=1, description="one table for each controller")
+    controller: list[ControllerKeys] = Field([], description="one table for each controller")
     quantity: list[QuantityKeys] = []
 
 
-def load_campaign(path: str | Path) -> Campaign:
-    """The campaign a file describes.
+def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
+    """The campaign a file describes; `controllers`, names or files, in place of its own.
 
     Raises
     ------
@@ -108,17 +108,20 @@ def load_campaign(path: str | Path) -> Campaign:
             f"{where}: sampling: {keys.sampling!r} is not known; {near}choose one of {', '.join(Sampling)}"
         )
     scenario = _located(f"{where}: scenario", lambda: _scenario(keys.scenario, path.parent))
-    controllers = tuple(
-        _located(f"{where}: controller {i}", partial(_controller, given, scenario, path.parent))
-        for i, given in enumerate(keys.controller)
-    )
-    nominal = _located(where, lambda: Campaign(scenario, controllers, 1))
+    given = [
+        _located("--controller", partial(_controller, ControllerKeys(controller=text), scenario, Path()))
+        for text in controllers
+    ]
+    own = [
+        _located(f"{where}: controller {i}", partial(_controller, table, scenario, path.parent))
+        for i, table in enumerate(keys.controller if not given else ())
+    ]
+    made = (*given, *own)
+    nominal = _located(where, lambda: Campaign(scenario, made, 1))
     quantities = tuple(
         _located(f"{where}: quantity {i}", partial(_quantity, given, nominal)) for i, given in enumerate(keys.quantity)
     )
-    return _located(
-        where, lambda: Campaign(scenario, controllers, keys.runs, quantities, keys.seed, Sampling(keys.sampling))
-    )
+    return _located(where, lambda: Campaign(scenario, made, keys.runs, quantities, keys.seed, Sampling(keys.sampling)))
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
@@ -143,7 +146,7 @@ def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Contr
             raise InputError(f"{key}: {keys.controller} has its own; leave it out")
         path = beside / keys.controller
         loaded = load_controller(path, initial_speed=scenario.initial_speed)
-        found = as_control(loaded, scenario, path.stem)
+        found = as_control(loaded, scenario.vehicle, scenario.adhesion.reference, path.stem)
     else:
         found = controller_named(
             keys.controller,

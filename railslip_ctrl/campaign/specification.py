@@ -102,7 +102,8 @@ class Campaign:
     sampling: Sampling = Sampling.RANDOM
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "controllers", tuple(as_control(one, self.scenario) for one in self.controllers))
+        vehicle, held = self.scenario.vehicle, self.scenario.adhesion.reference
+        object.__setattr__(self, "controllers", tuple(as_control(one, vehicle, held) for one in self.controllers))
         names = self.controller_names
         if not names:
             raise InputError("controllers: none given; give at least one")

@@ -20,12 +20,14 @@ from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_j
 
 from .output import print_json, print_text, progress
 from .settings import HELP
+from .simulation_options import controller_option
 
 _REPORT = ("report.txt", "report.json")
 
 
 @click.command(context_settings=HELP)
 @click.argument("campaign_file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
+@controller_option(None, multiple=True, otherwise="the tables of the file; may be given several times")
 @click.option(
     "--out",
     required=True,
@@ -54,6 +56,7 @@ _REPORT = ("report.txt", "report.json")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
     campaign_file: Path,
+    controller: tuple[str, ...],
     out: Path,
     workers: int | None,
     scheduler: str | None,
@@ -70,7 +73,7 @@ def command(
     Example: railslip campaign tolerances.toml --out tolerances
     """
     check_directory(out, _REPORT)
-    campaign = load_campaign(campaign_file)
+    campaign = load_campaign(campaign_file, controllers=controller)
     vehicle = campaign.scenario.vehicle
     for note in remarks(vehicle):
         progress(f"note: {vehicle.name}: {note}")

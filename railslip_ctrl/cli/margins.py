@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import zip_longest
+from typing import Any
 
 import click
 
@@ -11,23 +13,25 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.tuning_cases import FILTER_RATIO
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import linearize
-from railslip_ctrl.parameters import table4_gains
+from railslip_ctrl.linearization import OperatingPoint, linearize
+from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.parameters import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.report.judging import judgement_json, judgement_text
 
 from .options import CaseOptions, Quantity, case_options, chosen_gains, envelope_options, gain_options
 from .output import print_json, print_text
 from .settings import HELP
+from .simulation_options import controller_from_file, controller_name, controller_option, is_controller_file
 
 
 @click.command(context_settings=HELP)
 @case_options
 @envelope_options("the points of those options")
 @gain_options
+@controller_option(None, otherwise="a PI of --kp, --ki and --lead")
 @click.option(
     "--lead",
-    default=0.0,
     type=Quantity("s", ge=0),
     metavar="S",
     help="Time constant of a lead (S s + 1)/(F s + 1) after the PI, s.  [default: none]",
@@ -48,35 +52,48 @@ def command(
     as_json: bool,
     envelope: str | None,
     nominal: bool,
+    controller: str | None,
     kp: float | None,
     ki: float | None,
-    lead: float,
+    lead: float | None,
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI, the dead time exact, at the operating points named, or one
-    verdict over an envelope. Exit status 1 if a loop (of an envelope: at an operating point) is unstable, 2 for bad
-    input.
+    """Stability margins of the wheel-slip loop with a PI or any linear controller, the dead time exact (of a discrete
+    one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit status 1 if a
+    loop (of an envelope: at an operating point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
-    gains, time = chosen_gains(kp, ki), FILTER_RATIO * lead if lead_filter is None else lead_filter
-
-    def controller(adhesion: str) -> PIController:
-        return PIController(gains or table4_gains(adhesion), lead, time)
-
+    gains = chosen_gains(kp, ki)
+    time = lead or 0.0
+    pi_of = partial(PIController, lead=time, lead_filter=FILTER_RATIO * time if lead_filter is None else lead_filter)
+    given: Any = None
+    if controller is not None:
+        for option, value in (("--lead", lead), ("--lead-filter", lead_filter)):
+            if value is not None:
+                raise InputError(f"{option}: does not go with --controller; leave one out")
     if envelope is not None:
         if certify:
             raise InputError("--certify: goes with operating points; leave --envelope out")
-        judgement = judge(controller(cases.adhesion), cases.envelope(envelope), nominal)
+        judged = cases.envelope(envelope)
+        if controller is not None:
+            given = _controller(controller, judged.points(nominal=True).plants[0].point, gains)
+        judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         if as_json:
             print_json(judgement_json(judgement))
         else:
             print_text(judgement_text, judgement)
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
+    points = cases.points()
+    if controller is not None:
+        given = _controller(controller, points[0], gains)
     assessments = [
-        assess(linearize(point), controller(point.adhesion), point.vehicle.actuator) for point in cases.points()
+        assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
+        for point in points
     ]
+    if certify and any(isinstance(assessment.loop, SampledLoop) for assessment in assessments):
+        raise InputError("--certify: the loop of a discrete controller has no certificate; leave it out")
     certificates = [assessment.loop.certificate() for assessment in assessments] if certify else []
     if as_json:
         pairs = zip_longest(assessments, certificates)
@@ -84,3 +101,17 @@ def command(
     else:
         print_text(margins_text, assessments, certificates)
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
+
+
+def _controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
+    """The controller of `--controller`, for the vehicle of a point."""
+    from railslip_ctrl.adhesion import ReferenceSlip
+    from railslip_ctrl.simulation.catalogue import controller_named, default_column
+
+    held = point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)
+    if is_controller_file(text):
+        if gains is not None:
+            raise InputError(f"--kp: does not go with a controller from a file; put it into {text}")
+        return controller_from_file(text, point.vehicle, held, point.speed)
+    name = controller_name(text)
+    return controller_named(name, point.vehicle, column=default_column(point.law), gains=gains, reference=held)

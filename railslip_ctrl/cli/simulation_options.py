@@ -149,14 +149,9 @@ class ControllerOptions:
 
         `law_speed`, m/s, is v0 of an adhesion model of the controller's own.
         """
-        if self.controller.lower().endswith((".toml", ".py")):
+        if is_controller_file(self.controller):
             return self._from_file(scenario, law_speed), None
-        name = self.controller.strip().lower().replace("_", "-")
-        if name not in NAMES:
-            raise InputError(
-                f"--controller: {name!r} is not one; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or "
-                "give FILE.toml or FILE.py"
-            )
+        name = controller_name(self.controller)
         gains = chosen_gains(self.kp, self.ki)
         column = self._column(scenario)
         reference = self._reference(scenario, column)
@@ -193,9 +188,6 @@ class ControllerOptions:
         return reference_of(scenario.adhesion, "--slip", "--slip X, or --gains for that of Table 4")
 
     def _from_file(self, scenario: Scenario, law_speed: float) -> Controller:
-        from railslip_ctrl.simulation.controller_files import load_controller
-        from railslip_ctrl.simulation.step_objects import as_control
-
         for option, given in (
             ("--gains", self.gains),
             ("--kp", self.kp),
@@ -207,11 +199,7 @@ class ControllerOptions:
         ):
             if given is not None:
                 raise InputError(f"{option}: does not go with a controller from a file; put it into {self.controller}")
-        path = Path(self.controller)
-        return _naming(
-            "--controller",
-            lambda: as_control(load_controller(path, initial_speed=law_speed), scenario, path.stem),
-        )
+        return controller_from_file(self.controller, scenario.vehicle, scenario.adhesion.reference, law_speed)
 
 
 def collected(function: F) -> F:
@@ -273,16 +261,54 @@ def _scenario_options() -> list[Any]:
     ]
 
 
+def controller_option(default: str | None, *, multiple: bool = False, otherwise: str = "") -> Callable[[F], F]:
+    """`--controller`, the same in every command; `otherwise` says what holds where it is not given."""
+    told = f"  [default: {otherwise}]" if otherwise else ""
+    return click.option(
+        "--controller",
+        default=default,
+        show_default=default is not None,
+        multiple=multiple,
+        metavar=f"{'|'.join(NAMES)}|FILE.toml|FILE.py",
+        help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a controller's "
+        f"numbers, or a Python file with one of your own, which is run.{told}",
+    )
+
+
+def is_controller_file(text: str) -> bool:
+    """Whether a controller is named by its file."""
+    return text.lower().endswith((".toml", ".py"))
+
+
+def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip | None, law_speed: float) -> Controller:
+    """The controller of a file, ready to run; `reference` and `law_speed` (m/s) where the file says none.
+
+    InputError that names the option.
+    """
+    from railslip_ctrl.simulation.controller_files import load_controller
+    from railslip_ctrl.simulation.step_objects import as_control
+
+    path = Path(text)
+    return _naming(
+        "--controller",
+        lambda: as_control(load_controller(path, initial_speed=law_speed), vehicle, reference, path.stem),
+    )
+
+
+def controller_name(text: str) -> str:
+    """One of `NAMES`; InputError, with the nearest, for another."""
+    name = text.strip().lower().replace("_", "-")
+    if name not in NAMES:
+        raise InputError(
+            f"--controller: {name!r} is not one; {close_match(name, NAMES)}choose one of {', '.join(NAMES)}, or "
+            "give FILE.toml or FILE.py"
+        )
+    return name
+
+
 def _controller_options() -> list[Any]:
     return [
-        click.option(
-            "--controller",
-            default="pi",
-            show_default=True,
-            metavar=f"{'|'.join(NAMES)}|FILE.toml|FILE.py",
-            help="Table 4's PI or ASMC, this project's designs, a rule-based slide protection, a file with a "
-            "controller's numbers, or a Python file with one of your own, which is run.",
-        ),
+        controller_option("pi"),
         click.option(
             "--gains",
             metavar="|".join(COLUMNS),

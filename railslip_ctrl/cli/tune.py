@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
+from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design.envelope_tuning import tune_over
 from railslip_ctrl.design.tuning import Specification
 from railslip_ctrl.design.tuning_cases import tune_cases
 from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import linearize
+from railslip_ctrl.linearization import OperatingPoint, linearize
+from railslip_ctrl.parameters import Rail
+from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
+from railslip_ctrl.simulation.designed import braking_control
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
-from .output import print_json, print_text
+from .output import print_json, print_text, progress
 from .settings import HELP
 
 
@@ -46,6 +52,12 @@ from .settings import HELP
     "--lead", type=Quantity("s", gt=0), metavar="S", help="Lead of pi-lead, s.  [default: the actuator's lag]"
 )
 @click.option("--lead-filter", type=Quantity("s", gt=0), metavar="S", help="Its filter, s.  [default: a tenth of it]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE.toml",
+    help="Write the controller, as every command takes it with --controller.  [default: none]",
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -61,6 +73,7 @@ def command(
     ki_min: float | None,
     lead: float | None,
     lead_filter: float | None,
+    out: Path | None,
 ) -> None:
     """One gain set for all operating points of an envelope, empty and loaded together, from a specification, judged
     over it with its tolerances; or for the points named alone. Exit status 1 if it cannot be met, 2 for bad input.
@@ -71,6 +84,10 @@ def command(
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
         raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
+    if out is not None:
+        if out.suffix.lower() != ".toml":
+            raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml")
+        check_file(out, "--out")
     specification, judgement = Specification(ms_max, phase_min, delay_min), None
     if envelope is None and cases.name_points():
         points = cases.points()
@@ -94,8 +111,20 @@ def command(
             nominal=nominal,
         )
         judgement = None if design is None else design.judgement
+    if out is not None and tuned.design is not None:
+        made = tuned.controller(tuned.design)
+        braking_control(made, cases.given_vehicle, _held(list(tuned.points)), name=out.stem).save(out)
+        progress(f"wrote {out}")
     if as_json:
         print_json(tuning_json(tuned, judgement))
     else:
         print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)
+
+
+def _held(points: list[OperatingPoint]) -> ReferenceSlip:
+    """The slip that was tuned for, on each rail; on one that was not asked for the law's own, or that of the other."""
+    by_rail = {point.rail: point.slip for point in points}
+    other, law = points[0].slip, points[0].law.reference
+    dry, wet = (by_rail.get(rail, getattr(law, rail.value, other)) for rail in (Rail.DRY, Rail.WET))
+    return ReferenceSlip(dry=dry, wet=wet)

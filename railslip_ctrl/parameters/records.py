@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_origin
@@ -130,12 +130,15 @@ class Record(BaseModel):
         if isinstance(extra, dict) and "unit" in extra:
             # pydantic names the field itself
             convert = partial(to_unit, unit=str(extra["unit"]), text_needs_unit=cls.text_needs_unit)
-            if get_origin(field.annotation) is tuple and isinstance(value, (list, tuple)):
-                return tuple(convert(each) for each in value)
-            return convert(value)
+            return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
         if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
             raise InputError(f"{shown(value)} is not allowed; give true or false")
         return value
+
+
+def _each(convert: Callable[[Any], float], value: Any) -> Any:
+    """A number, or each of a list of numbers or of lists."""
+    return tuple(_each(convert, one) for one in value) if isinstance(value, (list, tuple)) else convert(value)
 
 
 class Wheel(Record):

@@ -14,6 +14,7 @@ from .scenario import (
     published_scenario,
     stop,
 )
+from .step_objects import StepControl
 
 __all__ = [
     "BrakeLimits",
@@ -30,6 +31,7 @@ __all__ = [
     "Simulator",
     "SlideProtection",
     "SlidingControl",
+    "StepControl",
     "TorqueProfile",
     "built_in_scenario",
     "published_scenario",

@@ -5,8 +5,8 @@ kp = "336 N*m/(km/h)"             # the keys of its kind, see the classes below;
 ki = 1220.0
 lead = "0.6 s"
 lead_filter = 0.06
-torque_low = 0.0
-torque_high = "9 kN*m"
+torque_min = 0.0
+torque_max = "9 kN*m"
 tracking_time = 2.0
 cut_out_speed = "20 km/h"         # below it slip is not controlled and cut_out_torque commanded; left out: never
 cut_out_torque = 1862.0
@@ -14,6 +14,9 @@ cut_out_torque = 1862.0
 [reference]                       # slip ratio to be held; left out: 0.132 dry, 0.092 wet
 dry = 0.132
 wet = 0.092
+
+A "transfer-function" has num and den, a "state-space" A, B, C and D, from slip error (m/s) to torque (N*m), and a
+period of 10 ms and Tustin's rule unless said.
 """
 
 from __future__ import annotations
@@ -25,7 +28,12 @@ from typing import Any
 
 from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.arguments import checked
-from railslip_ctrl.design.controllers import PIController
+from railslip_ctrl.design.controllers import (
+    LinearController,
+    PIController,
+    PolynomialController,
+    StateSpaceController,
+)
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
@@ -38,6 +46,7 @@ from railslip_ctrl.units import KMH, quantity, shown
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .published import FILTER_TIME, published_reference
 from .scenario import LEAST_STEP
+from .step_objects import PERIOD
 
 
 class ControllerKeys(Record):
@@ -72,26 +81,82 @@ class Limited(ControllerKeys):
         return {**super().common(), "torque_low": low, "torque_high": high}
 
 
-class PIKeys(Limited):
-    """`kind = "pi"`: gains, a lead, anti-windup by back-calculation unless switched off."""
+class LinearKeys(Limited):
+    """Keys of the linear kinds: anti-windup by back-calculation unless switched off."""
+
+    anti_windup: bool = True
+    tracking_time: float | None = quantity("s", "of the anti-windup; left out: by the slowest zero", gt=0, default=None)
+    initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
+    cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
+    cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)
+    rule: Rule = Rule.BACKWARD
+
+    @abstractmethod
+    def design(self) -> LinearController:
+        """The design."""
+
+    def made(self, path: Path, initial_speed: float | None) -> Controller:
+        """A `LinearControl`."""
+        tracking = self.tracking_time if self.anti_windup else math.inf
+        own = {name: getattr(self, name) for name in ("rule", "initial_torque", "cut_out_speed", "cut_out_torque")}
+        return LinearControl(self.design(), tracking_time=tracking, **own, **self.common())
+
+
+class PIKeys(LinearKeys):
+    """`kind = "pi"`: gains, and a lead where it is given."""
 
     kp: float = quantity("N*m/(m/s)", "proportional gain")
     ki: float = quantity("N*m/m", "integral gain")
     lead: float = quantity("s", "time constant of a lead", ge=0, default=0.0)
     lead_filter: float = quantity("s", "its filter", ge=0, default=0.0)
-    anti_windup: bool = True
-    tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
-    initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
-    cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
-    cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)
-    rule: Rule = Rule.BACKWARD
 
-    def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `LinearControl`."""
-        design = PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
-        tracking = self.tracking_time if self.anti_windup else math.inf
-        own = {name: getattr(self, name) for name in ("rule", "initial_torque", "cut_out_speed", "cut_out_torque")}
-        return LinearControl(design, tracking_time=tracking, **own, **self.common())
+    def design(self) -> PIController:
+        """Gains and lead."""
+        return PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
+
+
+class PILeadKeys(PIKeys):
+    """`kind = "pi-lead"`: with the lead."""
+
+    lead: float = quantity("s", "time constant of the lead", gt=0)
+    lead_filter: float = quantity("s", "its filter", gt=0)
+
+
+class SystemKeys(LinearKeys):
+    """Keys of systems: continuous, or `discrete` with the period."""
+
+    period: float | None = quantity("s", "sampling period", ge=LEAST_STEP, default=PERIOD)
+    rule: Rule = Rule.TUSTIN
+    discrete: bool = False
+
+    @property
+    def own_period(self) -> float | None:
+        """Of the design."""
+        return self.period if self.discrete else None
+
+
+class TransferFunctionKeys(SystemKeys):
+    """`kind = "transfer-function"`: coefficients of descending powers of s (of z), N*m/(m/s)."""
+
+    num: tuple[float, ...] = quantity("1", "numerator")
+    den: tuple[float, ...] = quantity("1", "denominator")
+
+    def design(self) -> PolynomialController:
+        """num/den."""
+        return PolynomialController(self.num, self.den, self.own_period)
+
+
+class StateSpaceKeys(SystemKeys):
+    """`kind = "state-space"`: x' = A x + B e, torque = C x + D e, SI; lists, A by rows."""
+
+    A: tuple[tuple[float, ...], ...] = quantity("1", "by rows")
+    B: tuple[float, ...] = quantity("1", "of the error")
+    C: tuple[float, ...] = quantity("1", "of the torque")
+    D: float = quantity("1", "from error to torque", default=0.0)
+
+    def design(self) -> StateSpaceController:
+        """The matrices."""
+        return StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
 
 
 class SlidingKeys(Limited):
@@ -182,6 +247,9 @@ class TorqueProfileKeys(ControllerKeys):
 
 KINDS: dict[str, type[ControllerKeys]] = {
     "pi": PIKeys,
+    "pi-lead": PILeadKeys,
+    "transfer-function": TransferFunctionKeys,
+    "state-space": StateSpaceKeys,
     "asmc": SlidingKeys,
     "scheduled": ScheduledKeys,
     "slide-protection": SlideProtectionKeys,
@@ -220,6 +288,11 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
         given = "missing" if kind is None else f"{shown(kind)} is not one"
         near = close_match(kind, KINDS) if isinstance(kind, str) else ""
         raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
+    for short, name in (("torque_min", "torque_low"), ("torque_max", "torque_high")):
+        if short in content and name in content:
+            raise InputError(f"{where}: {short}: {name} is given too; give one")
+        if short in content and name in KINDS[kind].model_fields:
+            content[name] = content.pop(short)
     keys = validated(KINDS[kind], content, where)
     try:
         return keys.made(path, initial_speed)

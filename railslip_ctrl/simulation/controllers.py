@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,10 +18,12 @@ from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.numeric import plant_parameters
 from railslip_ctrl.parameters import PIGains, Rail
+from railslip_ctrl.parameters.validation import file_name, given_path
 from railslip_ctrl.sliding.gains import LawGains, gain_parameters
 from railslip_ctrl.sliding.generated import generated_law, law_states
 from railslip_ctrl.units import KMH
 
+from .controller_text import linear_text
 from .kernel_text import difference_text, step_text
 from .sliding_text import sliding_source
 
@@ -146,6 +149,17 @@ class LinearControl:
     def states(self) -> tuple[str, ...]:
         """Those of the difference equations, the error before and the torque before its limits."""
         return (*state_names(self.design), "error", "unlimited_torque")
+
+    def save(self, path: str | Path) -> None:
+        """Write the TOML file at `path` that every command and `load_controller` take; SI, every number of it.
+
+        InputError where it cannot be written.
+        """
+        path, text = given_path(path), linear_text(self)
+        try:
+            path.write_text(text, "utf-8")
+        except OSError as error:
+            raise InputError(f"{file_name(path)}: cannot be written ({error.strerror}); give another path") from None
 
     def linear(self, point: OperatingPoint) -> LinearController:
         """The design, the same at every operating point."""

@@ -108,15 +108,23 @@ def recommended_pi_lead(
             gains = full_range_gains(car, plants)
         except InfeasibleDesignError as error:
             raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
+    held = reference or published_reference("bristle")
+    return braking_control(PIController(gains, lead, lead_filter), car, held, name="pi-lead", period=period)
+
+
+def braking_control(
+    design: PIController, vehicle: Vehicle, reference: ReferenceSlip, *, name: str, period: float | None = None
+) -> LinearControl:
+    """A design as it brakes: within 0 and the vehicle's full brake, with anti-windup, from its initial torque."""
     return LinearControl(
-        PIController(gains, lead, lead_filter),
-        reference or published_reference("bristle"),
-        name="pi-lead",
+        design,
+        reference,
+        name=name,
         period=period,
         torque_low=0.0,
-        torque_high=full_brake_torque(car),
+        torque_high=full_brake_torque(vehicle),
         tracking_time=TRACKING_TIME,
-        initial_torque=initial_torque(car),
+        initial_torque=initial_torque(vehicle),
     )
 
 

@@ -182,7 +182,7 @@ def simulate(
     record_every : int or None
         Samples from one row of `signals` to the next; None records none.
     compiled : bool
-        False runs the same text in the interpreter, hundreds of times slower: to try a step of one's own.
+        False runs the same in the interpreter, hundreds of times slower.
 
     Returns
     -------
@@ -207,7 +207,7 @@ class Simulator:
 
     @checked
     def __init__(self, scenario: Scenario, controller: Any, *, compiled: bool = True) -> None:
-        control = as_control(controller, scenario)
+        control = as_control(controller, scenario.vehicle, scenario.adhesion.reference)
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
         if not (math.isfinite(self.period) and self.period > 0):

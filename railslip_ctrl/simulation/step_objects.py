@@ -24,14 +24,13 @@ from railslip_ctrl.design.controllers import PIController, linear_controller, st
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
+from railslip_ctrl.parameters import Vehicle
 from railslip_ctrl.parameters.modules import failure, place
 from railslip_ctrl.units import shown
 
-from .catalogue import reference_of
 from .controllers import Controller, LinearControl, Situation
 from .designed import full_brake_torque
 from .kernel_text import step_text
-from .scenario import Scenario
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -113,16 +112,17 @@ class StepControl:
     ----------
     step : object or function
         An object with `step(t, v, omega) -> torque` and, if it remembers, `reset(t, v, omega)`, called once before the
-        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object. SI.
+        first sample; or such a function, of Python's or Numba's. A run has its own copy of an object that can be
+        copied. SI.
     reference : ReferenceSlip
         What the slip error is taken against; the step has its own.
     name : str
         For reports.
     period : float
         Sampling period, s.
-    start : tuple of float
-        The numbers that a function remembers, at the start: with them it is step(t, v, omega, x), where x is an array
-        of them that it changes.
+    start_numbers : tuple of float
+        What a function remembers, at the start, 1-D, in units of its own: with them it is step(t, v, omega, x), where x
+        is an array of them that it changes.
     knows_rail, model_law
         As of `Controller`.
 
@@ -170,7 +170,7 @@ class StepControl:
         return self.start_numbers
 
     def opened(self, v: float, omega: float) -> Call:
-        """The step made ready for one run, which begins at these speeds, m/s and rad/s."""
+        """The step made ready for one run, which begins at train speed `v`, m/s, and wheel speed `omega`, rad/s."""
         return NumbaCall(self) if self.step.is_numba else PythonCall(self, v, omega)
 
 
@@ -233,7 +233,13 @@ class PythonCall(Call):
         try:
             thing = copy.deepcopy(step.thing)
         except Exception as error:  # the user's object may fail in any way
-            raise self._failed(error, 0.0, "copying it for a run") from error
+            if not hasattr(step.thing, "reset"):
+                told = " ".join(str(error).split())
+                raise InputError(
+                    f"controller {self.control.name}: it has no reset and cannot be copied for a run ({told}); give it "
+                    "reset(t, v, omega)"
+                ) from error
+            thing = step.thing
         if hasattr(thing, "reset"):
             try:
                 thing.reset(0.0, v, omega)
@@ -330,36 +336,38 @@ def _numbers_at(address: int, count: int) -> Floats:
 # --- whatever is given as a controller --------------------------------------------------------------------------------
 
 
-def as_control(controller: Any, scenario: Scenario, name: str | None = None) -> Controller:
-    """Whatever is given as a controller, as one that runs, with a `name` where it says none.
+def as_control(
+    controller: Any, vehicle: Vehicle, reference: ReferenceSlip | None, name: str | None = None
+) -> Controller:
+    """Whatever is given as a controller, as one that runs, with a `name` and `reference` where it says none.
 
     A `Controller` is itself. A linear system (`design.controllers.linear_controller`) is sampled every `PERIOD`, or at
-    its own, by Tustin's rule, within 0 and the vehicle's full brake, with anti-windup, and holds the slip that the
-    scenario's adhesion law is to be held at. Of anything else its step is called, at its `period`, or `PERIOD`.
+    its own, by Tustin's rule, within 0 and the vehicle's full brake, with anti-windup. Of anything else its step is
+    called, at its `period`, or `PERIOD`.
 
-    InputError for what is none of these, or where the law has no reference slip.
+    InputError for what is none of these, or without a reference slip.
     """
     linear = _is_linear(controller)
     if not linear and isinstance(controller, Controller):
         return controller
-    reference = getattr(controller, "reference", None)
-    if reference is None:
-        reference = reference_of(scenario.adhesion, "controller", "one with a reference slip")
+    held = getattr(controller, "reference", None) or reference
+    if held is None:
+        raise InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
     if not linear and (_is_function(controller) or hasattr(controller, "step")):
         period = getattr(controller, "period", None)
         own_name = getattr(controller, "name", None) or name or getattr(controller, "__name__", None)
         return StepControl(
-            controller, reference, str(own_name or type(controller).__name__), PERIOD if period is None else period
+            controller, held, str(own_name or type(controller).__name__), PERIOD if period is None else period
         )
     design = linear_controller(controller)
     own = None if isinstance(design, PIController) else design.period
     return LinearControl(
         design,
-        reference,
+        held,
         name=name or design.structure.lower().replace(" ", "-"),
         period=PERIOD if own is None else own,
         torque_low=0.0,
-        torque_high=full_brake_torque(scenario.vehicle),
+        torque_high=full_brake_torque(vehicle),
         tracking_time=None,
         rule=Rule.TUSTIN,
     )

@@ -19,16 +19,18 @@ from pathlib import Path
 from typing import Any
 
 import control as ct
+import numba
 import numpy as np
 import pytest
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
 from railslip_ctrl.numeric import plant_parameters
-from railslip_ctrl.parameters import TABLE4_PI
+from railslip_ctrl.parameters import TABLE4_PI, PIGains
 from railslip_ctrl.scalar_code import adhesion_table, powers
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
 from railslip_ctrl.simulation.kernel_text import kernel
+from railslip_ctrl.simulation.step_objects import StepControl
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 GAINS = TABLE4_PI["bristle"]
@@ -102,6 +104,52 @@ def test_a_run_against_python_control(benchmark):
     # the same loop but for the approximate delay and forces that the peer interpolates
     assert found.states[0, -1] == pytest.approx(run.signals.speed[t.size - 1], rel=1e-3)
     assert theirs / ours >= 100
+
+
+# --- a user's controller ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.benchmark(group="braking run")
+def test_what_a_user_s_controller_costs(benchmark):
+    """60 s at a sample each 10 ms, the wheel far from locking: a PI by gains, as a system, an object, for Numba."""
+    scenario = published_scenario().with_changes(longest_time=60.0, events=(), final_speed=0.1)
+    radius = scenario.vehicle.wheel.radius
+
+    class Own:
+        reference = REFERENCE
+
+        def reset(self, t: float, v: float, omega: float) -> None:
+            self.integral = 0.0
+
+        def step(self, t: float, v: float, omega: float) -> float:
+            error = 0.05 * v - (v - radius * omega)
+            self.integral += 0.01 * 100.0 * error
+            return 500.0 * error + self.integral
+
+    @numba.njit
+    def own(t, v, omega, x):
+        error = 0.05 * v - (v - radius * omega)
+        x[0] += 0.01 * 100.0 * error
+        return 500.0 * error + x[0]
+
+    held = ReferenceSlip(dry=0.05, wet=0.05)
+    built_in = LinearControl(PIController(PIGains(kp=500.0, ki=100.0)), held, period=0.01)
+    simulators = {
+        "gains": Simulator(scenario, built_in),
+        "system": Simulator(scenario, LinearControl(500.0 + 100.0 / ct.tf("s"), held, period=0.01)),
+        "Numba": Simulator(scenario, StepControl(own, held, start_numbers=(0.0,))),
+        "object": Simulator(scenario, Own()),
+    }
+    runs = {name: simulator.run(0) for name, simulator in simulators.items()}
+    assert all(run.braking_time == 60.0 for run in runs.values())
+    benchmark(simulators["object"].run, 0)
+    best = dict.fromkeys(simulators, math.inf)
+    for _ in range(30):  # in turn, so that all meet the same neighbours
+        for name, simulator in simulators.items():
+            best[name] = min(best[name], shortest(lambda simulator=simulator: simulator.run(0), 1))
+    print("\na run of 60 s, 6000 samples: " + ", ".join(f"{name} {1e3 * best[name]:.2f} ms" for name in best))
+    assert best["object"] - best["gains"] <= 15e-3
+    assert max(best["system"], best["Numba"]) <= 1.10 * best["gains"]
 
 
 # --- jitcdde ----------------------------------------------------------------------------------------------------------
@@ -259,7 +307,7 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
 ONE_RUN = """
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
-from railslip_ctrl.parameters import TABLE4_PI
+from railslip_ctrl.parameters import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 reference = ReferenceSlip(dry=0.132, wet=0.092)
 simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference))

@@ -1,0 +1,205 @@
+"""Controllers' files, written and read, and `--controller` in every command."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import control as ct
+import numpy as np
+import pytest
+
+from railslip_ctrl.adhesion import ReferenceSlip, published_law
+from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import linearize, operating_point
+from railslip_ctrl.loop import DeadTimeLoop
+from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation.controller_files import load_controller
+
+S = ct.tf("s")
+HELD = ReferenceSlip(dry=0.1317, wet=0.0923)
+NOTCHED = 240.123456789 * (1 + 0.02 / S) * (0.6 * S + 1) / (0.05 * S + 1) * (S**2 + S + 400) / (S + 20) ** 2
+ALL = {
+    "torque_low": 0.0,
+    "torque_high": 9000.1,
+    "tracking_time": 1.0 / 3.0,
+    "initial_torque": 1500.7,
+    "cut_out_speed": 5.0 / 3.6,
+    "cut_out_torque": 1111.1,
+}
+CONTROLS = {
+    "pi": LinearControl(PIController(PIGains(kp=1.0 / 3.0, ki=0.0)), HELD),
+    "pi-lead": LinearControl(PIController(PIGains(kp=229.1, ki=5.3), 0.6, 0.06), HELD, 'a "b" ä', 0.02, **ALL),
+    "filtered": LinearControl(PIController(PIGains(kp=229.1, ki=5.3), 0.0, 0.06), HELD, tracking_time=None),
+    "transfer function": LinearControl(NOTCHED, HELD, "mine", 0.01, rule="tustin", **ALL),
+    "state space": LinearControl(ct.tf2ss(NOTCHED), HELD, "mine", 0.01, **ALL),
+    "factored": LinearControl(ct.zpk([-1.0], [0.0, -3.0], 7.0), HELD, "mine", 0.01, tracking_time=math.inf),
+    "discrete": LinearControl(ct.sample_system(NOTCHED, 0.02, "tustin"), HELD, "mine", tracking_time=None),
+    "a number": LinearControl(300.0, HELD, "mine", 0.01),
+}
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_what_is_saved_is_loaded_again(tmp_path, name):
+    path = tmp_path / "c.toml"
+    CONTROLS[name].save(path)
+    assert load_controller(path) == CONTROLS[name]
+
+
+def test_a_run_from_the_file_is_the_run(tmp_path):
+    scenario = built_in_scenario("park2008")
+    own = LinearControl(ct.tf2ss(1210 * (1 + 1 / S) * (0.6 * S + 1) / (0.06 * S + 1)), HELD, "mine", 0.01, **ALL)
+    own.save(tmp_path / "c.toml")
+    runs = [simulate(scenario, c, seed=2) for c in (own, load_controller(tmp_path / "c.toml"))]
+    assert np.array_equal(runs[0].signals.command, runs[1].signals.command)
+
+
+def test_what_has_no_file_is_told(tmp_path):
+    with pytest.raises(InputError, match="period: a file of a transfer function or state space needs one"):
+        LinearControl(NOTCHED, HELD).save(tmp_path / "c.toml")
+    with pytest.raises(InputError, match="cannot be written"):
+        CONTROLS["pi"].save(tmp_path / "none" / "c.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('kind = "transfer-function"\nnum = [1.0]', "den: missing"),
+        ('kind = "transfer-function"\nnum = [1.0, 0.0]\nden = [1.0]', "not proper"),
+        ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
+        ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
+        ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
+        (
+            'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_max = 1.0\ntorque_high = 2.0',
+            "torque_max: torque_high is given too",
+        ),
+    ],
+)
+def test_a_file_that_is_wrong_is_told(tmp_path, text, told):
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"c\.toml: ") as caught:
+        load_controller(path)
+    assert told in str(caught.value)
+
+
+# --- margins ---------------------------------------------------------------------------------------------------------
+
+CASE = ("--adhesion", "bristle", "--rail", "dry", "--speed", "100")
+
+
+def plant():
+    law = published_law("bristle", Rail.DRY)
+    return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_path, seed):
+    """PI, lead and a random second-order part: against the loop engine, and by NumPy on a fine grid."""
+    rng = np.random.default_rng(seed)
+    a, b, zeta = rng.uniform(10.0, 60.0), rng.uniform(10.0, 60.0), rng.uniform(0.3, 1.5)
+    c = rng.uniform(150, 400) * (S + rng.uniform(0.005, 0.05)) / S * (0.6 * S + 1) / (0.06 * S + 1)
+    c = c * (S**2 + a * S + a**2) / (S**2 + 2 * zeta * b * S + b**2) * (b / a) ** 2
+    path = tmp_path / "c.toml"
+    num, den = c.num[0][0].tolist(), c.den[0][0].tolist()
+    path.write_text(f'kind = "transfer-function"\nnum = {num}\nden = {den}\nperiod = "1 ms"\ntorque_max = "9 kN*m"\n')
+    status, out, _ = railslip("margins", *CASE, "--controller", path, "--json")
+    (found,) = json.loads(out)["cases"]
+    lagged = actuated_plant(plant(), PARK2008.actuator)
+    loop = DeadTimeLoop(lagged * DeadTimeLoop(c).system, PARK2008.actuator.dead_time)
+    assert (status, found["stable"]) == ((0, True) if loop.is_stable() else (1, False))
+    assert found["stable"]
+    assert found["ms"] == pytest.approx(loop.margins().ms, rel=1e-9)
+    s, wheel = 1j * np.geomspace(1e-3, 1e3, 4000), plant()
+    states = np.linalg.solve(s[:, None, None] * np.eye(len(wheel.A)) - wheel.A, np.tile(wheel.B, (s.size, 1, 1)))
+    sigma = states[:, :, 0] @ wheel.C[wheel.outputs.index("sigma")]
+    response = c(s) * sigma / (0.6 * s + 1) * np.exp(-0.15 * s)
+    # the peak of a grid of 4 000 frequencies lies at most 1e-5 below the true one
+    assert np.max(1 / np.abs(1 + response)) == pytest.approx(found["ms"], rel=1e-4)
+    # sampled every 1 ms the loop is nearly the continuous one
+    assert found["sampled"]["period_s"] == 0.001
+    assert found["sampled"]["ms"] == pytest.approx(found["ms"], rel=5e-3)
+
+
+def test_margins_takes_what_simulate_takes(railslip, tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text("import control as ct\ns = ct.tf('s')\nCONTROLLER = 190 + 5 / s\n")
+    by_gains = json.loads(railslip("margins", *CASE, "--kp", "190", "--ki", "5", "--json")[1])["cases"][0]
+    by_file = json.loads(railslip("margins", *CASE, "--controller", own, "--json")[1])["cases"][0]
+    by_name = json.loads(railslip("margins", *CASE, "--controller", "pi", "--kp", "190", "--ki", "5", "--json")[1])[
+        "cases"
+    ][0]
+    assert by_file["ms"] == pytest.approx(by_gains["ms"], rel=1e-9)
+    assert by_name == by_gains
+    status, out, _ = railslip("margins", *CASE, "--controller", "scheduled")
+    assert status == 0
+    assert "PI-lead" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--controller", "asmc"), "controller: SlidingControl is not a linear system"),
+        (("--controller", "nope"), "--controller: 'nope' is not one"),
+        (("--controller", "relay.py"), "Relay is known by its step alone and has no margins; give it a method linear"),
+        (("--controller", "told.py"), "told.py, line 5: linear fails with ZeroDivisionError"),
+        (("--controller", "discrete.py", "--certify"), "--certify: the loop of a discrete controller has no"),
+        (("--controller", "discrete.py", "--lead", "0.6"), "--lead: does not go with --controller"),
+        (("--controller", "discrete.py", "--kp", "1", "--ki", "1"), "--kp: does not go with a controller from a file"),
+    ],
+)
+def test_margins_refuses_in_one_line(railslip, tmp_path, monkeypatch, words, told):
+    monkeypatch.chdir(tmp_path)
+    relay = "class Relay:\n    def step(self, t, v, omega):\n        return 0.0\n{}\nCONTROLLER = Relay()\n"
+    Path("relay.py").write_text(relay.format(""))
+    Path("told.py").write_text(relay.format("    def linear(self, point):\n        return 1 / 0"))
+    Path("discrete.py").write_text("import control as ct\nCONTROLLER = ct.tf([190.0], [1.0], 0.05)\n")
+    status, out, err = railslip("margins", *CASE, *words)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert told in err
+
+
+def test_margins_of_a_discrete_controller_are_sampled_ones(railslip, tmp_path):
+    path = tmp_path / "discrete.py"
+    path.write_text("import control as ct\nCONTROLLER = ct.tf([190.0], [1.0], 0.05)\n")
+    (found,) = json.loads(railslip("margins", *CASE, "--controller", path, "--json")[1])["cases"]
+    assert found["controller"]["structure"] == "discrete transfer function of order 0"
+    assert found["stable"]
+    assert "sampled" not in found
+
+
+# --- the other commands ----------------------------------------------------------------------------------------------
+
+
+def test_a_tuned_controller_goes_on_as_a_file(railslip, tmp_path):
+    path = tmp_path / "tuned.toml"
+    words = ("--structure", "pi-lead", "--ms-max", "1.8", "--json")
+    status, out, _ = railslip("tune", *CASE, *words, "--out", path)
+    tuned = json.loads(out)
+    assert status == 0
+    written = tomllib.loads(path.read_text("utf-8"))
+    assert (written["kind"], written["reference"]["dry"]) == ("pi-lead", 0.132)
+    (found,) = json.loads(railslip("margins", *CASE, "--controller", path, "--json")[1])["cases"]
+    assert found["ms"] == pytest.approx(1.8, rel=1e-3)
+    assert str(found["controller"]["kp_si"]) in json.dumps(tuned)
+    status, _, _ = railslip("simulate", "--scenario", "park2008-si", "--controller", path, "--no-noise", "--json")
+    assert status == 0
+    assert "give FILE.toml" in railslip("tune", *CASE, *words, "--out", tmp_path / "tuned.json")[2]
+
+
+def test_a_campaign_takes_the_same_words(railslip, tmp_path):
+    CONTROLS["transfer function"].save(tmp_path / "mine.toml")
+    (tmp_path / "own.py").write_text("def step(t, v, omega):\n    return 1500.0\n\n\nCONTROLLER = step\n")
+    campaign = tmp_path / "campaign.toml"
+    spread = '[[quantity]]\npath = "vehicle.mass"\ndistribution = "uniform"\nrelative = true\nlow = 0.8\nhigh = 1.2\n'
+    campaign.write_text(f'scenario = "park2008"\nruns = 6\n\n[[controller]]\ncontroller = "own.py"\n\n{spread}')
+    words = ("--controller", tmp_path / "mine.toml", "--controller", tmp_path / "own.py", "--controller", "pi")
+    status, out, err = railslip("campaign", campaign, "--out", tmp_path / "out", "--workers", "1", *words, "--json")
+    assert status == 0, err
+    assert list(json.loads(out)["controllers"]) == ["mine", "own", "pi"]
+    assert load_campaign(campaign).controller_names == ("own",)
