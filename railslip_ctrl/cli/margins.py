@@ -78,7 +78,7 @@ def command(
             raise InputError("--certify: goes with operating points; leave --envelope out")
         judged = cases.envelope(envelope)
         if controller is not None:
-            given = _controller(controller, judged.points(nominal=True).plants[0].point, gains)
+            given = given_controller(controller, judged.points(nominal=True).plants[0].point, gains)
         judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         if as_json:
             print_json(judgement_json(judgement))
@@ -87,7 +87,7 @@ def command(
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
     points = cases.points()
     if controller is not None:
-        given = _controller(controller, points[0], gains)
+        given = given_controller(controller, points[0], gains)
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -103,7 +103,7 @@ def command(
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
 
 
-def _controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
+def given_controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
     """The controller of `--controller`, for the vehicle of a point."""
     from railslip_ctrl.adhesion import ReferenceSlip
     from railslip_ctrl.simulation.catalogue import controller_named, default_column

@@ -43,7 +43,7 @@ _LARGEST_SLIP = 0.5  # end of the adhesion curves
 _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
-_FASTER = (0.8, 0.65, 0.5, 0.35)  # times dead time and lag, tried in turn
+_FASTER = (0.75, 0.5, 0.25)  # times dead time and lag, tried in turn
 
 
 def design_report(
@@ -137,9 +137,13 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
     lowest = above if above is not None else judgement.usable_from_kmh or 0.0
     in_use = restricted(judgement, lowest)
     design = PIController(best.design.gains, best.design.lead, best.design.lead_filter)  # type: ignore[union-attr]
-    control = as_run(design, judgement, lowest if lowest > min(envelope.speeds) else 0.0)
+    control = as_run(design, judgement, lowest if len(envelope.speeds) > 1 else 0.0)
     progress("braking runs")
     runs = stops(control, judgement)
+    faster = None
+    if above != min(envelope.speeds):
+        progress("the brake that would do")
+        faster = _faster(envelope, selection)
     progress("limits, gains around the design, responses")
     return replace(
         empty,
@@ -152,14 +156,14 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
         curves=_curves(judgement),
         gains=_gain_map(in_use, design),
         responses=_responses(in_use.worst, design),
-        faster=None if above == min(envelope.speeds) else _faster(envelope, selection),
+        faster=faster,
     )
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     judgement = judge(controller, envelope, nominal=nominal)
     low = judgement.usable_from_kmh or 0.0
-    control = as_run(controller, judgement, low if low > min(envelope.speeds) else 0.0, name)
+    control = as_run(controller, judgement, low if len(envelope.speeds) > 1 else 0.0, name)
     return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
 
 
@@ -225,17 +229,17 @@ def _lag(actuator: Actuator) -> Rational:
 
 
 def _faster(envelope: Envelope, selection: Selection) -> FasterBrake | None:
-    """The brake with which the best structure is robust over the whole envelope; None if not even the fastest."""
+    """The brake with which the best structure is robust over the whole envelope; None if none that was tried."""
     best = selection.choices[0]
-    car, lowest = envelope.vehicle, min(envelope.speeds)
+    held = best.design.judgement.envelope if best.design is not None and best.design.judgement else envelope
     for factor in _FASTER:
-        actuator = Actuator(dead_time=factor * car.actuator.dead_time, lag=factor * car.actuator.lag)
-        held = best.design.judgement.envelope if best.design and best.design.judgement else envelope
-        faster = held.at(vehicle=car.model_copy(update={"actuator": actuator}))
-        found = select(faster, (best.structure,)).best
-        judgement = None if found is None or found.design is None else found.design.judgement
-        if judgement is not None and judgement.robust_from_kmh == lowest:
-            return FasterBrake(factor, actuator.dead_time, actuator.lag)
+        old = envelope.vehicle.actuator
+        actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
+        faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
+        found = select(faster, (best.structure,), (1.0,)).choices[0].design
+        if found is not None and found.judgement is not None:
+            if found.judgement.robust_from_kmh == min(envelope.speeds):
+                return FasterBrake(factor, actuator.dead_time, actuator.lag)
     return None
 
 

@@ -91,9 +91,7 @@ def controller_json(control: LinearControl) -> dict[str, Any]:
     """A controller as its TOML has it."""
     import tomllib
 
-    from railslip_ctrl.simulation.controller_text import linear_text
-
-    return tomllib.loads(linear_text(control))
+    return tomllib.loads(control.toml)
 
 
 def map_json(judgement: Judgement) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
@@ -14,7 +13,6 @@ from railslip_ctrl.report.text import law_facts, vehicle_facts
 from railslip_ctrl.sliding.verdict import Condition
 
 from .blocks import Block, Facts, Paragraph, Picture, Section, Table
-from .first_page import ms_words
 from .numbers import NONE, above, below, listed, minus, roots, short
 from .typography import typeset
 
@@ -268,7 +266,8 @@ def _sliding(report: DesignReport) -> Section:
         f"Of the layered law, {len(held)} of {len(conditions)} conditions hold, on the published bristle model. It "
         "needs the holding torque of the rail. railslip verify --law layered has the evidence."
     )
-    return Section("sliding", "Sliding mode", (Paragraph(text), Table("What holds.", ("Condition", "How"), rows)))
+    table = (Table("What holds.", ("Condition", "How"), rows),) if rows else ()
+    return Section("sliding", "Sliding mode", (Paragraph(text), *table))
 
 
 def decided(one: Condition) -> str:
@@ -283,9 +282,3 @@ def _paper(report: DesignReport) -> Section | None:
     return Section("paper", "The paper", (Paragraph(text),))
 
 
-def pieces(report: DesignReport) -> Iterator[str]:
-    """What the terminal says of the sections."""
-    yield from (section.title for section in design_sections(report))
-
-
-__all__ = ["decided", "design_sections", "ms_words", "pieces"]

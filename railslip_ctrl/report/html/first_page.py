@@ -9,7 +9,6 @@ import numpy as np
 
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.design.specification import is_robust
 from railslip_ctrl.design_report import DesignReport, Stop
 
 from .blocks import FirstPage, Picture
@@ -60,45 +59,40 @@ def controller_words(design: PIController) -> str:
 
 
 def _why(report: DesignReport) -> str:
-    if report.in_use is None:
+    if report.in_use is None or report.best is None:
         return "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
-    cases, robust = len(report.in_use.points), _robust(report.in_use)
-    share = f"Ms ≤ 2 at {robust} of {cases} points"
+    judged = report.in_use
+    operating = int(judged.points.operating.sum())
     if report.above_kmh is None:
-        worst = report.in_use.worst
-        return f"No PI or PI-lead keeps Ms ≤ 2 at any speed; this one, the best, has {ms_words(worst.ms)}."
-    stable = "" if report.nominal else ", stable at all"
-    return f"{share}{stable}; worst {ms_words(report.in_use.worst_with_tolerances.ms)}."
-
-
-def _robust(judgement: Judgement) -> int:
-    return int(sum(is_robust(ms) for ms in judgement.ms.tolist()))
+        return f"No PI or PI-lead keeps Ms ≤ 2 at any speed. The best of them has {ms_words(judged.worst.ms)}."
+    told = f"Ms ≤ 2 at all {operating} operating points"
+    if not report.nominal:
+        told += f", stable at all {len(judged.points)} with tolerances"
+    factor = report.best.reference_factor
+    less = "" if factor == 1.0 else f" It holds {factor:g} of the laws' reference slip: at more, less is robust."
+    return f"{told}.{less}"
 
 
 def ms_words(ms: float) -> str:
     """An Ms, not below what it is."""
-    return "unstable" if math.isinf(ms) else f"Ms {above(ms)}"
+    return "unstable loops" if math.isinf(ms) else f"Ms {above(ms)}"
 
 
 def _to_do(report: DesignReport) -> str:
     """The steps that the numbers ask for, the first ones first; few words."""
     told = []
-    if report.hands_over and report.control is not None:
-        torque = short(report.control.cut_out_torque)
-        told.append(f"Below {report.above_kmh:g} km/h hold {torque} N·m.")
+    if report.control is not None and report.usable and report.control.cut_out_speed > 0:
+        told.append(f"Below {report.above_kmh:g} km/h hold {short(report.control.cut_out_torque)} N·m.")
     if report.faster is not None:
-        brake = report.faster
-        whole = "a robust design" if report.above_kmh is None else "the whole envelope"
-        told.append(f"For {whole}: dead time {short(brake.dead_time, 3)} s, lag {short(brake.lag, 3)} s.")
-    elif report.above_kmh is None:
-        told.append("Take a brake of less dead time, or less slip.")
+        brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
+        told.append(f"For Ms ≤ 2 everywhere: {brake}.")
+    elif not report.usable:
+        told.append("Take a brake with less dead time and lag, or hold less slip.")
     slow = [stop for stop in report.first_stops if not stop.reached]
     if slow:
         rails = " and ".join(str(stop.rail) for stop in slow)
-        told.append(f"The reference is not reached on {rails} rail: expect the distance below.")
-    if report.best is not None and report.best.reference_factor != 1.0:
-        told.append(f"Hold {report.best.reference_factor:g} times the laws' reference slip.")
-    return " ".join(told) or "Load the file; confirm on the rig."
+        told.append(f"The slip held stays below its reference on {rails} rail.")
+    return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
@@ -116,7 +110,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     if worst.margins is not None:
         yield from _margin_rows(judged)
     for stop in report.first_stops:
-        yield f"Stop, {stop.rail}", _distance(stop), stop_words(stop)
+        yield f"Stop, {stop.rail}", _distance(stop), f"{stop_words(stop)}; {_locks(report, stop)}"
 
 
 def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
@@ -151,8 +145,13 @@ def stop_words(stop: Stop) -> str:
         bound = short(stop.bound.braking_distance)
         told.append(f"{short(100 * stop.over_bound, 2)} % over the bound with this brake ({bound} m)")
     told.append(f"slip ≤ {above(stop.run.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
-    told.append("the wheel locks" if stop.locks else "no lock")
     return "; ".join(told)
+
+
+def _locks(report: DesignReport, first: Stop) -> str:
+    """Whether the wheel locks in some stop on the rail."""
+    where = [f"{stop.law}, {stop.load}" for stop in report.stops if stop.rail is first.rail and stop.locks]
+    return f"locks ({'; '.join(where)})" if where else "no lock"
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
