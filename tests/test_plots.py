@@ -93,7 +93,7 @@ def test_bode_draws_the_curve_it_is_given(groups):
 def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
     """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
     plant = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
-    zero = controller_group("no gain", "", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
+    zero = controller_group("no gain", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
     assert np.all(zero.curves[0].magnitude_db == -np.inf)
     alone, beside = (zero,), (zero, groups[0])
     for figure in (bode_figure(beside), bode_figure(alone), nyquist_figure(alone), nichols_figure(alone)):

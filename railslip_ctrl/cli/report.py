@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
@@ -28,7 +27,7 @@ from railslip_ctrl.report.provenance import Provenance
 
 from .margins import given_controller
 from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, chosen_gains, envelope_options, gain_options
-from .output import print_json, print_text, progress
+from .output import print_json, print_text, progress, provenance
 from .settings import HELP
 from .simulation_options import controller_option
 
@@ -158,18 +157,3 @@ def _timed() -> Callable[[str], None]:
 
 def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
-
-
-def provenance(ctx: click.Context) -> Provenance:
-    """The command line as it could be typed again, and every option with its value."""
-    words, options = [ctx.command_path], []
-    for option in ctx.command.params:
-        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
-        value = ctx.params.get(option.name or "")
-        values = list(value) if isinstance(value, tuple) else [value]
-        shown = ", ".join(str(one) for one in values if one is not None) or "left out"
-        options.append((option.opts[0], shown if given else f"{shown} (default)"))
-        if given and isinstance(option, click.Option):
-            words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
-            words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
-    return Provenance(" ".join(words), tuple(options))

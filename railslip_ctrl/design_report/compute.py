@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from railslip_ctrl.assessment import limits_of
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
@@ -112,9 +112,7 @@ def _report(
         progress(f"{name}, judged and run beside")
         rivals.append(_rival(name, controller, envelope, nominal, report))
     progress("conditions of the layered sliding-mode law")
-    return replace(
-        report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started
-    )
+    return replace(report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started)
 
 
 def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress: Progress) -> DesignReport:
@@ -237,9 +235,9 @@ def _faster(envelope: Envelope, selection: Selection) -> FasterBrake | None:
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
         found = select(faster, (best.structure,), (1.0,)).choices[0].design
-        if found is not None and found.judgement is not None:
-            if found.judgement.robust_from_kmh == min(envelope.speeds):
-                return FasterBrake(factor, actuator.dead_time, actuator.lag)
+        judgement = None if found is None else found.judgement
+        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds):
+            return FasterBrake(factor, actuator.dead_time, actuator.lag)
     return None
 
 
@@ -256,7 +254,4 @@ def _curve(point: OperatingPoint) -> LawCurve:
     end = min(_LARGEST_SLIP, law.domain_limit(point.speed)[0] * (1.0 - 1e-9))
     slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
     coefficient = np.asarray(adhesion_coefficient(law, point.speed, slip, load))
-    return LawCurve(
-        law.name, point.rail, point.speed_kmh, slip, coefficient, peak(law, point.speed, load), point
-    )
-
+    return LawCurve(law.name, point.rail, point.speed_kmh, slip, coefficient, peak(law, point.speed, load), point)

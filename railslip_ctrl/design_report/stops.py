@@ -115,7 +115,7 @@ def _stop(control: Any, scenario: Scenario, load: str) -> Stop:
 def _held(run: Any) -> float:
     """The highest mean of slip over a second."""
     signals = run.signals
-    width = max(int(round(_MEAN_TIME / (signals.time[1] - signals.time[0]))), 1)
+    width = max(round(float(_MEAN_TIME / (signals.time[1] - signals.time[0]))), 1)
     if signals.slip.size < width:
         return float(np.mean(signals.slip))
     return float(np.convolve(signals.slip, np.full(width, 1.0 / width), mode="valid").max())

@@ -55,7 +55,9 @@ def _envelope(report: DesignReport) -> Section:
             )
             for name, one in worst
         ]
-        blocks.append(Table("Worst cases from the usable speed up.", ("", "Ms", "Phase, deg", "Delay, s", "Case"), rows))
+        blocks.append(
+            Table("Worst cases from the usable speed up.", ("", "Ms", "Phase, deg", "Delay, s", "Case"), rows)
+        )
         axes = [
             (axis, f"{value:g}" if isinstance(value, float) else str(value), f"{100 * share:.3g}", _ms(ms))
             for axis, values in judged.by_axis().items()
@@ -133,7 +135,9 @@ def _stops(report: DesignReport) -> Section | None:
     for stop in report.stops:
         distances = [run.braking_distance for run in stop.runs]
         bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
-        spread = f"{short(min(distances))} to {short(max(distances))}" if all(r.stopped for r in stop.runs) else "no stop"
+        spread = (
+            f"{short(min(distances))} to {short(max(distances))}" if all(r.stopped for r in stop.runs) else "no stop"
+        )
         highest = above(max(run.max_slip for run in stop.runs))
         held = f"{short(stop.held, 2)} of {short(stop.reference)}"
         rows.append((stop.law, stop.load, str(stop.rail), spread, bound, highest, held, "yes" if stop.locks else "no"))
@@ -198,7 +202,9 @@ def _limits(report: DesignReport) -> Section:
     )  # fmt: skip
     text = "Least Ms that any controller can have, theorems, at the hardest operating point of each rail and load."
     sources = "Interpolation at the unstable pole: [Astrom2021] 14.4, [Sarason1967]."
-    return Section("limits", "What no controller beats", (Paragraph(f"{text} {sources}"), Table("Least Ms.", head, rows)))
+    return Section(
+        "limits", "What no controller beats", (Paragraph(f"{text} {sources}"), Table("Least Ms.", head, rows))
+    )
 
 
 def _structure(limit: StructureLimit | None) -> str:
@@ -280,5 +286,3 @@ def _paper(report: DesignReport) -> Section | None:
         return None
     text = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
     return Section("paper", "The paper", (Paragraph(text),))
-
-

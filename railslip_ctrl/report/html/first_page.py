@@ -12,7 +12,7 @@ from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design_report import DesignReport, Stop
 
 from .blocks import FirstPage, Picture
-from .numbers import above, below, short
+from .numbers import above, below, minus, short
 
 RECOMMENDED = "recommended.toml"
 """The file with the recommended design."""
@@ -29,7 +29,7 @@ def first_page(report: DesignReport) -> FirstPage:
         file=RECOMMENDED if report.control is not None else "",
         lines=(("Why", _why(report)), ("To do", _to_do(report))),
         head=HEAD,
-        rows=tuple(_rows(report)),
+        rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
     )
 
