@@ -69,7 +69,7 @@ class Stop:
     bound : ClairvoyantStop or None
         What no controller of this brake beats; None where none is known.
     held : float
-        Highest mean of slip over a second, of `run`: what is held, without the noise.
+        Median of slip over the second half of `run`: what is held, without the noise and the start.
     reference : float
         The slip ratio to be held.
     """

@@ -15,7 +15,7 @@ from railslip_ctrl.design.selection import INITIAL_SHARE
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.parameters import Rail, Vehicle
-from railslip_ctrl.simulation import BrakeLimits, LinearControl, Scenario, Simulator, stop
+from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.designed import TRACKING_TIME, full_brake_torque
@@ -30,8 +30,6 @@ OTHER_SEEDS = (1, 2, 3)
 
 LOG_PERIOD = 0.01
 """s, between the samples of a recorded run: those of `railslip simulate`."""
-
-_MEAN_TIME = 1.0  # s, of the mean of slip that is called held
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
@@ -112,13 +110,11 @@ def _stop(control: Any, scenario: Scenario, load: str) -> Stop:
     )
 
 
-def _held(run: Any) -> float:
-    """The highest mean of slip over a second."""
-    signals = run.signals
-    width = max(round(float(_MEAN_TIME / (signals.time[1] - signals.time[0]))), 1)
-    if signals.slip.size < width:
-        return float(np.mean(signals.slip))
-    return float(np.convolve(signals.slip, np.full(width, 1.0 / width), mode="valid").max())
+def _held(run: Run) -> float:
+    """The median of slip over the second half of a stop."""
+    assert run.signals is not None, "the run is recorded"
+    slip = run.signals.slip
+    return float(np.median(slip[slip.size // 2 :]))
 
 
 def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:

@@ -156,7 +156,7 @@ def _stops(report: DesignReport) -> Section | None:
     ]
     text = (
         f"Stops from {envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The bound is "
-        "what no controller of this brake beats; slip held is the highest mean over a second. "
+        "what no controller of this brake beats; slip held is the median over the second half. "
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
     return Section(

@@ -92,6 +92,8 @@ def _to_do(report: DesignReport) -> str:
     if slow:
         rails = " and ".join(str(stop.rail) for stop in slow)
         told.append(f"The slip held stays below its reference on {rails} rail.")
+    if report.usable and any(stop.locks for stop in report.stops):
+        told.append("The wheel locks in some stops: end slip control earlier.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
