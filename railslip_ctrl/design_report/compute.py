@@ -118,24 +118,25 @@ def _report(
 def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress: Progress) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
     best = selection.best
-    judgement = None if best is None or best.design is None else best.design.judgement
-    if judgement is not None and nominal:
-        judgement = judge(best.design, judgement.envelope, nominal=True)  # type: ignore[union-attr]
-        best = replace(best, design=replace(best.design, judgement=judgement))  # type: ignore[arg-type, type-var]
+    design = None if best is None else best.design
+    judgement = None if design is None else design.judgement
+    if best is not None and design is not None and judgement is not None and nominal:
+        judgement = judge(design, judgement.envelope, nominal=True)
+        best = replace(best, design=replace(design, judgement=judgement))
         selection = Selection((best, *selection.choices[1:]))
     empty = DesignReport(
         envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
-    if judgement is None:
+    if design is None or judgement is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         return replace(empty, limits=_limits(blank), curves=_curves(blank))
     above = judgement.robust_from_kmh
     lowest = above if above is not None else judgement.usable_from_kmh or 0.0
     in_use = restricted(judgement, lowest)
-    design = PIController(best.design.gains, best.design.lead, best.design.lead_filter)  # type: ignore[union-attr]
-    control = as_run(design, judgement, lowest if len(envelope.speeds) > 1 else 0.0)
+    plain = PIController(design.gains, design.lead, design.lead_filter)
+    control = as_run(plain, judgement, lowest if len(envelope.speeds) > 1 else 0.0)
     progress("braking runs")
     runs = stops(control, judgement)
     faster = None
@@ -152,8 +153,8 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
         stops=runs,
         limits=_limits(judgement),
         curves=_curves(judgement),
-        gains=_gain_map(in_use, design),
-        responses=_responses(in_use.worst, design),
+        gains=_gain_map(in_use, plain),
+        responses=_responses(in_use.worst, plain),
         faster=faster,
     )
 

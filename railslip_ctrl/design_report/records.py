@@ -238,10 +238,13 @@ class DesignReport:
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
     """The same judgement over the speeds from one up, km/h."""
     kept = judgement.points.speed_kmh >= from_kmh
-    margins = judgement.margins
-    columns = {name: None if (values := getattr(margins, name)) is None else values[kept] for name in vars(margins)}
+    columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
     speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
     envelope = judgement.envelope.at(speeds=speeds)
     return Judgement(
-        judgement.controller, envelope, judgement.nominal, judgement.points.take(kept), replace(margins, **columns)
+        judgement.controller,
+        envelope,
+        judgement.nominal,
+        judgement.points.take(kept),
+        replace(judgement.margins, **columns),
     )

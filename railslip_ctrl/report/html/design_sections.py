@@ -7,6 +7,7 @@ import math
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.design_report import DesignReport, Rival
+from railslip_ctrl.linearization import linearize
 from railslip_ctrl.parameters import doubts
 from railslip_ctrl.report.judging import envelope_words
 from railslip_ctrl.report.text import law_facts, vehicle_facts
@@ -245,14 +246,11 @@ def _plant(report: DesignReport) -> Section:
     blocks: list[Block] = [Facts(tuple(row for row in vehicle_facts(vehicle) if row[0] != "Note"))]
     noted = [*vehicle.notes, *(f"To be checked: {one}" for one in doubts(vehicle))]
     blocks += [Paragraph(text) for text in noted]
-    plants = {curve.point: curve for curve in report.curves}
+    points = dict.fromkeys(curve.point for curve in report.curves)
     if report.in_use is not None:
-        worst = report.in_use.worst.case
-        plants = {worst.point: None} | plants  # type: ignore[dict-item]
-    from railslip_ctrl.linearization import linearize
-
+        points = {report.in_use.worst.point: None} | points
     rows = []
-    for point in plants:
+    for point in points:
         plant = linearize(point)
         where = f"{point.adhesion}, {point.rail}, {point.speed_kmh:g} km/h"
         rows.append((where, short(point.brake_torque), roots(plant.poles), roots(plant.zeros)))
