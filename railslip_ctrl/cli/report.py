@@ -13,9 +13,9 @@ from typing import Any
 import click
 
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design_report import DesignReport, design_report
 from railslip_ctrl.folders import claimed
+from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.parameters import PIGains
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
@@ -87,7 +87,8 @@ def command(
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-    given = _given(controller, chosen_gains(kp, ki), judged)
+    point = judged.points(nominal=True).plants[0].point  # refuses what has none, before the work too
+    given = _given(controller, chosen_gains(kp, ki), point)
     with claimed(out):
         found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
         files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)
@@ -99,10 +100,9 @@ def command(
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _given(controller: str | None, gains: PIGains | None, envelope: Envelope) -> dict[str, Any]:
-    """The user's own controllers by name."""
+def _given(controller: str | None, gains: PIGains | None, point: OperatingPoint) -> dict[str, Any]:
+    """The user's own controllers by name, for the vehicle of a point."""
     if controller is not None:
-        point = envelope.points(nominal=True).plants[0].point
         return {Path(controller).name: given_controller(controller, point, gains)}
     return {} if gains is None else {"given PI": PIController(gains)}
 

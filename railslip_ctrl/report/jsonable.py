@@ -16,7 +16,7 @@ from railslip_ctrl.law_sources import source_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import Vehicle, remarks
+from railslip_ctrl.parameters import remarks
 
 from .laws import law_json
 
@@ -204,8 +204,3 @@ def _structure_limits(limits: Limits) -> dict[str, Any]:
         found[f"{name}_phase_margin_upper_bound_deg"] = None if structure is None else number(structure.phase_deg)
         found[f"{name}_ms_lower_bound"] = None if structure is None else number(structure.ms_bound)
     return found
-
-
-def vehicle_json(vehicle: Vehicle) -> dict[str, Any]:
-    """The vehicle's parameters, SI, with the unit of each in its key's documentation."""
-    return vehicle.model_dump(mode="json")
