@@ -127,6 +127,7 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
     first = first_page(robust)
     assert robust.in_use.verdict == "robust"
     assert first.headline == "USE"
+    assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
     assert first.words <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
     worst = {name: value for name, value, _ in first.rows}

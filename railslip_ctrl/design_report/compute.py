@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.adhesion import law_names
 from railslip_ctrl.assessment import limits_of
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
@@ -39,6 +42,7 @@ Progress = Callable[[str], None]
 LOAD_STEP = 100.0
 """N*m at the wheel, of the load response."""
 
+_KEPT = "conditions-layered"
 _LARGEST_SLIP = 0.5  # end of the adhesion curves
 _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
@@ -77,36 +81,62 @@ def design_report(
     InputError
         An envelope without points, or a controller without margins.
     """
-    if not sliding:
-        return _report(envelope, nominal, given or {}, lambda: Sliding(None, "not asked for"), progress)
-    car = envelope.vehicle.model_dump_json()
-    before = None if fresh else look_up("conditions-layered", car)
-    if before is not None:
-        return _report(envelope, nominal, given or {}, lambda: Sliding(before), progress)
+    with _beside() as submit:
+        here: Beside = partial if not _may_be_sent(envelope) else submit
+        plain = here(select, envelope, ("pi",))
+        decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
+        return _report(envelope, nominal, given or {}, (here, plain, decided), progress)
+
+
+Beside = Callable[..., Callable[[], Any]]
+"""Takes a function and its arguments; what gives the result, computed in another process, or when asked for."""
+
+
+@contextmanager
+def _beside() -> Iterator[Beside]:
+    """Another process where there are two cores."""
     if cores() < 2:
-        return _report(envelope, nominal, given or {}, lambda: _verified(envelope.vehicle), progress)
+        yield partial
+        return
     cache_folder()  # the other process's too, where there is none but for this run
     with processes(1) as submit:
-        under_way = submit(_verified, envelope.vehicle)
-        return _report(envelope, nominal, given or {}, under_way.result, progress)
+        yield lambda function, *arguments: submit(function, *arguments).result
+
+
+def _may_be_sent(envelope: Envelope) -> bool:
+    """Whether its laws are published ones, by name: the class of a law of the user's own is unknown elsewhere."""
+    return all(isinstance(law, str) and law in law_names() for law in envelope.laws)
+
+
+def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], Sliding]:
+    """What gives the conditions: from an earlier report, or decided beside."""
+    before = None if fresh else look_up(_KEPT, vehicle.model_dump_json())
+    return submit(_verified, vehicle) if before is None else lambda: Sliding(before)
 
 
 def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
     decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
     try:
-        return Sliding(kept("conditions-layered", decide, vehicle.model_dump_json(), fresh=True))
+        return Sliding(kept(_KEPT, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
         return Sliding(None, str(error))
 
 
 def _report(
-    envelope: Envelope, nominal: bool, given: dict[str, Any], sliding: Callable[[], Sliding], progress: Progress
+    envelope: Envelope,
+    nominal: bool,
+    given: dict[str, Any],
+    beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
+    progress: Progress,
 ) -> DesignReport:
+    """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
     started = time.perf_counter()
+    submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
-    selection = select(envelope)
-    report = _designed(envelope, nominal, selection, progress)
+    lead = select(envelope, ("pi-lead",)).choices if envelope.vehicle.actuator.lag > 0 else ()
+    selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
+    report = _designed(envelope, nominal, selection, submit, progress)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -115,7 +145,9 @@ def _report(
     return replace(report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started)
 
 
-def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress: Progress) -> DesignReport:
+def _designed(
+    envelope: Envelope, nominal: bool, selection: Selection, submit: Beside, progress: Progress
+) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
     best = selection.best
     design = None if best is None else best.design
@@ -128,7 +160,7 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
         envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
-    if design is None or judgement is None:
+    if best is None or design is None or judgement is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         return replace(empty, limits=_limits(blank), curves=_curves(blank))
@@ -137,14 +169,12 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
     in_use = restricted(judgement, lowest)
     plain = PIController(design.gains, design.lead, design.lead_filter)
     control = as_run(plain, judgement, lowest if len(envelope.speeds) > 1 else 0.0)
+    robust = above == min(envelope.speeds)
+    faster = (lambda: None) if robust else submit(_faster, envelope, best.structure, judgement.envelope)
     progress("braking runs")
     runs = stops(control, judgement)
-    faster = None
-    if above != min(envelope.speeds):
-        progress("the brake that would do")
-        faster = _faster(envelope, selection)
     progress("limits, gains around the design, responses")
-    return replace(
+    found = replace(
         empty,
         control=control,
         above_kmh=above,
@@ -155,8 +185,10 @@ def _designed(envelope: Envelope, nominal: bool, selection: Selection, progress:
         curves=_curves(judgement),
         gains=_gain_map(in_use, plain),
         responses=_responses(in_use.worst, plain),
-        faster=faster,
     )
+    if not robust:
+        progress("the brake that would do")
+    return replace(found, faster=faster())
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
@@ -227,15 +259,13 @@ def _lag(actuator: Actuator) -> Rational:
     return Rational(none, np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(none, none, 1)
 
 
-def _faster(envelope: Envelope, selection: Selection) -> FasterBrake | None:
-    """The brake with which the best structure is robust over the whole envelope; None if none that was tried."""
-    best = selection.choices[0]
-    held = best.design.judgement.envelope if best.design is not None and best.design.judgement else envelope
+def _faster(envelope: Envelope, structure: str, held: Envelope) -> FasterBrake | None:
+    """The brake with which a structure is robust over the whole envelope, at the slip `held`; None if none tried is."""
     for factor in _FASTER:
         old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
-        found = select(faster, (best.structure,), (1.0,)).choices[0].design
+        found = select(faster, (structure,), (1.0,)).choices[0].design
         judgement = None if found is None else found.judgement
         if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds):
             return FasterBrake(factor, actuator.dead_time, actuator.lag)

@@ -21,6 +21,16 @@ HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "he
 """How a condition that holds was decided."""
 
 
+_AXES = {
+    "speed_kmh": "speed, km/h",
+    "slip / reference": "slip over reference",
+    "radius_m": "wheel radius, m",
+    "dead_time_s": "dead time, s",
+    "lag_s": "lag, s",
+}
+_MOST_TOLD = 8  # of points left out and knife edges
+
+
 def design_sections(report: DesignReport) -> list[Section]:
     """All of them, in order; what there is nothing to say of is left out."""
     made = (
@@ -60,7 +70,12 @@ def _envelope(report: DesignReport) -> Section:
             Table("Worst cases from the usable speed up.", ("", "Ms", "Phase, deg", "Delay, s", "Case"), rows)
         )
         axes = [
-            (axis, f"{value:g}" if isinstance(value, float) else str(value), f"{100 * share:.3g}", _ms(ms))
+            (
+                _AXES.get(axis, axis),
+                f"{value:g}" if isinstance(value, float) else str(value),
+                f"{100 * share:.3g}",
+                _ms(ms),
+            )
             for axis, values in judged.by_axis().items()
             if len(values) > 1
             for value, (share, ms) in values.items()
@@ -72,7 +87,8 @@ def _envelope(report: DesignReport) -> Section:
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
 
 
-_MOST_TOLD = 8
+def _value(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _ms(ms: float) -> str:

@@ -64,7 +64,8 @@ def _why(report: DesignReport) -> str:
     judged = report.in_use
     operating = int(judged.points.operating.sum())
     if report.above_kmh is None:
-        return f"No PI or PI-lead keeps Ms ≤ 2 at any speed. The best of them has {ms_words(judged.worst.ms)}."
+        asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
+        return f"No PI or PI-lead found keeps {asked} at any speed. The best has {ms_words(judged.worst.ms)}."
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
@@ -88,6 +89,8 @@ def _to_do(report: DesignReport) -> str:
         told.append(f"For Ms ≤ 2 everywhere: {brake}.")
     elif not report.usable:
         told.append("Take a brake with less dead time and lag, or hold less slip.")
+    if report.judgement is not None and report.judgement.envelope.knife_edges():
+        told.append("The reference is at the adhesion peak: hold less slip.")
     slow = [stop for stop in report.first_stops if not stop.reached]
     if slow:
         rails = " and ".join(str(stop.rail) for stop in slow)
