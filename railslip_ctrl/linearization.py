@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .adhesion import AdhesionLaw
 from .arguments import checked, number
-from .errors import DomainError, KinkError
+from .errors import DomainError, InputError, KinkError
 from .numeric import NumericPlant, numeric_plant, plant_parameters
 from .parameters import Rail, Vehicle
 from .units import KMH
@@ -33,6 +33,8 @@ _LARGEST_RESIDUAL = 1e-12
 # A slip this near to a kink cannot be told from it: the kink's own slip is computed, and a slip that comes as
 # decimal text or as sigma/v carries roundings of a few 1e-16; 1e-9 leaves room for both and is no slip anyone holds.
 _KINK_TOLERANCE = 1e-9
+
+_SAME_LOAD = 1e-6  # relative: rounding of a load that went through text or a factor
 
 # Slip next to 0 from which the Jacobian's limit at 0 is extrapolated (to order slip^2, so far below the tolerance).
 _NEXT_TO_ZERO = 1e-7
@@ -141,7 +143,7 @@ def operating_point(
     Raises
     ------
     InputError
-        An argument of another kind.
+        An argument of another kind, or a published law made for another wheel load.
     DomainError
         The speed is not finite and positive, the slip is outside 0 <= lambda < 1, or the law does not hold there.
     KinkError
@@ -154,6 +156,7 @@ def operating_point(
         raise DomainError(f"slip: {slip:g} is not allowed; {reason}give 0 <= slip < 1")
     sigma = slip * speed
     law.check_domain(speed, sigma)
+    _check_wheel_load(law, vehicle)
     if law.has_state and sigma == 0.0:
         raise KinkError(
             f"slip: 0 has no operating point with adhesion {law.name!r}: {_reason_at_rest(law, vehicle, speed)}"
@@ -173,6 +176,16 @@ def operating_point(
     return OperatingPoint(
         law, vehicle, rail or law.rail, speed, slip, state, force, torque, residual, initial_speed_kmh
     )
+
+
+def _check_wheel_load(law: AdhesionLaw, vehicle: Vehicle) -> None:
+    """Refuse a law whose forces are those of another wheel load: mu would be another."""
+    of = law.of_wheel_load
+    if of is not None and not math.isclose(of, vehicle.wheel_load, rel_tol=_SAME_LOAD):
+        raise InputError(
+            f"adhesion {law.name!r}: its forces are for a wheel load of {of:g} N, and the vehicle has "
+            f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
+        )
 
 
 def _reason_at_rest(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> str:

@@ -15,7 +15,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -34,7 +33,7 @@ from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.identification.cells import BINS
 from railslip_ctrl.identification.record import MOST_ROWS
 from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import PARK2008, PIGains, load_vehicle
+from railslip_ctrl.parameters import PARK2008, load_vehicle
 from railslip_ctrl.report.layout import WIDTH
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead
@@ -105,27 +104,20 @@ TUTORIAL = DOCS / "tutorial.md"
 
 
 def assert_gains_of_the_tutorial_are_those_found(printed: str) -> None:
-    """The first pair that the page types is the tuned one in round numbers; no larger round ki than the second's holds.
+    """The pair that the page types is the tuned one in round numbers, and so is that of its controller's file.
 
     In the page's folder, with what its commands have printed.
     """
-    (typed,) = re.findall(r"for kp, ki in \(\((\d+), (\d+)\), \((\d+), (\d+)\)\):", TEXTS[TUTORIAL])
-    first, second = [int(one) for one in typed[:2]], [int(one) for one in typed[2:]]
+    (typed,) = re.findall(r"PIGains\(kp=(\d+), ki=(\d+)\)", TEXTS[TUTORIAL])
     (tuned,) = re.findall(r"Controller +PI-lead: kp ([\d.]+) N·m/\(m/s\), ki ([\d.]+) N·m/m", printed)
-    assert first == [round(float(one), -1) for one in tuned]
+    assert [int(one) for one in typed] == [round(float(one), -1) for one in tuned]
     car, typed_controller = load_vehicle("railcar.toml"), load_controller("gains.toml")
     design = typed_controller.design
-    assert [design.gains.kp, design.gains.ki] == second
+    assert [design.gains.kp, design.gains.ki] == [int(one) for one in typed]
     assert (design.lead, design.lead_filter) == (car.actuator.lag, pytest.approx(car.actuator.lag / 10, rel=1e-12))
     assert typed_controller.reference == published_law("bristle", "dry").reference
-
-    def worst_ms(kp: float, ki: float) -> float:
-        gains = replace(design, gains=PIGains(kp=kp, ki=ki))
-        return float(np.max(margins_over_points(replace(typed_controller, design=gains), car).ms))
-
-    # 10 N*m/m more, at whatever kp: of those tried the middle ones have less Ms than the ends, so that none is left out
-    more = [worst_ms(kp, second[1] + 10) for kp in range(second[0] - 50, second[0] + 51, 20)]
-    assert worst_ms(*second) <= 2.0 < min(more) < min(more[0], more[-1])
+    # also where full-range designs are tuned, which scale a law's stiffness with the reading of the units
+    assert float(np.max(margins_over_points(typed_controller, car).ms)) <= 2.0
     (friction,) = {float(one) for one in re.findall(r"(0\.\d+) \* \w+\.wheel_load", TEXTS[TUTORIAL])}
     assert f"adhesion coefficient of {friction:g}" in TEXTS[TUTORIAL]
     # given in kN*m with one decimal

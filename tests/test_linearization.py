@@ -15,7 +15,7 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 import railslip_ctrl.adhesion
 from railslip_ctrl.adhesion import law_class, published_law
 from railslip_ctrl.adhesion.beam import Beam
-from railslip_ctrl.errors import DomainError, KinkError
+from railslip_ctrl.errors import DomainError, InputError, KinkError
 from railslip_ctrl.linearization import _residual, frozen_speed_plant, linearize, nonlinear_plant, operating_point
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import PARK2008, Rail
@@ -36,6 +36,21 @@ def test_wheel_slip_loop_poles() -> None:
     poles = linearize(bristle_point()).poles
     assert poles.real == pytest.approx([0.82083763, -8.63596062], abs=0.5e-8)
     assert (poles.imag == 0.0).all()
+
+
+def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> None:
+    """mu would be that of other forces: 0.084 in place of 0.2985 at the coach's load."""
+    coach = PARK2008.model_copy(update={"wheel_load": 122.6e3})
+    with pytest.raises(InputError, match=r"a wheel load of 34500 N, and the vehicle has 122600 N; give published_law"):
+        operating_point(published_law("bristle", Rail.DRY), coach, V100, 0.132)
+    mu = bristle_point().adhesion_coefficient
+    assert mu == pytest.approx(0.2985, abs=5e-5)
+    own = published_law("bristle", Rail.DRY, wheel_load=coach.wheel_load)
+    for law in (own, published_law("bristle", Rail.DRY).at_wheel_load(coach.wheel_load / PARK2008.wheel_load)):
+        assert operating_point(law, coach, V100, 0.132).adhesion_coefficient == pytest.approx(mu, rel=1e-12)
+    # one without forces is of any load
+    other = operating_point(published_law("burckhardt", Rail.DRY), coach, V100, 0.132)
+    assert other.adhesion_coefficient > 0.2
 
 
 def test_trim_torque() -> None:

@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from railslip_ctrl.arguments import number, real, reals
 from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Record
-from railslip_ctrl.units import quantity
+from railslip_ctrl.units import quantity, to_unit
 
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
@@ -100,11 +100,22 @@ class AdhesionLaw(Record):
         None, exclude=True, repr=False, description="name of the file it is from, where it is from one"
     )
 
+    of_wheel_load: float | None = Field(
+        None, exclude=True, repr=False, description="wheel load, N, that its forces are for, where that is known"
+    )
+
+    @field_validator("of_wheel_load", mode="before")
+    @classmethod
+    def _in_newtons(cls, value: object) -> object:
+        """A field with a unit would be a parameter of the law."""
+        return None if value is None else to_unit(value, "N", text_needs_unit=True)
+
     def __eq__(self, other: object) -> bool:
         """Whether it is the same law with the same numbers, from whatever file."""
         if not isinstance(other, AdhesionLaw) or type(self) is not type(other):
             return NotImplemented
-        return {**dict(self), "file": None} == {**dict(other), "file": None}
+        unsaid = {"file": None, "of_wheel_load": None}
+        return {**dict(self), **unsaid} == {**dict(other), **unsaid}
 
     def __hash__(self) -> int:
         return hash((type(self), self.parameters(), self.rail, self.reference))
@@ -226,7 +237,10 @@ class AdhesionLaw(Record):
         """
         number("factor of the wheel load", factor, gt=0)
         forces = {name: -1 if "/N" in unit else 1 for name, unit in self._units().items() if re.search(r"\bN\b", unit)}
-        return self.model_copy(update={name: getattr(self, name) * factor**power for name, power in forces.items()})
+        update: dict[str, Any] = {name: getattr(self, name) * factor**power for name, power in forces.items()}
+        if self.of_wheel_load is not None:
+            update["of_wheel_load"] = factor * self.of_wheel_load
+        return self.model_copy(update=update)
 
     def reference_slip(self, rail: Rail) -> float | None:
         """Reference slip ratio on a rail condition; None where neither source nor user gives one."""

@@ -77,7 +77,8 @@ def published_law(
         Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment
         ([Park2008] (30)-(32), Table 1). Laws that are not published over v0 do not use it.
     wheel_load : float
-        Wheel load N, N, > 0; the published vehicle's 34 500 N unless given.
+        Wheel load N, N, > 0; the published vehicle's 34 500 N unless given. `operating_point` refuses the law for a
+        vehicle of another.
 
     Returns
     -------
@@ -91,4 +92,5 @@ def published_law(
     MissingParametersError
         The source gives no parameters for this law.
     """
-    return law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
+    law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
+    return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law

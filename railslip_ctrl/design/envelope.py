@@ -376,11 +376,11 @@ def _laws(envelope: Envelope) -> Iterator[tuple[Rail, AdhesionLaw, str, Vehicle]
 
 
 def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: Envelope) -> AdhesionLaw:
-    """The law on a rail under a load: mu of a law that is not published is that at the load it was found at, which is
-    the empty vehicle's unless its file says another."""
+    """The law on a rail under a load: mu of one that is not named is that at the load it was found at, which is the
+    empty vehicle's unless its file, or the law, says another."""
     found_at: float | None = None
     if isinstance(law, AdhesionLaw):
-        given = law
+        given, found_at = law, law.of_wheel_load
     elif not _is_file(law):
         return published_law(str(law), rail, envelope.initial_speed, loaded.wheel_load)
     elif Path(law).suffix.lower() == ".py":
