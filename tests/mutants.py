@@ -45,8 +45,9 @@ ROOMS = {
     "adhesion/modules": "law_files",
     "design/": "tuning compensators schedule rules",
     "design/compensators": "compensators",
-    "design/controllers": "assessment compensators",
+    "design/controllers": "any_controller assessment compensators",
     "design/decomposition": "stabilizing",
+    "design/difference": "sampled",
     "design/effort": "compensators",
     "design/certified": "stabilizing",
     "design/forbidden": "tuning",
@@ -73,10 +74,12 @@ ROOMS = {
     "plant": "plant linearization numeric",
     "simulation/": "scenarios simulation_controllers",
     "simulation/clairvoyant": "compare_runs",
+    "simulation/controller_": "controller_files scenarios",
     "simulation/happenings": "simulation_engine",
     "simulation/kernel": "simulation_engine simulation_physics",
     "simulation/plan": "simulation_engine",
     "simulation/run": "simulation_engine simulation",
+    "simulation/step_objects": "step_objects",
     "simulation/steps/": "simulation_controllers scenarios",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""

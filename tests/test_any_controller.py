@@ -9,7 +9,13 @@ import scipy.signal
 
 from railslip_ctrl import assess, linearize, wheel_slip_loop
 from railslip_ctrl.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.design import PIController, actuated_plant, controller_system, linear_controller
+from railslip_ctrl.design import (
+    PIController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+)
 from railslip_ctrl.design.effort import control_effort
 from railslip_ctrl.design.sampled import SampledController, sampled_loop
 from railslip_ctrl.design.sweeps import sweep_speed
@@ -110,6 +116,21 @@ def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controll
         wheel_slip_loop(plant, controller)
 
 
+def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant):
+    expected = wheel_slip_loop(plant, PIController(PIGains(kp=190.0, ki=0.0))).margins().ms
+    for gain in (
+        190,
+        190.0,
+        ct.ss([], [], [], [[190.0]]),
+        ct.tf([190.0], [1.0]),
+        StateSpaceController((), (), (), 190.0),
+    ):
+        assert wheel_slip_loop(plant, gain).margins().ms == pytest.approx(expected, rel=1e-12)
+    for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
+        with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
+            StateSpaceController(a, b, c)
+
+
 def test_an_object_linear_at_a_point_needs_one():
     with pytest.raises(InputError, match="linear at an operating point; give one"):
         controller_system(Described())
@@ -156,6 +177,7 @@ def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
+    assert assess(plant, LinearControl(SYSTEM, REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
     assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
 
 

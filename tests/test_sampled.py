@@ -215,6 +215,14 @@ def test_a_saturated_controller_of_order_4_comes_back_without_overshoot(rule):
     assert wound > 1.5
 
 
+def test_the_tracking_time_left_out_follows_the_design():
+    """Slowest zero; without one the fastest pole; of an integrator alone the period; of a discrete one (1 - z)/h."""
+    assert SampledController(SATURATED, 0.02).effective_tracking_time == pytest.approx(2.0)
+    assert SampledController(ANY["no direct path"], 0.02).effective_tracking_time == pytest.approx(0.05)
+    assert SampledController(1 / S, 0.02).effective_tracking_time == 0.02
+    assert SampledController(ct.tf([1.0, -0.99], [1.0, -1.0], 0.02), 0.02).effective_tracking_time == pytest.approx(2.0)
+
+
 def test_back_calculation_moves_the_slow_poles_alone():
     """While a limit acts the state follows phi - back C: integrators go to 1 - h/Tt, fast poles stay."""
     controller = SampledController(ANY["double integrator"], 0.02, tracking_time=0.5)

@@ -143,6 +143,10 @@ class StateSpaceController:
     def __post_init__(self) -> None:
         check_fields(self)
         _check_period(self.period)
+        order = len(self.a)
+        if any(len(part) != order for part in (*self.a, self.b, self.c)):
+            shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
+            raise InputError(f"state space: shapes {shape} do not fit; give n by n, n and n")
         _ = self.transfer_function
 
     @property
@@ -153,7 +157,7 @@ class StateSpaceController:
     @cached_property
     def transfer_function(self) -> Rational:
         """C(s), or C(z), in factored form."""
-        a = np.array(self.a, dtype=float).reshape(len(self.a), -1)
+        a = np.array(self.a, dtype=float).reshape(len(self.a), len(self.a))
         return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
 
 
@@ -205,6 +209,8 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         raise InputError("controller: its sampling period is not given (dt = True); give dt in s")
     period = float(dt) if dt else None
     system = Rational.from_control(controller, "controller", period=period)
+    if system.poles.size == 0:
+        return PolynomialController((system.gain,), (1.0,), period)
     if hasattr(controller, "A"):
         rows = np.asarray(controller.A, dtype=float)
         b, c, d = (tuple(np.ravel(matrix).tolist()) for matrix in (controller.B, controller.C, controller.D))
@@ -214,8 +220,6 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         num, den = (controller.num[0][0], controller.den[0][0]) if one else (controller.num, controller.den)
         num, den = (tuple(np.atleast_1d(each).astype(float).tolist()) for each in (num, den))
         return PolynomialController(num, den, period)
-    if system.poles.size == 0:
-        return PolynomialController((system.gain,), (1.0,), period)
     made = realise(system)
     return StateSpaceController(
         tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
@@ -240,6 +244,8 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 
     InputError also for a discrete one, whose margins are those of `sampled.sampled_loop`.
     """
+    if isinstance(controller, Rational):
+        return controller
     design = linear_controller(controller, point)
     if not isinstance(design, PIController) and design.period is not None:
         raise InputError(
@@ -295,7 +301,7 @@ def wheel_slip_loop(
     if isinstance(plant, OperatingPoint):
         plant = linearize(plant)
     actuator = plant.point.vehicle.actuator if actuator is None else actuator
-    design = linear_controller(controller, plant.point)
-    if not isinstance(design, PIController) and design.period is not None:
+    design = controller if isinstance(controller, Rational) else linear_controller(controller, plant.point)
+    if isinstance(design, PolynomialController | StateSpaceController) and design.period is not None:
         return SampledLoop(design.transfer_function, actuated_plant(plant, actuator), actuator.dead_time, design.period)
-    return DeadTimeLoop(design.transfer_function * actuated_plant(plant, actuator), actuator.dead_time)
+    return DeadTimeLoop(controller_system(design) * actuated_plant(plant, actuator), actuator.dead_time)

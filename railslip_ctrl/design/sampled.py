@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Complexes = NDArray[np.complex128]
 
+_STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
 
@@ -73,8 +74,8 @@ class SampledController:
     rule : Rule
         Tustin's, or the backward difference.
     tracking_time : float, optional
-        Tt of the back-calculation, s, >= h; left out that of the design's slowest zero (of a PI kp/ki), at least h.
-        inf switches the anti-windup off.
+        Tt of the back-calculation, s, >= h; left out that of the design's slowest zero (of a PI kp/ki), or where it
+        has none of its fastest pole, at least h. inf switches the anti-windup off.
 
     Raises
     ------
@@ -131,10 +132,15 @@ class SampledController:
         if isinstance(self.design, PIController):
             gains = self.design.gains
             return max(self.period, abs(gains.kp / gains.ki)) if gains.ki != 0 else math.inf
-        zeros = self.design.transfer_function.zeros
-        speeds = np.abs(zeros if self.design.period is None else (1 - zeros) / self.period)
-        slowest = np.min(speeds[speeds > 1e-9 / self.period], initial=math.inf)
-        return max(self.period, float(1 / slowest))
+        zeros, poles = (
+            np.abs(roots if self.design.period is None else (1 - roots) / self.period)
+            for roots in (self.design.transfer_function.zeros, self.design.transfer_function.poles)
+        )
+        least = _STANDING / self.period
+        speed = np.min(zeros[zeros > least], initial=math.inf)
+        if math.isinf(speed):
+            speed = np.max(poles[poles > least], initial=0.0) or 1 / self.period
+        return max(self.period, float(1 / speed))
 
     def start(self, torque: float = 0.0) -> tuple[float, ...]:
         """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.

@@ -231,13 +231,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)
-    designs = [
-        control.design
-        if isinstance(control, LinearControl)
-        else control.schedule.controller(p.point.speed, p.point.rail)
-        for p in points
-    ]
-    return family_margins([wheel_slip_loop(*each, car.actuator) for each in zip(points, designs, strict=True)])
+    return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
 
 
 def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
