@@ -105,7 +105,7 @@ def draw_family(result: LeadDesign, folder: Path) -> None:
         vehicle = PARK2008.model_copy(update={"mass": mass})
         plants = [plant_at("bristle", vehicle, rail, speed) for rail in Rail for speed in (20.0, 60.0, 100.0)]
         assessments = tuple(assess(plant, result.controller, ACTUATOR) for plant in plants)
-        groups.append(controller_group(f"PI-lead, {mass:g} kg", "", assessments))
+        groups.append(controller_group(f"PI-lead, {mass:g} kg", assessments))
     for name, draw_one in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):
         save_figure(draw_one(tuple(groups)), folder / f"pi_lead_family_{name}.png")
 

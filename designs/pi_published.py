@@ -69,8 +69,8 @@ def draw(result: PublishedCheck, folder: Path) -> None:
     from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = (
-        controller_group("Table 4, SI", "", tuple(result.si.values())),
-        controller_group("Table 4, as published", "", tuple(result.as_published.values())),
+        controller_group("Table 4, SI", tuple(result.si.values())),
+        controller_group("Table 4, as published", tuple(result.as_published.values())),
     )
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):

@@ -37,14 +37,6 @@ def words_at(point: OperatingPoint) -> str:
     return law_words(point.law, source_at(point))
 
 
-def is_own(point: OperatingPoint) -> bool:
-    """Whether the law of a point is the user's own: not a published set at the point's v0 and wheel load.
-
-    By its numbers alone: a file that repeats the published ones has the published law.
-    """
-    return not _is(point.law, lambda: _published_at(point))
-
-
 def _published_at(point: OperatingPoint) -> AdhesionLaw:
     v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
     return published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import Phase, settings
-from project import REPORT
+from project import REPORT, SMALL
 
 from railslip_ctrl.cli import main
 
@@ -30,11 +30,8 @@ LONGEST = (
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 
 
-TOGETHER = dict.fromkeys(
-    ("test_html_report.py", "test_no_robust_design.py", "test_report_browser.py", "test_report_words.py",
-     "test_slow_end.py"), "html report",
-)  # fmt: skip
-"""Files that share a worker, for their fixtures `full_report` and `record`."""
+TOGETHER = dict.fromkeys(("test_design_report.py", "test_report_browser.py"), "html report")
+"""Files that share a worker, for their fixture `full_report`."""
 
 
 def group_of(nodeid):
@@ -89,7 +86,7 @@ def _figures_without_defects():
     """Every PNG that a test or a fixture saves, by a script or a command, is looked at as `figure_checks` does."""
     from figure_checks import defects
 
-    from railslip_ctrl.plots import side_by_side, style
+    from railslip_ctrl.plots import style
 
     saved = style.figure_bytes
 
@@ -100,8 +97,6 @@ def _figures_without_defects():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "figure_bytes", looked_at)
-        patch.setattr(side_by_side, "found", lambda *_: None)  # what was drawn before was not looked at
-        patch.setattr(side_by_side, "kept", lambda *_, **__: None)
         yield
 
 
@@ -126,26 +121,6 @@ def full_report(tmp_path_factory):
     Files whose tests take it are in `TOGETHER`, so that it is made once.
     """
     folder = tmp_path_factory.mktemp("report") / "out"
-    command = [sys.executable, "-m", "railslip_ctrl", "report", "--speed", "100", "--out", str(folder)]
+    command = [sys.executable, "-m", "railslip_ctrl", "report", *SMALL, "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
     return folder, done.stdout, done.stderr
-
-
-@pytest.fixture(scope="session")
-def record():
-    """A design report in this process, the sliding-mode law left undecided and the paper's runs few.
-
-    Tests that take it share a worker as those of `full_report` do.
-    """
-    from railslip_ctrl.cli.options import CaseOptions
-    from railslip_ctrl.design_check import design_check
-    from railslip_ctrl.design_report import assemble
-    from railslip_ctrl.parameters import PARK2008
-
-    points = CaseOptions("bristle", (), (), 100.0, None, None, False, (), None, None, None).points()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "_verified", lambda law, vehicle, fresh: assemble._Found(f"{law}: not asked here"))
-        patch.setattr(assemble, "kept", lambda name, compute, given="", *, fresh: compute())
-        patch.setattr(assemble, "SEEDS", 2)
-        patch.setattr(assemble, "published_facts", lambda: ())
-        return assemble.design_report(design_check(PARK2008, points), points, workers=1, fresh=True)

@@ -40,3 +40,7 @@ def refused(result: tuple[int, str, str]) -> str:
     assert err.startswith("railslip: error: ")
     assert err.count("\n") == 1
     return err
+
+
+SMALL = ["--speed", "20", "--speed", "100", "--kp", "190", "--ki", "5"]
+"""Options of a report that is sooner there: two speeds, and gains given."""

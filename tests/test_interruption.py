@@ -71,7 +71,7 @@ def test_processes_end_with_the_one_that_started_them() -> None:
 def test_a_report_interrupted_leaves_nothing(tmp_path: Path) -> None:
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
     assert command.stderr is not None
-    assert "Table 4's gains" in command.stderr.readline()
+    assert "the best design" in command.stderr.readline()
     os.killpg(command.pid, signal.SIGINT)
     out, err = command.communicate(timeout=ENDED)
     lines = [line for line in err.splitlines() if " s  " not in line]  # progress

@@ -22,7 +22,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
-from railslip_ctrl.design_check import controller_group, design_check
+from railslip_ctrl.design_check import controller_group, published_groups
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.curves import gang_of_four
@@ -56,7 +56,7 @@ PI = PIController(PIGains(kp=190.0, ki=5.0))
 
 @pytest.fixture(scope="module")
 def groups():
-    return design_check(PARK2008, [plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail]).groups
+    return published_groups([plant_at("bristle", PARK2008, rail, 100.0).point for rail in Rail])
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_bode_draws_the_curve_it_is_given(groups):
 def test_a_loop_without_gain_is_drawn_without_a_curve(groups):
     """Its magnitude is -inf dB, alone and beside others; a warning of numpy would be an error here."""
     plant = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
-    zero = controller_group("no gain", "", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
+    zero = controller_group("no gain", (assess(plant, PIController(PIGains(kp=0.0, ki=0.0)), PARK2008.actuator),))
     assert np.all(zero.curves[0].magnitude_db == -np.inf)
     alone, beside = (zero,), (zero, groups[0])
     for figure in (bode_figure(beside), bode_figure(alone), nyquist_figure(alone), nichols_figure(alone)):
@@ -106,7 +106,7 @@ def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
     assert critical == [([-0.5], [0])] * len(groups) + [([-1], [0])] * len(groups)
     assert "+: −1" in figure.get_supxlabel()
     legend = [t.get_text() for t in figure.axes[len(groups)].get_legend().get_texts()]
-    assert legend[0] == "dry, 100 km/h (unstable)\nP 1, N −1, Z 2"
+    assert legend[0] == "dry, 100 km/h (unstable): P 1, N −1, Z 2"
     arcs = [line for line in figure.axes[0].lines if line.get_linestyle() == ":" and len(line.get_xdata()) == 181]
     assert arcs
     # one turn, drawn: the whole curve of the unstable loop winds once clockwise around -1 (at -1/2 in the picture)
@@ -133,7 +133,7 @@ def test_figures_tell_a_law_of_the_user_s_own_by_its_file():
     published = plant_at("beam", PARK2008, Rail.DRY, 100.0).point
     own = replace(published, law=published.law.model_copy(update={"file": "leaves.toml"}))
     for point, told in ((own, "adhesion beam as given (leaves.toml), "), (published, "adhesion beam, ")):
-        groups = design_check(PARK2008, [point]).groups
+        groups = published_groups([point])
         for draw in (bode_figure, nyquist_figure, nichols_figure):
             assert told in " ".join(draw(groups).get_suptitle().split())
 
@@ -251,7 +251,7 @@ def test_the_map_of_a_judgement_writes_its_numbers():
 
 def test_title_names_every_mass_shown(groups):
     loaded = PARK2008.loaded()
-    both = (groups[0], design_check(loaded, [plant_at("bristle", loaded, Rail.DRY, 100.0).point]).groups[0])
+    both = (groups[0], published_groups([plant_at("bristle", loaded, Rail.DRY, 100.0).point])[0])
     assert "M\u00a03517, 5276\u00a0kg" in bode_figure(both).get_suptitle()
 
 

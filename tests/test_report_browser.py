@@ -10,12 +10,12 @@ import pytest
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = shutil.which("chromedriver")
-WIDTHS = {"phone": 360, "A4": 794, "desk": 1200}
+WIDTHS = {"phone": 390, "A4": 794, "desk": 1200}
 A4_POINTS = (595.0, 842.0)
 TEXT_WIDTH = 680
 """CSS pixels between the margins of A4, 180 mm; a browser prints a wider page smaller."""
-MOST_PAGES = 38
-"""Some more than the 33 it has: beyond, pages are left half-empty, as those before a figure once were."""
+MOST_PAGES = 12
+"""Some more than it has: beyond, pages are left half-empty, as those before a figure once were."""
 
 pytestmark = [
     pytest.mark.skipif(
@@ -92,7 +92,7 @@ def test_page_fits_and_shows_every_figure(browser, page, width):
     assert browser.execute_script("return innerWidth") == width
     assert console == []
     assert not browser.execute_script(_WIDER)
-    assert browser.execute_script("return document.images.length") >= 9
+    assert browser.execute_script("return document.images.length") == 6
     assert browser.execute_script(_UNSEEN) == []
     if width >= WIDTHS["A4"]:  # on a phone wide tables scroll within themselves
         assert browser.execute_script(_CUT) == []
@@ -100,7 +100,7 @@ def test_page_fits_and_shows_every_figure(browser, page, width):
 
 def test_links_lead_somewhere_and_nothing_is_loaded(browser, page):
     shown(browser, page, WIDTHS["desk"])
-    assert browser.execute_script("return document.links.length") > 10
+    assert browser.execute_script("return document.links.length") > 8
     assert browser.execute_script(_DEAD) == []
     assert browser.execute_script(_LOADED) == []
     browser.execute_script("document.querySelector('nav a[href=\"#stops\"]').click()")
@@ -119,7 +119,7 @@ def test_prints_on_a4_with_everything_opened(browser, page):
     pdf = base64.b64decode(printed["data"])
     assert pdf.startswith(b"%PDF-")
     boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
-    assert 10 <= len(boxes) <= MOST_PAGES
+    assert 3 <= len(boxes) <= MOST_PAGES
     for width, height in boxes:
         # points; a browser rounds A4 to its own pixels, three quarters of a point each
         assert (float(width), float(height)) == pytest.approx(A4_POINTS, abs=1.0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from html_page import Page
 from scipy.stats import sem
 
 from railslip_ctrl.adhesion import published_law
@@ -248,7 +249,12 @@ def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_p
     assert "railslip: facts" in err
     files = {path.name for path in (tmp_path / "out").iterdir()}
     pictures = {f"{name}.png" for name in reproduce.PICTURES}
-    assert files == {"reproduction.txt", "reproduction.json", *pictures}
+    assert files == {"reproduction.txt", "reproduction.json", "reproduce.html", *pictures}
+    page = Page.parsed((tmp_path / "out" / "reproduce.html").read_text("utf-8"))
+    assert page.problems() == []
+    assert sum(row[0] in {case.name for case in CASES} for row in page.rows("table5")) == 16
+    readings = [(row[0].partition("scale ")[2], row[-1]) for row in page.rows("gains")[1:]]
+    assert set(readings) == {("1 (SI)", "unstable"), ("3.6 (as published)", "stable but fragile")}
     assert json.loads((tmp_path / "out" / "reproduction.json").read_text("utf-8")) == content
     text = (tmp_path / "out" / "reproduction.txt").read_text("utf-8")
     assert all(one.name in text for one in READING)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import zip_longest
 from typing import Any
 
@@ -49,9 +50,9 @@ def command(
     ctx: click.Context,
     cases: CaseOptions,
     as_json: bool,
-    controller: str | None,
     envelope: str | None,
     nominal: bool,
+    controller: str | None,
     kp: float | None,
     ki: float | None,
     lead: float | None,
@@ -64,31 +65,33 @@ def command(
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """
-    gains, time = chosen_gains(kp, ki), lead or 0.0
-    lag = FILTER_RATIO * time if lead_filter is None else lead_filter
+    gains = chosen_gains(kp, ki)
+    time = lead or 0.0
+    pi_of = partial(PIController, lead=time, lead_filter=FILTER_RATIO * time if lead_filter is None else lead_filter)
+    given: Any = None
     if controller is not None:
         for option, value in (("--lead", lead), ("--lead-filter", lead_filter)):
             if value is not None:
                 raise InputError(f"{option}: does not go with --controller; leave one out")
-
-    def chosen(point: OperatingPoint) -> Any:
-        if controller is None:
-            return PIController(gains or table4_gains(point.adhesion), time, lag)
-        return _controller(controller, point, gains)
-
     if envelope is not None:
         if certify:
             raise InputError("--certify: goes with operating points; leave --envelope out")
         judged = cases.envelope(envelope)
-        judgement = judge(chosen(judged.points(nominal=True).case(0).point), judged, nominal)
+        if controller is not None:
+            given = given_controller(controller, judged.points(nominal=True).plants[0].point, gains)
+        judgement = judge(given or pi_of(gains or table4_gains(cases.adhesion)), judged, nominal)
         if as_json:
             print_json(judgement_json(judgement))
         else:
             print_text(judgement_text, judgement)
         ctx.exit(1 if judgement.verdict == "unstable" else 0)
     points = cases.points()
-    given = None if controller is None else chosen(points[0])
-    assessments = [assess(linearize(point), given or chosen(point), point.vehicle.actuator) for point in points]
+    if controller is not None:
+        given = given_controller(controller, points[0], gains)
+    assessments = [
+        assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
+        for point in points
+    ]
     if certify and any(isinstance(assessment.loop, SampledLoop) for assessment in assessments):
         raise InputError("--certify: the loop of a discrete controller has no certificate; leave it out")
     certificates = [assessment.loop.certificate() for assessment in assessments] if certify else []
@@ -100,7 +103,7 @@ def command(
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
 
 
-def _controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
+def given_controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
     """The controller of `--controller`, for the vehicle of a point."""
     from railslip_ctrl.adhesion import ReferenceSlip
     from railslip_ctrl.simulation.catalogue import controller_named, default_column

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import sys
 from collections.abc import Callable
 from typing import Any, ParamSpec
 
 import click
+from click.core import ParameterSource
 
 from railslip_ctrl.report.layout import WIDTH, columns
+from railslip_ctrl.report.provenance import Provenance
 
 P = ParamSpec("P")
 
@@ -37,3 +40,18 @@ def _terminal_width() -> int:
 def progress(message: str) -> None:
     """A line of progress on standard error."""
     click.echo(f"railslip: {message}", err=True)
+
+
+def provenance(ctx: click.Context) -> Provenance:
+    """The command line as it could be typed again, and every option with its value."""
+    words, options = [ctx.command_path], []
+    for option in ctx.command.params:
+        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+        value = ctx.params.get(option.name or "")
+        values = list(value) if isinstance(value, tuple) else [value]
+        shown = ", ".join(str(one) for one in values if one is not None) or "left out"
+        options.append((option.opts[0], shown if given else f"{shown} (default)"))
+        if given and isinstance(option, click.Option):
+            words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
+            words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
+    return Provenance(" ".join(words), tuple(options))

@@ -5,117 +5,148 @@ from __future__ import annotations
 import json
 import shlex
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
-from railslip_ctrl.design_check import DesignCheck, design_check
-from railslip_ctrl.design_report import LinearPart, RunPart, design_report
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design_report import DesignReport, design_report
 from railslip_ctrl.folders import claimed
 from railslip_ctrl.linearization import OperatingPoint
-from railslip_ctrl.machine import cores
 from railslip_ctrl.parameters import PIGains
-from railslip_ctrl.report import check_directory, design_check_json, design_check_text, write_files
-from railslip_ctrl.report.design_report_json import design_report_json
-from railslip_ctrl.report.html import design_report_html
-from railslip_ctrl.report.html.verdict import verdict
+from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.report.design_report import design_report_json, design_report_text
+from railslip_ctrl.report.html.design_sections import design_sections
+from railslip_ctrl.report.html.first_page import RECOMMENDED, first_page
+from railslip_ctrl.report.html.page import page
 from railslip_ctrl.report.layout import WIDTH, width
 from railslip_ctrl.report.provenance import Provenance
 
-from .options import CaseOptions, case_options, chosen_gains, gain_options
-from .output import print_json, print_text, progress
+from .margins import given_controller
+from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, chosen_gains, envelope_options, gain_options
+from .output import print_json, print_text, progress, provenance
 from .settings import HELP
+from .simulation_options import controller_option
 
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
-_OF_CHECK = ("bode", "nyquist", "nichols")
-_OF_PAGE = (
-    *_OF_CHECK,
-    "adhesion",
-    "region",
-    "gang",
-    "responses",
-    "recommended",
-    "range",
-    "stop-1",
-    "stop-2",
-    "stop-3",
-    "table5",
-)
+_PICTURES = ("map", "loop", "stops", "gains", "responses", "adhesion")
 
 
 @click.command(context_settings=HELP)
 @case_options
+@envelope_options("the vehicle's own, or the default")
 @gain_options
+@controller_option(None, otherwise="only the recommended design is judged and run")
 @click.option(
     "--out",
     default="railslip-report",
     show_default=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for report.html, report.txt, report.json and every picture as PNG and SVG.",
+    help=f"Folder for {RECOMMENDED}, report.html, report.txt, report.json and every picture as PNG and SVG.",
 )
 @click.option(
     "--html/--no-html",
-    "page",
+    "whole",
     default=True,
     show_default=True,
-    help="Write report.html too: designs, sliding-mode verdict, braking runs, the paper's numbers. It takes most of "
-    "the time.",
+    help="Write report.html, and decide the conditions of a sliding-mode law for it.",
 )
 @click.option(
     "--fresh",
     is_flag=True,
-    help="Decide the conditions of the sliding-mode laws, compute the paper's numbers and errata, and draw the "
-    "pictures, again; what an earlier report of this version found of the same vehicle, or drew of the same numbers, "
-    "is taken otherwise.",
+    help="Decide the conditions of the sliding-mode law again; what an earlier report of this version found of the "
+    "same vehicle is taken otherwise.",
 )
 @click.pass_context
 def command(
     ctx: click.Context,
     cases: CaseOptions,
     as_json: bool,
+    envelope: str | None,
+    nominal: bool,
     kp: float | None,
     ki: float | None,
+    controller: str | None,
     out: Path,
-    page: bool,
+    whole: bool,
     fresh: bool,
 ) -> None:
-    """The design check: a recommendation with its margins from 100 km/h to walking pace, dry and wet, beside the
-    published (or given) gains in both readings of the units and a PI that holds. report.html has that and all else a
-    design review looks at, in one file that needs no network and prints on A4; the text begins with its verdict.
-    Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to: nothing is written then.
+    """The slip controller to take for a vehicle: the best over its envelope of speeds, rails, loads and tolerances,
+    from which speed it may be used, how it brakes, and why. Given gains, or a linear controller of your own, are judged
+    and run beside it. report.html begins with what is read in a minute; recommended.toml is the design, as simulate and
+    margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
     told = _timed()
-    check_directory(out, _may_write(page))  # before the work, not after it
-    gains = chosen_gains(kp, ki)
-    points = cases.points()
+    names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
+    check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
+    judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
+    point = judged.points(nominal=True).plants[0].point  # refuses what has none, before the work too
+    given = _given(controller, chosen_gains(kp, ki), point)
     with claimed(out):
-        check = design_check(cases.chosen_vehicle, points, given=gains, progress=told)
-        files, content, text = (
-            _with_page(check, points, gains, provenance(ctx), told, fresh) if page else _without_page(check, told)
-        )
-        whole = text()
-        files["report.txt"] = whole.encode()
-        files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-        written = write_files(out, {name: _writer(files[name]) for name in content["files"]})
+        found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
+        files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)
+        written = write_files(out, {name: partial(_write, files[name]) for name in content["files"]})
     if as_json:
         print_json(content)
     else:
-        print_text(lambda: whole if width() == WIDTH else text())
-    told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if page else ""))
+        print_text(lambda: files["report.txt"].decode() if width() == WIDTH else text())
+    told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _may_write(page: bool) -> list[str]:
-    """Names of all files that a report may have."""
-    pictures = [f"{name}.{suffix}" for name in (_OF_PAGE if page else _OF_CHECK) for suffix in ("png", "svg")]
-    return [*_TEXTS, *pictures, *([_PAGE] if page else [])]
+def _given(controller: str | None, gains: PIGains | None, point: OperatingPoint) -> dict[str, Any]:
+    """The user's own controllers by name, for the vehicle of a point."""
+    if controller is not None:
+        return {Path(controller).name: given_controller(controller, point, gains)}
+    return {} if gains is None else {"given PI": PIController(gains)}
+
+
+def _made(
+    found: DesignReport, whole: bool, source: Provenance, rest: str, told: Callable[[str], None]
+) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
+    """Files by name, the content of report.json, and what writes the text at the width of the moment."""
+    from railslip_ctrl.plots.design_report import report_drawings
+    from railslip_ctrl.plots.style import figure_files
+
+    told("pictures")
+    pictures = {name: figure_files(make()) for name, make in report_drawings(found).items()}
+    first = first_page(found)
+    files = {f"{name}.{form}": content for name, forms in pictures.items() for form, content in forms.items()}
+    if found.control is not None:
+        files[RECOMMENDED] = found.control.toml.encode()
+    if whole:
+        svg = {name: forms["svg"] for name, forms in pictures.items()}
+        files[_PAGE] = page(first, design_sections(found), svg, source, found.date, found.seconds).encode()
+    content = design_report_json(found, [*_TEXTS, *files])
+    files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    text = partial(design_report_text, found, first, rest)
+    files["report.txt"] = text().encode()
+    return files, content, text
+
+
+def _rest(cases: CaseOptions, found: DesignReport, out: Path, whole: bool) -> str:
+    """Where the rest is, and how a stop is repeated."""
+    where = f"The rest: {out / _PAGE}" if whole else f"The rest: {out / 'report.json'}"
+    if not found.stops:
+        return where
+    stop = found.stops[0]
+    words = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
+    words += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
+    law = next(one for one in found.envelope.laws if str(getattr(one, "name", one)) == stop.law or len(
+        found.envelope.laws) == 1 or str(one).endswith((".toml", ".py")))  # fmt: skip
+    words += [f"--adhesion {shlex.quote(str(getattr(law, 'name', law)))}"] if stop.law != "curve" else []
+    words += ["--loaded"] if stop.load == "loaded" else []
+    speed = found.envelope.initial_speed
+    words += [f"--speed {speed:g}"] if speed != 100.0 else []
+    for name, value in (("inertia-scale", cases.inertia_scale), ("dead-time", cases.dead_time), ("lag", cases.lag)):
+        words += [f"--{name} {value:g}"] if value is not None else []
+    return f"{where}\nThe {stop.rail} stop again: {' '.join(words)} --rail {stop.rail}"
 
 
 def _timed() -> Callable[[str], None]:
@@ -124,76 +155,5 @@ def _timed() -> Callable[[str], None]:
     return lambda message: progress(f"{time.perf_counter() - started:5.1f} s  {message}")
 
 
-def _writer(content: bytes) -> Callable[[Path], None]:
-    return lambda path: _write(path, content)
-
-
-def _write(path: Path, content: bytes) -> None:
+def _write(content: bytes, path: Path) -> None:
     path.write_bytes(content)
-
-
-def _named(pictures: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
-    """Pictures by file name."""
-    return {f"{name}.{suffix}": content for name, forms in pictures.items() for suffix, content in forms.items()}
-
-
-Made = tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]
-"""Pictures and page by file name, the content of report.json, and what writes the text at the width of the moment."""
-
-
-def _without_page(check: DesignCheck, told: Callable[[str], None]) -> Made:
-    """The check alone: no designs, no runs, no recommendation."""
-    from railslip_ctrl.plots.design_report import check_drawings
-    from railslip_ctrl.plots.style import figure_files
-
-    told("pictures")
-    files = _named({name: figure_files(make()) for name, make in check_drawings(check).items()})
-    return files, design_check_json(check, [*_TEXTS, *files]), partial(design_check_text, check)
-
-
-def _with_page(
-    check: DesignCheck,
-    points: Sequence[OperatingPoint],
-    gains: PIGains | None,
-    source: Provenance,
-    told: Callable[[str], None],
-    fresh: bool,
-) -> Made:
-    """The whole report.
-
-    What can be drawn is drawn while the rest is computed, each picture once.
-    """
-    from railslip_ctrl.plots.design_report import linear_drawings, run_drawings
-    from railslip_ctrl.plots.side_by_side import drawing_room
-
-    with drawing_room(helped=cores() > 1, fresh=fresh) as room:
-
-        def draw(part: LinearPart | RunPart) -> list[Callable[[], None]]:
-            drawings = linear_drawings(part) if isinstance(part, LinearPart) else run_drawings(part)
-            left = room.take(drawings)
-            again = [name for name in drawings if name in room.from_cache]
-            told(f"pictures: {', '.join(drawings)}" + (f" (from the cache: {len(again)})" if again else ""))
-            return left
-
-        report = design_report(check, points, given=gains, fresh=fresh, progress=told, meanwhile=draw)
-        pictures = room.files()
-    told(_PAGE)
-    html = design_report_html(report, {name: forms["svg"] for name, forms in pictures.items()}, source)
-    files = _named(pictures) | {_PAGE: html.encode()}
-    content = design_report_json(report, html, source, [*_TEXTS, *files])
-    return files, content, partial(design_check_text, report.whole_check, verdict(report))
-
-
-def provenance(ctx: click.Context) -> Provenance:
-    """The command line as it could be typed again, and every option with its value."""
-    words, options = [ctx.command_path], []
-    for option in ctx.command.params:
-        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
-        value = ctx.params.get(option.name or "")
-        values = list(value) if isinstance(value, tuple) else [value]
-        shown = ", ".join(str(one) for one in values if one is not None) or "left out"
-        options.append((option.opts[0], shown if given else f"{shown} (default)"))
-        if given and isinstance(option, click.Option):
-            words += [option.opts[0]] if value is True else [option.secondary_opts[0]] if value is False else []
-            words += [] if isinstance(value, bool) else [f"{option.opts[0]} {shlex.quote(str(one))}" for one in values]
-    return Provenance(" ".join(words), tuple(options))

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import datetime
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.errors import InputError
+from railslip_ctrl.linearization import OperatingPoint, operating_point
+from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.report.provenance import Provenance
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
-from railslip_ctrl.reproduction import published_facts, sensitivity, table3, table5
+from railslip_ctrl.reproduction import Fact, Table5, published_facts, sensitivity, table3, table5
 from railslip_ctrl.reproduction.runs import MOST_SEEDS, checked_seeds
 from railslip_ctrl.reproduction.sensitivity import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
+from railslip_ctrl.units import KMH
 
-from .output import print_json, print_text, progress
+from .output import print_json, print_text, progress, provenance
 from .settings import HELP
 
+_PAGE = "reproduce.html"
 PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig_21")
 
 
@@ -42,7 +51,8 @@ PICTURES = ("fig_13", "figs_14_15", "fig_17", "fig_18", "fig_19", "fig_20", "fig
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for reproduction.txt, reproduction.json and the figures redrawn (PNG).  [default: nothing is written]",
+    help="Folder for reproduce.html (with the errata and Table 4's gains in both readings), reproduction.txt, "
+    "reproduction.json and the figures redrawn (PNG).  [default: nothing is written]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @click.pass_context
@@ -54,7 +64,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     Example: railslip reproduce --seeds 16 --out reproduced
     """
     count = _seeds(seeds)
-    names = ["reproduction.txt", "reproduction.json", *(f"{name}.png" for name in PICTURES)]
+    names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in PICTURES)]
     if out is not None:
         check_directory(out, names)  # before the work, not after it
     comparison = table5(count, progress=progress)
@@ -63,8 +73,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     text = reproduction_text(comparison, table3(), found, worth)
     content = reproduction_json(comparison, table3(), found, worth)
     if out is not None:
-        progress("pictures")
-        write_files(out, _writers(text, content))
+        write_files(out, _writers(text, content, comparison, found, provenance(ctx)))
         progress(f"wrote {len(names)} files to {out}")
     if as_json:
         print_json(content)
@@ -82,24 +91,66 @@ def _seeds(text: str) -> int:
         raise InputError(f"--{error}") from None
 
 
-def _writers(text: str, content: dict[str, Any]) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.reproduction import model_figures, run_figures, wet_and_dry_figure
+def _writers(
+    text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
+) -> dict[str, Callable[[Path], None]]:
+    """What writes each file."""
+    from railslip_ctrl.design_check import published_groups
+    from railslip_ctrl.kept import kept
+    from railslip_ctrl.plots.loops import bode_figure, nyquist_figure
+    from railslip_ctrl.plots.reproduction import deviations_figure, model_figures, run_figures, wet_and_dry_figure
+    from railslip_ctrl.plots.style import figure_files
+    from railslip_ctrl.report.html.page import page
+    from railslip_ctrl.report.html.reproduction_page import reproduction_first_page, reproduction_sections
     from railslip_ctrl.reproduction import model_curves, published_runs
     from railslip_ctrl.reproduction.curves import wet_and_dry
+    from railslip_ctrl.sliding.derivation import derive
+    from railslip_ctrl.sliding.errata import errata
 
+    started = time.perf_counter()
+    progress("errata, and Table 4's gains in both readings")
+    wrong = kept("errata", lambda: errata(derive()))
+    groups = published_groups(published_points())
+    progress("pictures")
     figures = {
         **model_figures(model_curves()),
         "fig_17": wet_and_dry_figure(wet_and_dry()),
         **run_figures(published_runs()),
+        "table5": deviations_figure(comparison),
+        "bode": bode_figure(groups),
+        "nyquist": nyquist_figure(groups),
     }
+    drawn = {name: figure_files(figure) for name, figure in figures.items()}
+    svg = {name: files["svg"] for name, files in drawn.items()}
+    about = (comparison, facts, wrong, groups)
+    today, seconds = datetime.date.today(), time.perf_counter() - started
+    html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, source, today, seconds)
     writers: dict[str, Callable[[Path], None]] = {
         "reproduction.txt": lambda path: _write_text(path, text),
         "reproduction.json": lambda path: _write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n"),
+        _PAGE: lambda path: _write_text(path, html),
     }
     for name in PICTURES:
-        writers[f"{name}.png"] = lambda path, figure=figures[name]: save_figure(figure, path)  # type: ignore[misc]
+        writers[f"{name}.png"] = partial(_write_bytes, drawn[name]["png"])
     return writers
+
+
+def published_points() -> list[OperatingPoint]:
+    """Where Table 4's gains are looked at: the published vehicle, dry and wet, from 100 to 20 km/h."""
+    found = []
+    for rail in Rail:
+        law = published_law("bristle", rail)
+        slip = law.reference_slip(rail)
+        assert slip is not None, "the published law has one"
+        found += [
+            operating_point(law, PARK2008, v * KMH, slip, rail=rail, initial_speed_kmh=INITIAL_SPEED_KMH)
+            for v in (100.0, 60.0, 20.0)
+        ]
+    return found
+
+
+def _write_bytes(content: bytes, path: Path) -> None:
+    path.write_bytes(content)
 
 
 def _write_text(path: Path, text: str) -> None:

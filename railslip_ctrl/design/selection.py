@@ -117,7 +117,11 @@ class Selection:
 
 
 @checked
-def select(envelope: Envelope, structures: Sequence[str] = ("pi", "pi-lead")) -> Selection:
+def select(
+    envelope: Envelope,
+    structures: Sequence[str] = ("pi", "pi-lead"),
+    reference_factors: Sequence[float] = REFERENCE_FACTORS,
+) -> Selection:
     """The best PI or PI-lead for an envelope, at its reference slip or a smaller one.
 
     The criterion, in this order: robust from some speed up (Ms <= 2 at the operating points, and stable with every
@@ -133,6 +137,8 @@ def select(envelope: Envelope, structures: Sequence[str] = ("pi", "pi-lead")) ->
         What the design must hold.
     structures : sequence of str
         Of "pi" and "pi-lead"; the lead is at the actuator's lag, its filter a tenth of it.
+    reference_factors : sequence of float
+        Reference slips that are tried, over those of the envelope, > 0; 1 alone where the laws have different ones.
 
     Returns
     -------
@@ -147,7 +153,7 @@ def select(envelope: Envelope, structures: Sequence[str] = ("pi", "pi-lead")) ->
     choices = []
     own = envelope.points(nominal=True)
     slips = held_slips(envelope, own)
-    for factor in REFERENCE_FACTORS if slips is not None else (1.0,):
+    for factor in reference_factors if slips is not None else (1.0,):
         held = (
             slips if slips is None or factor == 1.0 else ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet)
         )

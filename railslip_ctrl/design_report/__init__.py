@@ -1,44 +1,11 @@
-"""Everything a design review looks at, of one vehicle, as one frozen record: what `report.html` shows."""
+"""All that a design report of one vehicle shows, as one record.
 
-from .assemble import SECTIONS, design_report
-from .records import (
-    Attempt,
-    DesignReport,
-    GainRegion,
-    LawCurve,
-    LinearPart,
-    LoopDesign,
-    LoopDesigns,
-    Origin,
-    RangeLine,
-    RunPart,
-    Shortfall,
-    SlidingVerdict,
-    SlowEnd,
-    SlowRun,
-    SpeedRange,
-    Stop,
-    StopRun,
-)
+Begin with `compute.design_report`; `stops` has the braking runs, `records` what comes out. It draws and prints nothing.
+"""
 
-__all__ = [
-    "SECTIONS",
-    "Attempt",
-    "DesignReport",
-    "GainRegion",
-    "LawCurve",
-    "LinearPart",
-    "LoopDesign",
-    "LoopDesigns",
-    "Origin",
-    "RangeLine",
-    "RunPart",
-    "Shortfall",
-    "SlidingVerdict",
-    "SlowEnd",
-    "SlowRun",
-    "SpeedRange",
-    "Stop",
-    "StopRun",
-    "design_report",
-]
+from __future__ import annotations
+
+from .compute import design_report
+from .records import DesignReport, GainMap, LawCurve, Responses, Rival, ShownLoop, Stop
+
+__all__ = ["DesignReport", "GainMap", "LawCurve", "Responses", "Rival", "ShownLoop", "Stop", "design_report"]

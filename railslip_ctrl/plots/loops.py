@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def loop_figure(loop: DeadTimeLoop, kind: str) -> Figure:
     """A "bode", "nyquist" or "nichols" figure of one loop, over the band in which everything happens."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     alone: Any = _Alone(loop)
-    return draw((ControllerGroup("", "", (alone,), (frequency_curve(loop, *loop.feature_band()),), ()),))
+    return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *loop.feature_band()),)),))
 
 
 def _title(groups: tuple[ControllerGroup, ...]) -> str:
@@ -112,28 +113,30 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     return figure
 
 
-def one_group_figure(group: ControllerGroup) -> Figure:
-    """Magnitude, continuous phase and the Nyquist curve near -1 of one group's L(j omega), side by side."""
-    figure = new_figure(3.0, _title((group,)))
+def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
+    """Magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`design_report.ShownLoop`)."""
+    figure = new_figure(3.1 + 0.15 * len(loops), title)
     magnitude, phase, near = panels(figure, 1, 3)[0]
-    for assessment, curve, style in _lines(group):
-        magnitude.semilogx(curve.omega, curve.magnitude_db, label=_label(assessment), **style)
+    for i, shown in enumerate(loops):
+        curve, style = shown.curve, line_style(i)
+        magnitude.semilogx(curve.omega, curve.magnitude_db, label=shown.label, **style)
         phase.semilogx(curve.omega, curve.phase_deg, **style)
         _nyquist_line(near, curve.response, style)
-        at = np.searchsorted(curve.omega, assessment.loop.gain_crossovers)
+        at = np.searchsorted(curve.omega, shown.loop.gain_crossovers)
         at = at[at < curve.omega.size]
         for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
             ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
     magnitude.axhline(0, color="black", linewidth=0.8)
     magnitude.set_ylim(-42, 42)
-    _critical_phases(phase, group.curves)
+    _critical_phases(phase, tuple(shown.curve for shown in loops))
     _decorate_near(near)
     near.set_ylabel("Im L (-)")
     for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
         ax.set_ylabel(label)
         ax.set_xlabel("frequency ω (rad/s)")
         sparse_log_ticks(ax.xaxis)
-    legend_of_figure(figure, magnitude, columns=3)
+    told = "dots: |L| = 1; axes cut: |L| beyond 40 dB, phase, and L far from −1; dash-dotted: Ms = 2"
+    legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
     return figure
 
 

@@ -5,15 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
-from railslip_ctrl.reproduction import QUANTITIES, TABLE5, AdhesionCurve
+from railslip_ctrl.reproduction import QUANTITIES, TABLE5, AdhesionCurve, Table5
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 from railslip_ctrl.units import KMH
 
-from .style import PAGE_WIDTH, SMALL, TEXT, folded, legend_below, legend_of_figure, line_style, new_figure, panels
+from .style import (
+    PAGE_WIDTH,
+    SMALL,
+    TEXT,
+    folded,
+    legend_below,
+    legend_of_figure,
+    line_style,
+    mark_style,
+    new_figure,
+    panels,
+)
 
+_QUANTITIES = dict(
+    zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
+)
 _LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, at rest"}
 _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
@@ -196,3 +211,33 @@ def _seeded(runs: Mapping[str, Run]) -> str:
 def _recorded(run: Run) -> Signals:
     assert run.signals is not None, "the run was recorded"
     return run.signals
+
+
+def deviations_figure(comparison: Table5) -> Figure:
+    """Deviation from Table 5 by column and quantity, with two standard errors."""
+    groups: dict[str, list[tuple[str, float, float]]] = {}
+    for row in comparison.rows:
+        _, column, quantity = row.item.split(" / ")
+        error = 100 * row.standard_error / row.published
+        groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
+    figure = new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
+    ax = panels(figure)[0, 0]
+    for i, (quantity, found) in enumerate(groups.items()):
+        names, deviations, errors = zip(*found, strict=True)
+        places = np.arange(len(names)) + 0.16 * (i - 1.5)
+        ax.errorbar(
+            places,
+            deviations,
+            yerr=2 * np.array(errors),
+            **mark_style(i),
+            markersize=4.5,
+            capsize=3,
+            label=_QUANTITIES[quantity],
+        )
+    ax.set_xticks(range(len(names)), names)
+    ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_ylabel("deviation (%); grey: tolerance")
+    ax.grid(visible=False, axis="x")
+    legend_below(ax, 0.12, columns=4)
+    return figure

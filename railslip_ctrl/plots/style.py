@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 PAGE_WIDTH = 6.7
 """Inches, 17 cm: the text of an A4 page. Every figure is that wide, so that its letters are printed at their size."""
 
-PAGE_HEIGHT = 5.59
-"""Inches, 142 mm: a figure of the report that is higher is made smaller when it is printed, and its letters with it."""
-
 SMALL, TEXT, TITLE = 7.0, 8.0, 8.5
 """Points: ticks and legends, axis labels and panel titles, the figure's title."""
 

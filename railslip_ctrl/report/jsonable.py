@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from railslip_ctrl import __version__
 from railslip_ctrl.assessment import Assessment, PadeRow
 from railslip_ctrl.design.controllers import LinearController, PIController
 from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import source_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import Vehicle, remarks
+from railslip_ctrl.parameters import remarks
 
 from .laws import law_json
 
@@ -207,37 +205,3 @@ def _structure_limits(limits: Limits) -> dict[str, Any]:
         found[f"{name}_phase_margin_upper_bound_deg"] = None if structure is None else number(structure.phase_deg)
         found[f"{name}_ms_lower_bound"] = None if structure is None else number(structure.ms_bound)
     return found
-
-
-def vehicle_json(vehicle: Vehicle) -> dict[str, Any]:
-    """The vehicle's parameters, SI, with the unit of each in its key's documentation."""
-    return vehicle.model_dump(mode="json")
-
-
-def design_check_json(check: DesignCheck, files: Iterable[str] = ()) -> dict[str, Any]:
-    """The whole report."""
-    holding = check.holding
-    return {
-        "version": __version__,
-        "date": check.date.isoformat(),
-        "vehicle": vehicle_json(check.vehicle),
-        "groups": [
-            {
-                "title": group.title,
-                "remark": group.remark,
-                "cases": [margins_json(assessment) for assessment in group.assessments],
-            }
-            for group in check.groups
-        ],
-        "holding": None
-        if holding is None
-        else {
-            "kp_si": holding.controller.gains.kp,
-            "ki_si": holding.controller.gains.ki,
-            "worst_ms": holding.worst_ms,
-            "kp_range_si": [number(k) for k in holding.gain_range],
-        },
-        "holding_reason": check.holding_reason,
-        "conclusion": check.conclusion,
-        "files": list(files),
-    }

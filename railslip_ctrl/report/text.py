@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import zip_longest
 from typing import Any
 
@@ -12,13 +12,10 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from railslip_ctrl import __version__
 from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.assessment import Assessment, PadeRow
-from railslip_ctrl.comparison import PythonControlMargins
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import LinearController
-from railslip_ctrl.design_check import DesignCheck
 from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Certificate, Margins
@@ -366,90 +363,3 @@ def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
     elif (row.margins is None) != (exact is None):
         error = "wrong verdict"
     return [str(row.order), *_pade_cells(row.margins), error]
-
-
-# -- report ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A paragraph that can be read alone; what it rests on in numbers, by name; and points with their headings."""
-
-    paragraph: str
-    numbers: tuple[tuple[str, str], ...]
-    points: tuple[tuple[str, str], ...]
-
-    @property
-    def text(self) -> str:
-        """All of it in one string."""
-        told = (f"{head}: {text}" for head, text in (*self.numbers, *self.points))
-        return " ".join([self.paragraph, *told])
-
-
-_NO_VERDICT = "none is made without report.html (--no-html), which compares designs and runs stops."
-
-
-def design_check_text(check: DesignCheck, verdict: Verdict | None = None) -> str:
-    """The whole design check: verdict, vehicle, summary, then the margin report of every loop.
-
-    `verdict` is that of the page, in the same words; without it the text says that there is no recommendation.
-    """
-    parts: list[RenderableType] = [
-        heading(f"Wheel-slip control: design check (railslip_ctrl {__version__}, {check.date.isoformat()})"),
-        *_verdict(verdict),
-        facts([*vehicle_facts(check.vehicle), *law_facts(_points(check))]),
-        Text(f"\nConclusion: {check.conclusion}\n"),
-        heading("Summary", "-"),
-        _summary_table(check),
-    ]
-    for group in check.groups:
-        parts += [Text(""), heading(group.title, "#"), Text(group.remark.replace("N*m", "N·m")), Text("")]
-        for assessment, peer in zip(group.assessments, group.python_control, strict=True):
-            parts += [*_assessment(assessment), _peer_line(peer), Text("")]
-    return render(parts[:-1])
-
-
-def _points(check: DesignCheck) -> list[OperatingPoint]:
-    """The operating points at the inertia scale asked for; a group may show another beside it."""
-    points = [one.point for group in check.groups for one in group.assessments]
-    return [point for point in points if point.vehicle.inertia_scale == check.vehicle.inertia_scale]
-
-
-def _verdict(verdict: Verdict | None) -> list[RenderableType]:
-    if verdict is None:
-        return [Text(f"Recommendation: {_NO_VERDICT}\n")]
-    parts: list[RenderableType] = [heading("Verdict", "-"), Text(f"{verdict.paragraph}\n")]
-    if verdict.numbers:
-        parts += [facts(verdict.numbers), Text("")]
-    headings = "; ".join(head for head, _ in verdict.points)
-    return [*parts, Text(f"In report.html and report.json besides: {headings}.\n")]
-
-
-def _peer_line(peer: PythonControlMargins) -> Text:
-    kind = "" if peer.stable else "; it does not ask whether the loop is stable: these are not margins"
-    return Text(
-        f"For comparison, python-control's stability_margins with Pade {peer.pade_order}: gain {fixed(peer.gain)}, "
-        f"phase {fixed(peer.phase_deg)} deg, 1/modulus margin {fixed(1 / peer.modulus)}{kind}"
-    )
-
-
-def _summary_table(check: DesignCheck) -> RenderableType:
-    rows = []
-    for group in check.groups:
-        for i, a in enumerate(group.assessments):
-            m = a.margins
-            numbers = (
-                ["-"] * 5
-                if m is None
-                else [
-                    fixed(m.gain_decrease, 3) if m.gain_decrease > 0 else "unbounded",
-                    fixed(m.gain_increase, 3),
-                    fixed(m.phase_deg, 3),
-                    fixed(m.delay_s, 3),
-                    fixed(rounded_up(m.ms), BOUND_DIGITS),
-                ]
-            )
-            where = f"{a.point.rail}, {a.point.speed_kmh:g} km/h"
-            rows.append([group.title if i == 0 else "", where, *numbers, a.verdict.value])
-    names = ("Controller", "Case", "Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Verdict")
-    return table(names, rows, left=2, words=(7,))

@@ -150,12 +150,17 @@ class LinearControl:
         """Those of the difference equations, the error before and the torque before its limits."""
         return (*state_names(self.design), "error", "unlimited_torque")
 
+    @property
+    def toml(self) -> str:
+        """The text that `save` writes."""
+        return linear_text(self)
+
     def save(self, path: str | Path) -> None:
         """Write the TOML file at `path` that every command and `load_controller` take; SI, every number of it.
 
         InputError where it cannot be written.
         """
-        path, text = given_path(path), linear_text(self)
+        path, text = given_path(path), self.toml
         try:
             path.write_text(text, "utf-8")
         except OSError as error:

@@ -1,5 +1,1 @@
-"""A design report as one HTML file that needs nothing else: text, tables, and pictures embedded."""
-
-from .page import design_report_html
-
-__all__ = ["design_report_html"]
+"""Pages: `page` fills the template with a `blocks.FirstPage` and sections, which the other modules make."""

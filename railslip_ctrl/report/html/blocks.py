@@ -1,4 +1,4 @@
-"""What a section of the report is made of; the template knows these and nothing of control."""
+"""What a page is made of; the template knows these and nothing of control."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar
 
 Cells = Sequence[str]
 
-_NUMBER = re.compile(r"[−+±≤>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
+_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
 _SHORT = 16  # rows
 
 
@@ -20,14 +20,6 @@ class Paragraph:
     text: str
     strong: bool = False
     kind: ClassVar[str] = "paragraph"
-
-
-@dataclass(frozen=True)
-class Items:
-    """A list of texts."""
-
-    texts: tuple[str, ...]
-    kind: ClassVar[str] = "items"
 
 
 @dataclass(frozen=True)
@@ -82,17 +74,7 @@ class Details:
     kind: ClassVar[str] = "details"
 
 
-@dataclass(frozen=True)
-class Group:
-    """A part of a section under its own heading."""
-
-    anchor: str
-    title: str
-    blocks: tuple[Block, ...]
-    kind: ClassVar[str] = "group"
-
-
-Block = Paragraph | Items | Facts | Table | Picture | Details | Group
+Block = Paragraph | Facts | Table | Picture | Details
 
 
 @dataclass(frozen=True)
@@ -103,14 +85,34 @@ class Section:
     title: str
     blocks: tuple[Block, ...] = field(default_factory=tuple)
 
-    def pictures(self) -> Iterator[Picture]:
-        """Every picture, in order."""
-        yield from _pictures(self.blocks)
+
+@dataclass(frozen=True)
+class FirstPage:
+    """What is read in a minute.
+
+    `headline` says what to do in a word or four, `subject` of what; `file` has it as data; `lines` are headed texts;
+    `rows` of the table say what, its number, and where.
+    """
+
+    title: str
+    headline: str
+    subject: str
+    file: str
+    lines: tuple[tuple[str, str], ...]
+    head: Cells
+    rows: Sequence[Cells]
+    pictures: tuple[Picture, ...] = ()
+
+    @property
+    def words(self) -> int:
+        """Of the headline and the lines."""
+        return sum(len(text.split()) for text in (self.headline, *(text for _, text in self.lines)))
 
 
-def _pictures(blocks: Sequence[Block]) -> Iterator[Picture]:
+def pictures_in(blocks: Sequence[Block]) -> Iterator[Picture]:
+    """Every picture, in order."""
     for block in blocks:
         if isinstance(block, Picture):
             yield block
-        elif isinstance(block, Details | Group):
-            yield from _pictures(block.blocks)
+        elif isinstance(block, Details):
+            yield from pictures_in(block.blocks)

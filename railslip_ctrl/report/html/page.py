@@ -1,58 +1,44 @@
-"""The whole page: sections in order, numbers of tables and figures, pictures embedded, the template filled in."""
+"""A whole page: what is read in a minute, sections in order, pictures embedded, the template filled in."""
 
 from __future__ import annotations
 
 import base64
+import datetime
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from railslip_ctrl import __version__
-from railslip_ctrl.design_report import DesignReport
 from railslip_ctrl.report.provenance import Provenance, software
 from railslip_ctrl.sources import SOURCES
 
-from .blocks import Block, Details, Group, Picture, Section, Table
-from .closing_sections import unchecked_section
-from .loop_sections import designs_section, margins_section
-from .paper_sections import errata_section, reproduction_section
-from .plant_sections import adhesion_section, limits_section, linear_section, region_section, vehicle_section
-from .range_sections import range_section
-from .sliding_sections import paper_law_section, sliding_section
-from .stop_sections import stops_section
+from .blocks import Block, Details, FirstPage, Picture, Section, Table, pictures_in
 from .typography import with_units
-from .verdict import gains_not_computed, verdict
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
 
-_SECTIONS = (
-    vehicle_section,
-    adhesion_section,
-    linear_section,
-    limits_section,
-    region_section,
-    designs_section,
-    range_section,
-    margins_section,
-    stops_section,
-    sliding_section,
-    unchecked_section,
-    paper_law_section,
-    reproduction_section,
-    errata_section,
-)
 
-
-def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], provenance: Provenance) -> str:
-    """The report as HTML.
+def page(
+    first: FirstPage,
+    sections: Sequence[Section],
+    pictures: Mapping[str, bytes],
+    provenance: Provenance,
+    date: datetime.date,
+    seconds: float,
+) -> str:
+    """The page as HTML.
 
     Parameters
     ----------
-    report : DesignReport
+    first : FirstPage
+    sections : sequence of Section
     pictures : mapping
-        SVG by the names of `plots.design_report`'s figures; KeyError if one is missing.
+        SVG by the names that `first` and `sections` use; KeyError if one is missing.
     provenance : Provenance
+    date : date
+    seconds : float
+        What it took, s.
 
     Returns
     -------
@@ -61,7 +47,6 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    sections = _numbered([make(report) for make in _SECTIONS])
     environment = Environment(
         loader=PackageLoader("railslip_ctrl.report.html"),
         autoescape=True,
@@ -71,22 +56,18 @@ def design_report_html(report: DesignReport, pictures: Mapping[str, bytes], prov
     )
     environment.filters["css_string"] = css_string
     environment.filters["with_units"] = with_units
-    used = [picture for section in sections for picture in section.pictures()]
-    data = {picture.name: _data(pictures[picture.name]) for picture in used}
-    vehicle = report.check.vehicle
+    top, *chapters = _numbered([Section("first", "", first.pictures), *sections])
+    used = [picture for section in (top, *chapters) for picture in pictures_in(section.blocks)]
     text = environment.get_template("report.html").render(
-        title=f"Wheel-slip control design check: {vehicle.name}",
-        vehicle=vehicle.name,
-        verdict=verdict(report),
-        not_computed=gains_not_computed(report),
+        first=first,
+        shown=top.blocks,
+        sections=chapters,
         software=software(),
-        sections=sections,
-        pictures=data,
+        pictures={picture.name: _data(pictures[picture.name]) for picture in used},
         provenance=provenance,
         version=__version__,
-        date=report.check.date.isoformat(),
-        seconds=report.seconds,
-        from_cache=report.from_cache,
+        date=date.isoformat(),
+        seconds=seconds,
     )
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 
@@ -99,7 +80,7 @@ def cited_sources(text: str) -> dict[str, str]:
 def _sources(text: str, environment: Any) -> str:
     """The sources that the text cites, as its last section; a DOI or an address in them is a link."""
     cited = {key: _linked(source) for key, source in cited_sources(text).items()}
-    return str(environment.get_template("sources.html").render(sources=cited))
+    return str(environment.get_template("sources.html").render(sources=cited)) if cited else ""
 
 
 def _linked(source: str) -> Any:
@@ -130,7 +111,7 @@ def _numbered(sections: Sequence[Section]) -> list[Section]:
         if isinstance(block, Table | Picture):
             counts[type(block)] += 1
             return replace(block, number=counts[type(block)])
-        if isinstance(block, Details | Group):
+        if isinstance(block, Details):
             return replace(block, blocks=tuple(number(one) for one in block.blocks))
         return block
 

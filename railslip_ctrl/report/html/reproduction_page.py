@@ -1,15 +1,18 @@
-"""Sections about the paper: its own numbers computed again, and its errata."""
+"""The page of `railslip reproduce`: the paper's numbers computed again, its gains in both readings, its errata."""
 
 from __future__ import annotations
 
-from railslip_ctrl.design_report import DesignReport
+from collections.abc import Sequence
+
+from railslip_ctrl.design_check import ControllerGroup
 from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.reproduction import QUANTITIES, READING, TOLERANCE_PERCENT, Fact, Row, Table5
 from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
+from railslip_ctrl.sliding.erratum import Erratum
 
-from .blocks import Block, Details, Facts, Paragraph, Picture, Section, Table
+from .blocks import Block, Details, Facts, FirstPage, Paragraph, Picture, Section, Table
 from .formulas import formula
-from .numbers import listed, minus, short
+from .numbers import MARGIN_HEAD, listed, margin_cells, minus, short
 from .typography import typeset
 
 QUANTITY_WORDS = dict(
@@ -19,7 +22,16 @@ QUANTITY_WORDS = dict(
 )
 """What a row of Table 5 is called, with its unit."""
 
-ERRATA_TITLE = "Appendix: errata found in the paper"
+FIGURES = {
+    "fig_13": "Fig. 13",
+    "figs_14_15": "Figs. 14 and 15",
+    "fig_17": "Fig. 17",
+    "fig_18": "Fig. 18",
+    "fig_19": "Fig. 19",
+    "fig_20": "Fig. 20",
+    "fig_21": "Fig. 21",
+}
+"""The paper's figures by the names of the pictures redrawn."""
 
 _ENERGY = QUANTITIES[2]
 
@@ -30,32 +42,76 @@ _DECIDED = {
 }
 
 
-def reproduction_section(report: DesignReport) -> Section:
-    """Table 5 of the paper, or why it is not here."""
-    comparison = report.table5
-    if comparison is None:
-        text = (
-            "Left out: the printed results are of the published vehicle, and this report is about "
-            f"{report.check.vehicle.name}. "
-            "railslip reproduce computes them."
-        )
-        return Section("reproduction", "Appendix: reproduction of the paper", (Paragraph(text),))
-    facts = tuple(_fact(one) for one in report.facts)
-    return Section(
-        "reproduction",
-        "Appendix: reproduction of the paper",
-        (
-            Paragraph(reproduction_finding(comparison), strong=True),
+def reproduction_first_page(
+    comparison: Table5, facts: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+) -> FirstPage:
+    """What is read in a minute."""
+    within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
+    wrong = sum(not one.agrees for one in errata)
+    rows = [
+        ("Rms deviation", f"{comparison.rms_deviation_percent:.1f} %", f"of {total} numbers, Table 5"),
+        ("Facts that hold", f"{sum(one.holds for one in facts)} of {len(facts)}", "of the published runs"),
+        ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims looked at"),
+    ]
+    for group in groups:
+        unstable = sum(not one.stable for one in group.assessments)
+        rows.append((group.title, f"{unstable} unstable", f"of {len(group.assessments)} operating points"))
+    return FirstPage(
+        title="[Park2008] computed again",
+        headline=f"{within} OF {total} NUMBERS WITHIN {TOLERANCE_PERCENT:g} %",
+        subject="Table 5, braking from 100 to 5 km/h",
+        file="",
+        lines=(("Why", reproduction_finding(comparison)),),
+        head=("", "found", "of what"),
+        rows=rows,
+        pictures=(
             Picture(
                 "table5",
-                f"Deviation of the {len(comparison.rows)} numbers from [Park2008] Table 5, with two standard errors; "
-                "grey: "
-                "the tolerance.",
+                "Deviation from [Park2008] Table 5, with two standard errors; grey: the tolerance.",
                 f"Deviations in percent by column and quantity. {reproduction_finding(comparison)}",
             ),
-            _table5(comparison),
-            Details("The reading they are computed under", f"{len(READING)} rules", (_reading(),)),
-            *facts,
+        ),
+    )
+
+
+def reproduction_sections(
+    comparison: Table5, facts: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+) -> list[Section]:
+    """What stands behind it."""
+    figures = tuple(
+        Picture(
+            name, f"[Park2008] {shown}, redrawn.", f"The curves of {shown} of the paper, computed by this software."
+        )
+        for name, shown in FIGURES.items()
+    )
+    return [
+        Section("table5", "Table 5", (_table5(comparison),)),
+        Section("reading", "The reading", (_reading(),)),
+        Section("facts", "Facts of the runs", tuple(_fact(one) for one in facts)),
+        _gains(groups),
+        Section("figures", "Figures", figures),
+        _errata(errata),
+    ]
+
+
+def _gains(groups: Sequence[ControllerGroup]) -> Section:
+    """Table 4's gains in both readings of the units."""
+    rows = [
+        (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
+        for group in groups
+        for a in group.assessments
+    ]
+    head = ("Reading", "Operating point", *MARGIN_HEAD, "Verdict")
+    text = "Table 4's PI gains, read as N·m per km/h, with the dead time exact: [Park2008] asks for no margins."
+    alt = "Magnitude and phase of the loops with Table 4's gains in both readings, a panel a reading."
+    return Section(
+        "gains",
+        "Table 4's gains in both readings",
+        (
+            Paragraph(text),
+            Table("Margins; dashes: unstable.", head, rows, wide=True),
+            Picture("bode", "Bode, Table 4's gains.", alt),
+            Picture("nyquist", "Nyquist, Table 4's gains.", alt.replace("Magnitude and phase", "Nyquist curves")),
         ),
     )
 
@@ -144,23 +200,10 @@ def _reading() -> Table:
     return Table("Each rule, and where it comes from.", ("Rule", "Basis", "Used", "Where"), rows, wide=True)
 
 
-def errata_section(report: DesignReport) -> Section:
+def _errata(errata: Sequence[Erratum]) -> Section:
     """Where the paper's print does not follow from its own statement."""
-    wrong = [one for one in report.errata if not one.agrees]
-    right = [one for one in report.errata if one.agrees]
-    blocks: list[Block] = [
-        Paragraph(
-            f"{len(report.errata)} equations, numbers and claims of [Park2008] were derived or computed again: "
-            f"{len(right)} {'agrees' if len(right) == 1 else 'agree'}, {len(wrong)} "
-            f"{'does' if len(wrong) == 1 else 'do'} not.",
-            strong=True,
-        )
-    ]
-    if report.table5 is None:
-        text = (
-            f"They differ at: {listed(one.where for one in wrong)}. railslip derive prints each; report.json has them."
-        )
-        return Section("errata", ERRATA_TITLE, (*blocks, Paragraph(typeset(text))))
+    wrong, right = ([one for one in errata if one.agrees is agrees] for agrees in (False, True))
+    blocks: list[Block] = []
     for one in wrong:
         rows = (
             ("Printed", formula(one.printed_latex)),
@@ -170,4 +213,4 @@ def errata_section(report: DesignReport) -> Section:
         )
         blocks.append(Details(typeset(one.where), "differs", (Facts(rows), Paragraph(typeset(one.explanation)))))
     blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
-    return Section("errata", ERRATA_TITLE, tuple(blocks))
+    return Section("errata", "Errata", tuple(blocks))

@@ -1,0 +1,209 @@
+"""`railslip report`: what is recommended, its numbers, its files and its page."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from html_page import LARGEST_BYTES, Page
+from project import SMALL
+from test_law_files import LAW
+
+from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import judge
+from railslip_ctrl.design_report import design_report
+from railslip_ctrl.design_report.records import restricted
+from railslip_ctrl.parameters import PARK2008, Actuator, PIGains
+from railslip_ctrl.report.design_report import design_report_json, design_report_text
+from railslip_ctrl.report.html.blocks import Table
+from railslip_ctrl.report.html.design_sections import design_sections
+from railslip_ctrl.report.html.first_page import first_page
+from railslip_ctrl.report.html.page import page
+from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.simulation import simulate, stop
+from railslip_ctrl.simulation.controller_files import load_controller
+
+MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
+ENVELOPE = Envelope(PARK2008, speeds=(20, 100))
+SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
+TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
+GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
+
+
+@pytest.fixture(scope="module")
+def content(full_report):
+    return json.loads((full_report[0] / "report.json").read_text("utf-8"))
+
+
+@pytest.fixture(scope="module")
+def recommended(full_report):
+    return load_controller(full_report[0] / "recommended.toml")
+
+
+def rendered(report):
+    """The page of a record, its pictures left out."""
+    names = dict.fromkeys(("map", "loop", "stops", "gains", "responses", "adhesion"), TINY)
+    return page(first_page(report), design_sections(report), names, SOURCE, report.date, 1.0)
+
+
+# --- what the command writes ----------------------------------------------------------------------------------------
+
+
+def test_the_first_page_is_printed_and_the_rest_is_where_it_says(full_report, content):
+    folder, out, err = full_report
+    assert len(out.splitlines()) <= MOST_LINES
+    assert (folder / "report.txt").read_text("utf-8") == out
+    assert f"{folder / 'report.html'}" in out.replace("\n", "")
+    assert {path.name for path in folder.iterdir()} == set(content["files"])
+    assert "in a browser" in err
+
+
+def test_the_page_is_well_formed_loads_nothing_and_is_short(full_report):
+    text = (full_report[0] / "report.html").read_text("utf-8")
+    shown = Page.parsed(text)
+    assert len(text.encode()) < LARGEST_BYTES
+    assert shown.problems() == []
+    assert shown.figures == 6
+    assert len(shown.text.split()) <= MOST_WORDS
+
+
+def test_the_recommendation_is_what_judge_says_of_its_file(content, recommended):
+    said, judged = content["recommended"], judge(recommended, ENVELOPE)
+    assert (said["verdict"], said["usable_from_kmh"]) == (judged.verdict, judged.usable_from_kmh)
+    assert said["worst"] == judged.worst.table()
+    assert said["worst_with_tolerances"] == judged.worst_with_tolerances.table()
+    assert said["map"]["operating"] == judged.map.operating.tolist()
+    assert content["envelope"]["speeds"] == [20, 100]
+
+
+def test_the_stops_are_those_of_the_file_digit_for_digit(full_report, content, railslip):
+    file = full_report[0] / "recommended.toml"
+    for said in content["stops"][:2]:
+        words = ("--scenario", "stop", "--controller", file, "--adhesion", said["adhesion"], "--rail", said["rail"])
+        run = json.loads(railslip("simulate", *words, "--json")[1])
+        for name in ("braking_distance_m", "braking_time_s", "max_slip"):
+            assert run[name] == said[name]
+
+
+def test_given_gains_are_judged_and_run_beside(full_report, content):
+    (given,) = content["given"]
+    judged = judge(GIVEN, ENVELOPE)
+    assert (given["verdict"], given["worst"]) == (judged.verdict, judged.worst.table())
+    assert {one["rail"] for one in given["stops"]} == {"dry", "wet"}
+    rows = Page.parsed((full_report[0] / "report.html").read_text("utf-8")).rows("given")
+    assert [row[0] for row in rows[1:]] == ["recommended", "given PI"]
+
+
+def test_a_law_of_one_s_own_in_a_python_file_is_reported_on(railslip, tmp_path, monkeypatch):
+    """Its class cannot be sent to another process."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(LAW)
+    status, out, _ = railslip("report", "--adhesion", "mine.py", "--speed", "100", "--rail", "dry", "--out", "out")
+    assert status == 0
+    assert "USE" in out
+    (stop_again,) = json.loads((tmp_path / "out/report.json").read_text("utf-8"))["stops"][:1]
+    assert stop_again["adhesion"] != "bristle"
+
+
+# --- the record -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def robust():
+    return design_report(ENVELOPE.at(laws="curve", lag=1.0), sliding=False)
+
+
+@pytest.fixture(scope="module")
+def hopeless():
+    slow = PARK2008.model_copy(update={"name": "Slow brake", "actuator": Actuator(dead_time=1.5, lag=2.0)})
+    return design_report(Envelope(slow, laws="bristle", slip=1.0), sliding=False)
+
+
+def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robust):
+    first = first_page(robust)
+    assert robust.in_use.verdict == "robust"
+    assert first.headline == "USE"
+    assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
+    assert first.words <= MOST_FIRST_WORDS
+    assert len(first.rows) <= MOST_NUMBERS
+    worst = {name: value for name, value, _ in first.rows}
+    assert float(worst["Ms"]) == pytest.approx(robust.in_use.worst.ms, rel=5e-3)  # three digits, rounded up
+    assert float(worst["Ms"]) >= robust.in_use.worst.ms - 1e-12
+    least = float(robust.in_use.margins.phase_deg[robust.in_use.points.operating].min())
+    assert float(worst["Phase margin"].split()[0]) == pytest.approx(least, rel=5e-3)
+
+
+def test_no_design_is_told_as_such_everywhere(hopeless):
+    first = first_page(hopeless)
+    assert (hopeless.control, hopeless.above_kmh, first.headline) == (None, None, "DO NOT USE")
+    assert first.words <= MOST_FIRST_WORDS
+    assert Page.parsed(rendered(hopeless)).problems() == []
+    assert json.loads(json.dumps(design_report_json(hopeless), allow_nan=False))["recommended"] is None
+    assert len(design_report_text(hopeless, first, "").splitlines()) <= MOST_LINES
+
+
+def test_a_fragile_design_is_not_to_be_used(robust):
+    """Were its judgement that of gains without margin."""
+    weak = judge(PIController(PIGains(kp=90.0, ki=2.0)), robust.envelope)
+    assert weak.robust_from_kmh is None
+    told = first_page(replace(robust, above_kmh=None, in_use=weak))
+    assert told.headline == "DO NOT USE"
+    assert told.words <= MOST_FIRST_WORDS
+
+
+def test_use_above_a_speed_hands_over_below_it(robust):
+    told = first_page(replace(robust, above_kmh=100.0, control=replace(robust.control, cut_out_speed=100 / 3.6)))
+    assert told.headline == "USE ABOVE 100 km/h"
+    assert "Below 100 km/h" in dict(told.lines)["To do"]
+
+
+def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):
+    some = restricted(robust.judgement, 100.0)
+    again = judge(robust.judgement.controller, some.envelope)
+    assert len(some.points) == len(again.points)
+    assert some.worst.table() == again.worst.table()
+    np.testing.assert_allclose(some.margins.phase_deg, again.margins.phase_deg, rtol=1e-9)  # batches of other sizes
+
+
+def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
+    found, points = robust.gains, robust.in_use.points
+    i, j = np.argmin(np.abs(found.kp - found.chosen[0])), 0
+    design = robust.control.design
+    c = PIController(PIGains(kp=float(found.kp[i]), ki=float(found.ki[j])), design.lead, design.lead_filter)
+    cases = [points.case(int(n)) for n in np.flatnonzero(points.operating)]
+    loops = [wheel_slip_loop(case.plant, c, case.actuator) for case in cases]
+    assert len(loops) == found.points
+    worst = max(loop.margins().ms if loop.is_stable() else math.inf for loop in loops)
+    assert found.ms[i, j] == pytest.approx(worst, rel=1e-6)  # batch and scalar engine
+
+
+def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
+    for one in robust.first_stops:
+        assert one.run.braking_distance > one.bound.braking_distance
+        signals = one.run.signals
+        assert one.held == np.median(signals.slip[signals.slip.size // 2 :])
+        assert one.reached == (one.held >= 0.95 * one.reference)
+    slow = [replace(one, held=0.5 * one.reference) for one in robust.stops]
+    assert "below its reference" in dict(first_page(replace(robust, stops=tuple(slow))).lines)["To do"]
+
+
+def test_every_section_fits_its_table(robust):
+    for section in design_sections(robust):
+        for block in section.blocks:
+            if isinstance(block, Table):
+                assert {len(row) for row in block.rows} == {len(block.head)}
+
+
+def test_a_plain_stop_has_one_rail_and_the_law_of_its_load():
+    dry = stop(PARK2008.loaded(), "wet", speed_kmh=80)
+    assert (dry.events, dry.rail, dry.has_named_law) == ((), "wet", True)
+    assert simulate(dry, GIVEN, seed=None, record_every=None).braking_distance > 0
+
+
+def test_nominal_says_so(railslip, tmp_path):
+    status, out, _ = railslip("report", *SMALL[:4], "--nominal", "--no-html", "--out", tmp_path / "out")
+    assert (status, "at the operating points" in out) == (0, True)
