@@ -30,11 +30,23 @@ from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.machine import cores, processes
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import Actuator, PIGains, Vehicle
+from railslip_ctrl.simulation import LinearControl
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.sliding_verification import verify_with_actuator
 from railslip_ctrl.units import KMH
 
-from .records import DesignReport, FasterBrake, GainMap, LawCurve, Responses, Rival, ShownLoop, Sliding, restricted
+from .records import (
+    DesignReport,
+    FasterBrake,
+    GainMap,
+    LawCurve,
+    Responses,
+    Rival,
+    ShownLoop,
+    Sliding,
+    Stop,
+    restricted,
+)
 from .stops import as_run, laws_of, stops
 
 Progress = Callable[[str], None]
@@ -164,15 +176,12 @@ def _designed(
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         return replace(empty, limits=_limits(blank), curves=_curves(blank))
-    above = judgement.robust_from_kmh
-    lowest = above if above is not None else judgement.usable_from_kmh or 0.0
-    in_use = restricted(judgement, lowest)
     plain = PIController(design.gains, design.lead, design.lead_filter)
-    control = as_run(plain, judgement, lowest if len(envelope.speeds) > 1 else 0.0)
-    robust = above == min(envelope.speeds)
+    robust = judgement.robust_from_kmh == min(envelope.speeds)
     faster = (lambda: None) if robust else submit(_faster, envelope, best.structure, judgement.envelope)
     progress("braking runs")
-    runs = stops(control, judgement)
+    above, lowest, control, runs = _run_without_sliding(plain, judgement)
+    in_use = restricted(judgement, lowest)
     progress("limits, gains around the design, responses")
     found = replace(
         empty,
@@ -189,6 +198,25 @@ def _designed(
     if not robust:
         progress("the brake that would do")
     return replace(found, faster=faster())
+
+
+def _run_without_sliding(
+    design: PIController, judgement: Judgement
+) -> tuple[float | None, float, LinearControl, tuple[Stop, ...]]:
+    """From which speed (km/h) a design may be used, None if from none, the lowest speed that is judged, and the design
+    as it runs, with its stops: handed over above the speeds at which it is not robust or a wheel slides in its own stops."""
+    robust = judgement.robust_from_kmh
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
+    first = None
+    for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
+        control = as_run(design, judgement, speed if len(judgement.envelope.speeds) > 1 else 0.0)
+        runs = stops(control, judgement)
+        first = first or (control, runs)
+        if not any(stop.slides for stop in runs):
+            return robust if robust is None else speed, speed, control, runs
+    assert first is not None
+    return None, lowest, *first
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:

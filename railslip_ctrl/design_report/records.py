@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _REACHED = 0.95  # of the reference slip: as good as there
+_SLIDING = 0.5
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,16 @@ class Stop:
     def reached(self) -> bool:
         """Whether the slip comes to 0.95 of the reference."""
         return self.held >= _REACHED * self.reference
+
+    @property
+    def max_slip(self) -> float:
+        """Highest slip ratio with any seed."""
+        return max(run.max_slip for run in self.runs)
+
+    @property
+    def slides(self) -> bool:
+        """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
+        return self.max_slip > _SLIDING
 
     @property
     def locks(self) -> bool:
@@ -171,7 +182,8 @@ class DesignReport:
     control : LinearControl or None
         The recommended design as it runs: what `recommended.toml` says; None if no design holds the loops.
     above_kmh : float or None
-        The speed, km/h, above which it may be used: robust from there up; None if nowhere.
+        The speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel slides
+        in its own stops; None if nowhere.
     in_use : Judgement or None
         Its judgement over the speeds from `above_kmh` up (if None: all at which it is stable, or all).
     worst_loops : tuple of ShownLoop

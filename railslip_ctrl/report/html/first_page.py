@@ -63,6 +63,9 @@ def _why(report: DesignReport) -> str:
         return "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
     judged = report.in_use
     operating = int(judged.points.operating.sum())
+    robust = None if report.judgement is None else report.judgement.robust_from_kmh
+    if report.above_kmh is None and robust is not None:
+        return "The best PI or PI-lead is robust by its margins, but in its own stops the wheel slides."
     if report.above_kmh is None:
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
         return f"No PI or PI-lead found keeps {asked} at any speed. The best has {ms_words(judged.worst.ms)}."
@@ -71,7 +74,8 @@ def _why(report: DesignReport) -> str:
         told += f", stable at all {len(judged.points)} with tolerances"
     factor = report.best.reference_factor
     less = "" if factor == 1.0 else f" It holds {factor:g} of the laws' reference slip: at more, less is robust."
-    return f"{told}.{less}"
+    locks = "" if robust == report.above_kmh else " Handed over slower, the wheel slides in its own stops."
+    return f"{told}.{locks}{less}"
 
 
 def ms_words(ms: float) -> str:
@@ -95,8 +99,6 @@ def _to_do(report: DesignReport) -> str:
     if slow:
         rails = " and ".join(str(stop.rail) for stop in slow)
         told.append(f"The slip held stays below its reference on {rails} rail.")
-    if report.usable and any(stop.locks for stop in report.stops):
-        told.append("The wheel locks in some stops: end slip control earlier.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
@@ -149,14 +151,18 @@ def stop_words(stop: Stop) -> str:
     if stop.bound is not None and not math.isnan(stop.over_bound):
         bound = short(stop.bound.braking_distance)
         told.append(f"{short(100 * stop.over_bound, 2)} % over the bound with this brake ({bound} m)")
-    told.append(f"slip ≤ {above(stop.run.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
+    told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
     return "; ".join(told)
 
 
 def _locks(report: DesignReport, first: Stop) -> str:
-    """Whether the wheel locks in some stop on the rail."""
-    where = [f"{stop.law}, {stop.load}" for stop in report.stops if stop.rail is first.rail and stop.locks]
-    return f"locks ({'; '.join(where)})" if where else "no lock"
+    """Whether the wheel locks in some stop on the rail, or else the largest slip, where it is another stop's."""
+    others = [stop for stop in report.stops if stop.rail is first.rail]
+    where = [f"{stop.law}, {stop.load}" for stop in others if stop.locks]
+    if where:
+        return f"locks ({'; '.join(where)})"
+    most = max(others, key=lambda stop: stop.max_slip)
+    return "no lock" if most is first else f"≤ {above(most.max_slip)} with {most.law}, {most.load}; no lock"
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
