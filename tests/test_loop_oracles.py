@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.errors import UnstableLoopError
+from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational, spectrum
+from railslip_ctrl.loop.pade import pade
 
 S = ct.tf("s")
 
@@ -128,6 +129,16 @@ def test_delayed_integrator_gain_margin_is_not_the_one_of_pade():
     loop = DeadTimeLoop(2 / S, dead_time=0.3)
     assert loop.margins().gain_increase == pytest.approx(np.pi / 1.2, rel=1e-12)
     assert loop.pade(1).margins().gain_increase == printed(3.33)
+
+
+def test_pade_of_order_2_is_its_closed_form():
+    x = np.array([0.6j, 0.3, -1.0])
+    assert pade(0.3, 2)(x / 0.3) == pytest.approx((12 - 6 * x + x * x) / (12 + 6 * x + x * x), rel=1e-14)
+    assert pade(0.0, 2)(x) == pytest.approx(1.0)
+    assert pade(0.3, 100)(x / 0.3) == pytest.approx(np.exp(-x), rel=1e-12)
+    for dead_time, order in ((-0.3, 2), (0.3, 0), (0.3, 101)):
+        with pytest.raises(InputError, match="not allowed"):
+            pade(dead_time, order)
 
 
 @pytest.mark.parametrize(

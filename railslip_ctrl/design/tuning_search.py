@@ -60,8 +60,8 @@ def pi_transfer_function(kp: float, ki: float) -> Rational:
 class Family:
     systems: list[Rational]
     dead_times: list[float]
-    compensated: bool = False
-    names: tuple[str, ...] = ()
+    compensated: bool
+    names: tuple[str, ...]
 
     @cached_property
     def regions(self) -> list[StabilizingRegion]:
@@ -102,7 +102,7 @@ class Family:
         if specification.crossover is not None:
             low, high = specification.crossover
             at = margins.phase_frequency.reshape(shape)
-            outside = np.fmax(at / high - 1, 1 - at / low if low > 0 else -1.0)
+            outside = np.fmax(at / high, low / at) - 1
             misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))  # a loop without crossover has none there
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
@@ -222,7 +222,7 @@ def _highest_in(family: Family, specification: Specification, gap: Interval, ki:
         if abs(best - end) <= _ELLIPSES_AGREE * best:
             return _to_the_tip(family, specification, gap, kp, best)
     # several bounds together, or one beyond the samples: on the exact margins, past what the samples show of the gap
-    wider = _AROUND * max(abs(gap[0]), abs(gap[1]))
+    wider = _AROUND * max(map(abs, gap))
     kp = _least(lambda kp: -exactly(kp), gap[0] - wider, gap[1] + wider)
     return _to_the_tip(family, specification, gap, kp, exactly(kp))
 
@@ -315,18 +315,15 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
     remedy = "relax the specification" + ("" if family.compensated else " or add a lead")
     found = []
     alone = True
-    if specification.ms_max is not None:
-        best = _best(family, "ms")
-        found.append(f"least worst Ms {best:.4g}")
-        alone &= best <= specification.ms_max
-    if specification.phase_min_deg:
-        best = -_best(family, "phase_deg")
-        found.append(f"largest phase margin {best:.4g} deg")
-        alone &= best >= specification.phase_min_deg
-    if specification.delay_min_s:
-        best = -_best(family, "delay_s")
-        found.append(f"largest delay margin {best:.4g} s")
-        alone &= best >= specification.delay_min_s
+    for margin, sign, bound, words in (
+        ("ms", 1, specification.ms_max, "least worst Ms {:.4g}"),
+        ("phase_deg", -1, specification.phase_min_deg, "largest phase margin {:.4g} deg"),
+        ("delay_s", -1, specification.delay_min_s, "largest delay margin {:.4g} s"),
+    ):
+        if bound:
+            best = _best(family, margin)
+            found.append(words.format(sign * best))
+            alone &= best <= sign * bound
     together = "; each alone can be met, together they cannot" if alone and len(found) > 1 else ""
     return InfeasibleDesignError(
         f"specification cannot be met: {specification.words} is asked for, and with ki near 0 the best is "

@@ -38,9 +38,7 @@ def frequency_curve(loop: DeadTimeLoop, low: float, high: float) -> FrequencyCur
     InputError unless 0 < low < high.
     """
     _check_band(low, high)
-    crossovers = loop.gain_crossovers
-    inside = crossovers[(crossovers > low) & (crossovers < high)]
-    omega = np.union1d(np.geomspace(low, high, _POINTS), inside)
+    omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
     return FrequencyCurve(omega, loop(1j * omega), np.degrees(loop.phase(omega)))
 
 
