@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
+    from .simulation import stop as stop
     from .simulation.controller_files import load_controller as load_controller
     from .sliding.derivation import derive as derive
 
@@ -84,6 +85,7 @@ _HOME = {
     "published_law": ".adhesion",
     "simulate": ".simulation",
     "stabilizing_pi": ".design",
+    "stop": ".simulation",
     "tune": ".design.envelope_tuning",
     "tune_pi": ".design.tuning",
     "wheel_slip_loop": ".design",
@@ -124,6 +126,7 @@ __all__ = [
     "published_law",
     "simulate",
     "stabilizing_pi",
+    "stop",
     "tune",
     "tune_pi",
     "wheel_slip_loop",

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable
 
-from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.report.layout import fixed, roots_text
 from railslip_ctrl.rounding import BOUND_DIGITS, rounded, rounded_down, rounded_up
@@ -57,11 +56,6 @@ def margin_cells(margins: Margins | None) -> tuple[str, ...]:
         return (NONE,) * len(MARGIN_HEAD)
     values = (margins.gain_decrease, margins.gain_increase, margins.phase_deg, margins.delay_s, margins.ms, margins.mt)
     return tuple(short(value) for value in values)
-
-
-def where(point: OperatingPoint) -> str:
-    """An operating point in a few words."""
-    return f"{point.rail}, {point.speed_kmh:g} km/h".replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def listed(words: Iterable[str]) -> str:
