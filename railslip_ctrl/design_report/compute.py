@@ -204,7 +204,7 @@ def _run_without_sliding(
     design: PIController, judgement: Judgement
 ) -> tuple[float | None, float, LinearControl, tuple[Stop, ...]]:
     """From which speed (km/h) a design may be used, None if from none, the lowest speed that is judged, and the design
-    as it runs, with its stops: handed over above speeds at which it is not robust or a wheel slides in its own stops."""
+    as it runs, with its stops: handed over above speeds at which it is not robust or the wheel slides in its stops."""
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
     speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
