@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .adhesion import load_law as load_law
     from .adhesion import published_law as published_law
     from .assessment import assess as assess
+    from .campaign.execution import campaign as campaign
     from .design import PIController as PIController
     from .design import stabilizing_pi as stabilizing_pi
     from .design import wheel_slip_loop as wheel_slip_loop
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
+    from .simulation import stop as stop
     from .simulation.controller_files import load_controller as load_controller
     from .sliding.derivation import derive as derive
 
@@ -72,6 +74,7 @@ _HOME = {
     "Vehicle": ".parameters",
     "assess": ".assessment",
     "built_in_scenario": ".simulation",
+    "campaign": ".campaign",
     "derive": ".sliding.derivation",
     "judge": ".design.judging",
     "linearize": ".linearization",
@@ -84,6 +87,7 @@ _HOME = {
     "published_law": ".adhesion",
     "simulate": ".simulation",
     "stabilizing_pi": ".design",
+    "stop": ".simulation",
     "tune": ".design.envelope_tuning",
     "tune_pi": ".design.tuning",
     "wheel_slip_loop": ".design",
@@ -112,6 +116,7 @@ __all__ = [
     "__version__",
     "assess",
     "built_in_scenario",
+    "campaign",
     "derive",
     "judge",
     "linearize",
@@ -124,6 +129,7 @@ __all__ = [
     "published_law",
     "simulate",
     "stabilizing_pi",
+    "stop",
     "tune",
     "tune_pi",
     "wheel_slip_loop",

@@ -12,6 +12,7 @@ from .scenario import (
     Scenario,
     built_in_scenario,
     published_scenario,
+    stop,
 )
 from .step_objects import StepControl
 
@@ -35,4 +36,5 @@ __all__ = [
     "built_in_scenario",
     "published_scenario",
     "simulate",
+    "stop",
 ]

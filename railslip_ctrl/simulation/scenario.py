@@ -238,7 +238,50 @@ def published_scenario(*, as_published: bool = True, adhesion: str = "curve") ->
     )
 
 
-BUILT_IN = ("park2008", "park2008-si")
+@checked
+def stop(
+    vehicle: Vehicle = PARK2008,
+    rail: Rail | str = Rail.DRY,
+    *,
+    speed_kmh: float = INITIAL_SPEED_KMH,
+    adhesion: str | AdhesionLaw = "curve",
+) -> Scenario:
+    """A plain stop on one rail with the random forces of [Park2008], to 5 km/h.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the load that it has.
+    rail : Rail or str
+        "dry" or "wet", throughout.
+    speed_kmh : float
+        Speed at which the brake is applied, km/h.
+    adhesion : str or AdhesionLaw
+        A published law's name, for the vehicle's wheel load (v0 of its parameters is the speed), or a law.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
+    Raises
+    ------
+    InputError
+        An unknown rail or law, or a speed out of its range.
+    """
+    speed = speed_kmh * KMH
+    law = adhesion if isinstance(adhesion, AdhesionLaw) else named_law(adhesion, vehicle, speed)
+    return Scenario(
+        name="stop",
+        vehicle=vehicle,
+        adhesion=law,
+        rail=Rail(rail),
+        initial_speed=speed,
+        disturbances=PUBLISHED_DISTURBANCES,
+    )
+
+
+BUILT_IN = ("park2008", "park2008-si", "stop")
 """Names of the scenarios that come with the package."""
 
 
@@ -254,7 +297,7 @@ def built_in_scenario(name: str) -> Scenario:
     Returns
     -------
     Scenario
-        The published run in the reading of that name, a frozen record in SI.
+        The published run in the reading of that name, or a plain stop; a frozen record in SI.
 
     Raises
     ------
@@ -262,5 +305,5 @@ def built_in_scenario(name: str) -> Scenario:
         No scenario of that name; lists them.
     """
     if name not in BUILT_IN:
-        raise InputError(f"scenario: {name!r} is not one; choose {' or '.join(BUILT_IN)}, or give a TOML file")
-    return published_scenario(as_published=name == "park2008")
+        raise InputError(f"scenario: {name!r} is not one; choose one of {', '.join(BUILT_IN)}, or give a TOML file")
+    return stop() if name == "stop" else published_scenario(as_published=name == "park2008")
