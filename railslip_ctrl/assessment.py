@@ -21,6 +21,7 @@ from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
 from .loop.deadtime import MOST_POLES
 from .loop.sampled_loop import SampledLoop
+from .loop.sampled_system import MOST_PERIODS
 from .parameters import Actuator
 from .rounding import rounded_up
 
@@ -140,8 +141,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     loop = wheel_slip_loop(plant, design, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
-    sampled = getattr(controller, "as_run", None)
-    run = None if sampled is None or isinstance(loop, SampledLoop) else sampled_loop(sampled, plant, actuator)
+    run = None if isinstance(loop, SampledLoop) else _as_run(controller, plant, actuator)
     return Assessment(
         label=label or design.structure,
         plant=plant,
@@ -157,6 +157,14 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         sampled=run.margins() if run is not None and run.is_stable() else None,
         **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
     )
+
+
+def _as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+    """The sampled loop of a controller that says how it is run, unless its period is too short to make a difference."""
+    sampled = getattr(controller, "as_run", None)
+    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
+        return None
+    return sampled_loop(sampled, plant, actuator)
 
 
 def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:

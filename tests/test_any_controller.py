@@ -177,6 +177,7 @@ def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
     expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
     assert found.sampled.ms == expected.ms > found.margins.ms
     assert margins_json(found)["sampled"]["ms"] == expected.ms
+    assert assess(plant, LinearControl(SYSTEM, REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
     assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
-_MOST_PERIODS = 500
+MOST_PERIODS = 500
 
 
 @dataclass(frozen=True)
@@ -129,10 +129,10 @@ class SampledSystem:
 
         Raises InputError with more than 500 periods in the dead time: the matrix would have as many rows.
         """
-        if self._dead_time > _MOST_PERIODS * self._period:
+        if self._dead_time > MOST_PERIODS * self._period:
             raise InputError(
                 f"period: {self._period:g} s is not allowed with {self._dead_time:g} s of dead time; give a value >= "
-                f"{self._dead_time / _MOST_PERIODS:.3g} (s), or use the continuous equivalent"
+                f"{self._dead_time / MOST_PERIODS:.3g} (s), or use the continuous equivalent"
             )
         held, k = self.held, realise(self._controller)
         n, chain = held.c.size, held.chain
