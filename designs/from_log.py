@@ -28,7 +28,7 @@ from railslip_ctrl.identification.fits import CONFIDENCE, Fit
 from railslip_ctrl.identification.identify import Identification, Options, identify
 from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.numeric import adhesion_coefficient
+from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import PIGains, Rail, Vehicle, load_vehicle
 from railslip_ctrl.simulation import Disturbances, Event, Run, Scenario, Simulator
 from railslip_ctrl.simulation.controllers import LinearControl
@@ -87,15 +87,15 @@ def laws_within(fit: Fit) -> list[AdhesionLaw]:
 
 def held_slip(found: Identification) -> ReferenceSlip:
     """Where the fitted law, rising, passes `HELD_SHARE` of its peak."""
-    assert found.reference is not None, "the model has a peak"
     law, load = found.chosen.fit.law, found.setting.wheel_load
 
-    def slip(rail: Rail, top: float) -> float:
+    def slip(rail: Rail) -> float:
+        top = peak(law.on(rail), INITIAL_SPEED, load).slip
         slips = np.linspace(0.01 * top, top, 400)
         mu = [float(adhesion_coefficient(law.on(rail), INITIAL_SPEED, each, load)) for each in slips]
         return float(np.interp(HELD_SHARE * mu[-1], mu, slips))
 
-    return ReferenceSlip(dry=slip(Rail.DRY, found.reference.dry), wet=slip(Rail.WET, found.reference.wet))
+    return ReferenceSlip(dry=slip(Rail.DRY), wet=slip(Rail.WET))
 
 
 def operating_plants(laws: list[AdhesionLaw], vehicle: Vehicle, held: ReferenceSlip) -> tuple[LinearPlant, ...]:

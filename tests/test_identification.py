@@ -453,8 +453,11 @@ def test_peak_and_its_error_in_closed_form():
     assert peak.slip == pytest.approx(slip, rel=1e-6)  # a flat maximum is found to the root of rounding
     # differences of the search over a tenth of a standard error
     assert peak.slip_stderr == pytest.approx(math.sqrt(gradient @ found.covariance @ gradient), rel=5e-3)
-    assert peak.reference == pytest.approx(slip - NORMAL_QUANTILE * peak.slip_stderr, rel=1e-6)
-    assert peak.reference_coefficient >= (1 - LARGEST_LOSS) * peak.coefficient
+    # a peak well known is not held: a quarter more slip, as an envelope tolerates, is just the peak
+    assert NORMAL_QUANTILE * peak.slip_stderr < 0.2 * slip
+    assert 1.25 * peak.reference == pytest.approx(slip, rel=1e-6)
+    held = law_coefficient("burckhardt", np.array([peak.reference]), V100)
+    assert peak.reference_coefficient == pytest.approx(held[0], rel=1e-2)  # the fit is that good
 
 
 def test_reference_gives_away_at_most_the_allowed_loss():

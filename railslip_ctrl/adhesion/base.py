@@ -12,12 +12,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from railslip_ctrl.arguments import number, real, reals
 from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
 from railslip_ctrl.parameters import INITIAL_SPEED_KMH, Rail, Record
-from railslip_ctrl.units import quantity
+from railslip_ctrl.units import quantity, to_unit
 
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
@@ -103,6 +103,12 @@ class AdhesionLaw(Record):
     of_wheel_load: float | None = Field(
         None, exclude=True, repr=False, description="wheel load, N, that its forces are for, where that is known"
     )
+
+    @field_validator("of_wheel_load", mode="before")
+    @classmethod
+    def _in_newtons(cls, value: object) -> object:
+        """A field with a unit would be a parameter of the law."""
+        return None if value is None else to_unit(value, "N", text_needs_unit=True)
 
     def __eq__(self, other: object) -> bool:
         """Whether it is the same law with the same numbers, from whatever file."""

@@ -17,7 +17,11 @@ from .fits import NORMAL_QUANTILE, Fit
 from .models import FitModel
 
 LARGEST_LOSS = 0.02
-"""Share of the highest adhesion that a reference slip below the peak may give away."""
+"""Share of the highest adhesion that a reference slip may give away for the peak's uncertainty."""
+
+OFF_THE_PEAK = 0.8
+"""Largest reference slip over that of the peak: on the peak the slip's pole changes sign, and margins say nothing of
+a little more slip; a quarter more, as an envelope tolerates, is just the peak."""
 
 _LOWEST_SLIP = 1e-5  # a peak here is none: the law falls from the start
 _STEP = 0.1  # of a standard error, or of a coordinate's size where that is less, for the derivatives of the peak
@@ -43,8 +47,8 @@ class PeakSlip:
         NaN where that is not known.
     reference : float
         The slip to hold: as near to the peak as its 99 % interval allows without passing it, as beyond the peak the
-        wheel is unstable, but giving away no more than `LARGEST_LOSS`; NaN without a peak, and for a law that has
-        less than that to rise.
+        wheel is unstable, but giving away no more than `LARGEST_LOSS` for that, and at most `OFF_THE_PEAK` of it; NaN
+        without a peak, and for a law that has less than `LARGEST_LOSS` to rise.
     reference_coefficient : float
         mu there.
     by_rule : bool
@@ -208,7 +212,7 @@ def _with_reference(
     if lowest <= _LOWEST_SLIP:
         return found_peak
     margin = NORMAL_QUANTILE * stderrs[0] if math.isfinite(stderrs[0]) else math.inf
-    reference = max(slip - margin, lowest)
+    reference = min(max(slip - margin, lowest), OFF_THE_PEAK * slip)
     held = float(adhesion_coefficient(law, speed, reference, wheel_load))
     return replace(found_peak, reference=reference, reference_coefficient=held)
 

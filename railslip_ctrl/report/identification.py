@@ -14,7 +14,7 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
-from railslip_ctrl.identification.reference import LARGEST_LOSS, PeakSlip
+from railslip_ctrl.identification.reference import PeakSlip
 from railslip_ctrl.units import KMH
 
 from .layout import counted, facts, fixed, heading, render, table
@@ -203,9 +203,10 @@ def _doubt(found: Identification) -> str:
     low = peak.slip - NORMAL_QUANTILE * peak.slip_stderr
     if peak.reference <= low * (1.0 + 1e-9):
         return ""
+    lost = 100 * (1 - peak.reference_coefficient / peak.coefficient)
     known = f"only from slip {max(low, 0.0):.3g} up" if math.isfinite(low) else "without an interval"
     return (
-        f"; the peak is known {known} (99 %), so that what is held, {100 * LARGEST_LOSS:.0f} % below the highest mu, "
+        f"; the peak is known {known} (99 %), so that what is held, {lost:.0f} % below the highest mu, "
         "may lie beyond it: a log with more slip about the peak tells it better"
     )
 
