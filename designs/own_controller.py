@@ -1,6 +1,6 @@
 """A controller of your own, from its transfer function to 200 braking runs: a PID with filter and notch, on a coach.
 
-    python designs/own_controller.py [FOLDER]
+python designs/own_controller.py [FOLDER]
 """
 
 import sys
@@ -11,8 +11,8 @@ import control as ct
 import railslip_ctrl as rs
 
 S = ct.tf("s")
-PID = 900 + 100 / S + 350 * S / (0.04 * S + 1)  # N*m/(m/s), from slip error to torque
-NOTCH = (S**2 + 12 * S + 60**2) / (S**2 + 72 * S + 60**2)  # at the bogie's pitch, 60 rad/s
+PID = 1030 + 80 / S + 360 * S / (0.03 * S + 1)  # N*m/(m/s), from slip error to torque
+NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch, 80 rad/s
 
 
 def run(runs: int = 200) -> dict:
@@ -29,7 +29,7 @@ def run(runs: int = 200) -> dict:
 def main() -> None:
     """Print it all; with a folder, draw it too."""
     found = run()
-    print(found["check"], found["loop"].margins(), found["stop"], found["many"].table(), sep="\n\n")
+    print(found["check"], found["check"].worst.words, found["stop"], found["many"].table(), sep="\n\n")
     for folder in map(Path, sys.argv[1:]):
         loop, pictures = found["loop"], {"map": found["check"].map.plot(), "stop": found["stop"].plot()}
         for name, figure in {**pictures, "bode": loop.bode_plot(), "nyquist": loop.nyquist_plot()}.items():

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from project import script, show
+from project import ROOT, script, show
 
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.parameters import Rail
@@ -101,6 +101,21 @@ def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "pi_scheduled_margins.png").exists()
     assert result.schedule.worst_ms < 1.05 * 1.8
     assert "does not suffice" in capsys.readouterr().out
+
+
+def test_own_controller(tmp_path, capsys, monkeypatch):
+    module = script("designs/own_controller.py")
+    found = module.run(runs=8)
+    assert (found["check"].verdict, found["check"].usable_from_kmh) == ("robust", 10)
+    assert found["loop"].margins().ms == pytest.approx(1.984, abs=1e-3)
+    assert found["check"].worst_with_tolerances.ms == pytest.approx(4.39, abs=0.01)
+    assert found["stop"].braking_distance == pytest.approx(317.6, abs=0.1)
+    medians = [one.measures["braking_distance_m"].quantiles[0.5].value for one in found["many"].controllers.values()]
+    assert medians == pytest.approx([317.5, 308.0], abs=0.2)  # of 200 runs; those of 8 differ by less
+    show(module, found, tmp_path, monkeypatch)
+    assert len(list(tmp_path.glob("own_controller_*.png"))) == 4
+    assert "robust: Ms 1.99" in capsys.readouterr().out
+    assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
 
 
 def test_pade_order(capsys):
