@@ -52,7 +52,7 @@ def campaign_table(summary: CampaignSummary) -> str:
         return (found.name, f"{found.stopped} of {summary.runs}", *numbers, _percent(found.locked))
 
     heads = ("controller", "stopped", "median (m)", "95 % (m)", "worst (m)", "highest slip", "locked (%)")
-    return render([table(heads, [row(found) for found in summary.controllers.values()])])
+    return render([table(heads, [row(found) for found in summary.controllers.values()])]).strip("\n")
 
 
 def replay_text(replayed: Replay) -> str:
