@@ -14,7 +14,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
+from railslip_ctrl import PARK2008
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.sliding.reaching_bound import (
     holding_torque,

@@ -16,7 +16,8 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Rail
+from railslip_ctrl import PARK2008, Rail
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.sliding_verification.layered import (
     DURATION,
     OFFSET,

@@ -19,7 +19,20 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl import (
+    PARK2008,
+    DeadTimeLoop,
+    InputError,
+    Margins,
+    PIController,
+    PIGains,
+    Rail,
+    RailslipError,
+    actuated_plant,
+    fundamental_limits,
+    plant_at,
+    tune_pi,
+)
 from railslip_ctrl.design.compensators import (
     Compensator,
     filtered_smith_predictor,
@@ -27,15 +40,12 @@ from railslip_ctrl.design.compensators import (
     smith_predictor,
 )
 from railslip_ctrl.design.effort import Effort, control_effort
-from railslip_ctrl.design.limits import Limits, fundamental_limits
+from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design.rules import RuleTuning, rotstein_lewin, simc_pi
-from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.design.tuning import tune_pi
-from railslip_ctrl.errors import InputError, RailslipError
-from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.curves import GangOfFour, gang_of_four
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.parameters import PARK2008, TABLE4_PI, PIGains, Rail
+from railslip_ctrl.parameters import TABLE4_PI
 
 SPEED_KMH = 100.0
 KI_MIN = 5.0  # N*m/m

@@ -16,17 +16,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from railslip_ctrl import LinearControl, Scenario, built_in_scenario, compare_runs, slide_protection
 from railslip_ctrl.report.layout import fixed, heading, render, table
 from railslip_ctrl.report.runs import run_comparison_text
-from railslip_ctrl.run_comparison import RunComparison, compare_runs
-from railslip_ctrl.simulation import LinearControl, Scenario, ScheduledControl, built_in_scenario
+from railslip_ctrl.run_comparison import RunComparison
+from railslip_ctrl.simulation import ScheduledControl
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.designed import (
-    margins_over_points,
-    recommended_pi_lead,
-    recommended_schedule,
-    slide_protection,
-)
+from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead, recommended_schedule
 from railslip_ctrl.simulation.published import published_controller
 
 SEEDS = range(32)

@@ -20,18 +20,29 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip, law_class
-from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.controllers import wheel_slip_loop
-from railslip_ctrl.design.tuning import PIDesign, tune_pi
+from railslip_ctrl import (
+    LinearControl,
+    LinearPlant,
+    Margins,
+    PIController,
+    PIGains,
+    Rail,
+    ReferenceSlip,
+    Scenario,
+    Vehicle,
+    actuated_plant,
+    linearize,
+    load_vehicle,
+    operating_point,
+    tune_pi,
+    wheel_slip_loop,
+)
+from railslip_ctrl.adhesion import AdhesionLaw, law_class
+from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.identification.fits import CONFIDENCE, Fit
 from railslip_ctrl.identification.identify import Identification, Options, identify
-from railslip_ctrl.linearization import LinearPlant, linearize, operating_point
-from railslip_ctrl.loop import Margins
 from railslip_ctrl.numeric import adhesion_coefficient, peak
-from railslip_ctrl.parameters import PIGains, Rail, Vehicle, load_vehicle
-from railslip_ctrl.simulation import Disturbances, Event, Run, Scenario, Simulator
-from railslip_ctrl.simulation.controllers import LinearControl
+from railslip_ctrl.simulation import Disturbances, Event, Run, Simulator
 from railslip_ctrl.units import KMH
 from railslip_ctrl.virtual_rig import RigTest, run_tests, write_log
 

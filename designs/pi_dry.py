@@ -11,13 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.assessment import Assessment, assess
-from railslip_ctrl.design import PIController, actuated_plant, gain_for_crossover, most_phase
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
-from railslip_ctrl.report import margins_text
+import railslip_ctrl as rs
 
 SPEED = 100 / 3.6  # m/s
 CORNER = 1 / 25  # the integral corner ki/kp over the crossover: 1/25 costs atan(1/25) = 2.3 deg of phase
@@ -29,26 +23,26 @@ class DryDesign:
 
     proportional_range: tuple[float, float]  # kp that stabilises without ki, N*m/(m/s)
     crossover: float  # rad/s
-    shaped: Assessment
-    rounded: Assessment  # the round gains of the report: 190 and 5
+    shaped: rs.Assessment
+    rounded: rs.Assessment  # the round gains of the report: 190 and 5
 
 
 def run() -> DryDesign:
     """The design, line by line."""
     # 1. The plant at the reference slip, speed frozen, and the actuator's lag behind it.
-    law = published_law("bristle", Rail.DRY)
-    point = operating_point(law, PARK2008, SPEED, law.reference_slip(Rail.DRY), rail=Rail.DRY)
-    plant = linearize(point)
-    actuator = PARK2008.actuator
-    loop = DeadTimeLoop(actuated_plant(plant, actuator), actuator.dead_time)
+    law = rs.published_law("bristle", rs.Rail.DRY)
+    point = rs.operating_point(law, rs.PARK2008, SPEED, law.reference_slip(rs.Rail.DRY), rail=rs.Rail.DRY)
+    plant = rs.linearize(point)
+    actuator = rs.PARK2008.actuator
+    loop = rs.DeadTimeLoop(rs.actuated_plant(plant, actuator), actuator.dead_time)
 
     # 2. Which proportional gains hold it at all? The unstable pole asks for a least gain, the dead time for a largest.
     proportional_range = loop.stabilizing_gain_range
     assert proportional_range is not None
 
     # 3. Put the crossover where the loop has most phase: there the phase margin of a P controller is largest.
-    crossover, _phase = most_phase(loop)
-    kp = gain_for_crossover(loop, crossover)
+    crossover, _phase = rs.most_phase(loop)
+    kp = rs.gain_for_crossover(loop, crossover)
 
     # 4. Integral action, its corner well below the crossover.
     ki = kp * crossover * CORNER
@@ -57,8 +51,8 @@ def run() -> DryDesign:
     return DryDesign(
         proportional_range=proportional_range,
         crossover=crossover,
-        shaped=assess(plant, PIController(PIGains(kp=kp, ki=ki)), actuator),
-        rounded=assess(plant, PIController(PIGains(kp=190.0, ki=5.0)), actuator),
+        shaped=rs.assess(plant, rs.PIController(rs.PIGains(kp=kp, ki=ki)), actuator),
+        rounded=rs.assess(plant, rs.PIController(rs.PIGains(kp=190.0, ki=5.0)), actuator),
     )
 
 
@@ -68,7 +62,7 @@ def main() -> None:
     low, high = design.proportional_range
     print(f"P control holds the loop for kp between {low:.4g} and {high:.4g} N*m/(m/s).")
     print(f"The loop has most phase at {design.crossover:.4g} rad/s: the crossover goes there.\n")
-    print(margins_text([design.shaped, design.rounded]))
+    print(design.shaped, design.rounded, sep="\n\n")
 
 
 if __name__ == "__main__":

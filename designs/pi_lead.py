@@ -13,12 +13,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, actuated_plant, plant_at, tune_pi
 from railslip_ctrl.design.sampled import SampledController, SampledMargins, sampled_margins, suggested_period
-from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import MarginSweep, sweep_slip, sweep_speed
-from railslip_ctrl.design.tuning import PIDesign, tune_pi
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.design.tuning import PIDesign
 
 ACTUATOR = PARK2008.actuator
 KI_MIN = 5.0  # N*m/m

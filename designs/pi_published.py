@@ -14,11 +14,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.assessment import Assessment, assess
-from railslip_ctrl.design import PIController
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI, Rail
+from railslip_ctrl import PARK2008, Assessment, PIController, Rail, assess, linearize, operating_point, published_law
+from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
 from railslip_ctrl.report import margins_text
 
 SPEED = 100 / 3.6  # m/s

@@ -12,76 +12,43 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import railslip_ctrl as rs
 
-from railslip_ctrl.design import (
-    IntersectionRegion,
-    MarginGrid,
-    PIController,
-    Strip,
-    actuated_plant,
-    intersection,
-    margin_grid,
-    outline,
-    stabilizing_pi,
-)
-from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.judging import Judgement, judge
-from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.design.tuning import PIDesign, tune_pi
-from railslip_ctrl.linearization import LinearPlant
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
-
-SPEEDS_KMH = (20.0, 60.0, 100.0)
-MASSES = (3517.0, 5276.0)  # kg, empty and loaded
 KI_MIN = 5.0  # N*m/m: without a least ki the integral action vanishes
-ACTUATOR = PARK2008.actuator
+ENVELOPE = rs.Envelope(laws="bristle", speeds=(20, 60, 100))  # of the published car, whose load is mass alone
+DEAD_TIME = ENVELOPE.vehicle.actuator.dead_time  # s
 
 
 @dataclass(frozen=True)
 class RobustPI:
     """The design, its region, and the verdict over the envelope, on the bristle model and on two laws."""
 
-    design: PIDesign
+    design: Any  # of `tune_pi`
     least_without_integral: float
-    region: IntersectionRegion
-    strips: tuple[Strip, ...]
-    grid: MarginGrid
-    bristle: Judgement
-    all_laws: Judgement
-
-
-def twelve_plants() -> list[LinearPlant]:
-    """The operating points, in the order rail, speed, mass."""
-    return [
-        plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed)
-        for rail in Rail
-        for speed in SPEEDS_KMH
-        for mass in MASSES
-    ]
+    region: rs.IntersectionRegion
+    bristle: rs.Judgement
+    all_laws: rs.Judgement
 
 
 def run() -> RobustPI:
     """Stabilising set, optimum, worst case."""
-    plants = [actuated_plant(plant, ACTUATOR) for plant in twelve_plants()]
+    points = ENVELOPE.points(nominal=True)
+    plants = [rs.actuated_plant(plant, ENVELOPE.vehicle.actuator) for plant in points.plants]
     # 1. Every PI that stabilises all twelve: the intersection of the exact sets.
-    region = intersection([stabilizing_pi(plant, dead_time=ACTUATOR.dead_time) for plant in plants])
-    assert region.kp_range is not None
-    low, high = region.kp_range
+    region = rs.intersection([rs.stabilizing_pi(plant, dead_time=DEAD_TIME) for plant in plants])
     # 2. The least worst Ms, at ki = 5 and as ki vanishes.
-    design = tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN)
-    limit = tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=1e-6)
-    # 3. What happens to it over slip, actuator tolerance and speed.
-    controller = PIController(PIGains(kp=design.kp, ki=design.ki))
+    design = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=KI_MIN)
+    limit = rs.tune_pi(plants, DEAD_TIME, minimise_ms=True, ki_min=1e-6)
+    # 3. What happens to it over slip, actuator tolerance and speed, and on another law.
+    controller = rs.PIController(rs.PIGains(kp=design.kp, ki=design.ki))
     return RobustPI(
         design=design,
         least_without_integral=limit.worst.ms,
         region=region,
-        strips=outline(region),
-        grid=margin_grid(region, np.linspace(low, high, 60), np.linspace(0, region.ki_limit(design.kp) * 1.5, 50)),
-        bristle=judge(controller, Envelope(laws="bristle")),
-        all_laws=judge(controller, Envelope()),
+        bristle=rs.judge(controller, rs.Envelope(laws="bristle")),
+        all_laws=rs.judge(controller, rs.Envelope()),
     )
 
 
@@ -102,14 +69,9 @@ def main() -> None:
 
 def draw(result: RobustPI, folder: Path) -> None:
     """The stabilising region with contours and the chosen point."""
-    from railslip_ctrl.plots import region_figure, save_figure
-
     folder.mkdir(parents=True, exist_ok=True)
     chosen = {f"least worst Ms ({result.design.worst.ms:.3g})": (result.design.kp, result.design.ki)}
-    figure = region_figure(
-        result.strips, result.grid, chosen, title="PI that stabilises twelve operating points, bristle"
-    )
-    save_figure(figure, folder / "pi_robust_region.png")
+    result.region.plot(chosen).savefig(folder / "pi_robust_region.png")
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -47,10 +48,34 @@ class PadeRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """One loop, assessed. `margins` is None and `pade` rows still tell, if the loop is unstable.
+    """One loop, assessed; printed, its report.
 
-    `loop` is a `DeadTimeLoop`, of a discrete controller a `SampledLoop`. `as_run` is the sampled loop of a continuous
-    controller that says how it is run, and `sampled` its margins.
+    Attributes
+    ----------
+    label : str
+        Name of the controller.
+    plant, controller, actuator
+        What the loop is of, SI.
+    loop : DeadTimeLoop or SampledLoop
+        The latter of a discrete controller.
+    limits : Limits
+        What no controller can beat.
+    stable, marginal : bool
+        Stable; with poles on the imaginary axis.
+    unstable_poles : float
+        Number of closed-loop poles in the closed right half plane.
+    closed_loop_poles : array, 1-D
+        The rightmost, 1/s.
+    stabilizing_gain_range : tuple or None
+        Factors on the loop gain.
+    margins : Margins or None
+        None of an unstable loop.
+    pade : tuple of PadeRow
+        The same with Pade approximations.
+    verdict : Verdict
+        In a word.
+    as_run, sampled
+        The sampled loop of a continuous controller that says how it is run, and its margins.
     """
 
     label: str
@@ -69,6 +94,9 @@ class Assessment:
     verdict: Verdict
     as_run: SampledLoop | None = None
     sampled: Margins | None = None
+
+    def __str__(self) -> str:
+        return str(import_module("railslip_ctrl.report").margins_text([self]))  # a room above this one
 
     @property
     def point(self) -> OperatingPoint:

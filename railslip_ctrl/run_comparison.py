@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.simulation import Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
-from railslip_ctrl.simulation.controllers import Controller
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,23 @@ class RunComparison:
         return {row.name: row for row in self.rows}[name]
 
 
-def compare_runs(scenario: Scenario, controllers: Mapping[str, Controller], seeds: Sequence[int]) -> RunComparison:
-    """Run every controller through the scenario with every seed, on all cores.
+def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequence[int]) -> RunComparison:
+    """Run every controller through the scenario with every seed, on all cores; all meet the same noise.
 
-    All meet the same noise. The bound is that of `clairvoyant_stop`, without noise: where the scenario sets no largest
-    torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
+    Parameters
+    ----------
+    scenario : Scenario
+        The run, SI.
+    controllers : mapping
+        By name, what `simulate` takes.
+    seeds : sequence of int
+        One for each run, any number of them.
+
+    Returns
+    -------
+    RunComparison
+        Means for each controller, SI, and the bound of `clairvoyant_stop`, without noise: where the scenario sets no
+        largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
     """
     bound = clairvoyant_stop(scenario)
     rows = []

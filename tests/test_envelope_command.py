@@ -150,3 +150,21 @@ def test_tune_judges_the_envelope_unless_points_are_named(railslip):
 def test_tune_says_that_no_speed_will_do():
     with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
         tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)
+
+
+def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):
+    file = tmp_path / "best.toml"
+    case = ("--vehicle", coach, "--envelope", "default", "--adhesion", "curve", "--speed", "60", "--speed", "100")
+    _, out, _ = railslip(
+        "tune", *case, "--structure", "pi-lead", "--ms-max", "2", "--slip", "0.1", "--out", file, "--json"
+    )
+    tuned = json.loads(out)
+    _, out, _ = railslip("margins", *case, "--controller", file, "--json")  # with the slip of its file
+    judged = json.loads(out)
+    for key in ("verdict", "worst", "worst_with_tolerances"):
+        assert judged[key] == tuned[key]
+    mine = tmp_path / "mine.py"
+    mine.write_text("import control as ct\nCONTROLLER = ct.tf([440.0, 1124, 60], [0.04, 1, 0])  # FAST\n")
+    _, out, _ = railslip("margins", *case, "--controller", mine, "--json")
+    expected = judge(FAST, Envelope(load_vehicle(coach), laws="curve", speeds=(60, 100))).worst.ms
+    assert json.loads(out)["worst"]["ms"] == pytest.approx(expected, rel=1e-9)

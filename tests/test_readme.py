@@ -18,7 +18,8 @@ from railslip_ctrl.simulation.catalogue import NAMES
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_examples_give_what_they_show():
+def test_python_examples_give_what_they_show(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # they write a file
     result = doctest.testfile(str(ROOT / "README.md"), module_relative=False)
     assert (result.attempted > 10, result.failed) == (True, 0)
 

@@ -6,8 +6,9 @@ import sys
 
 import numpy as np
 import pytest
-from project import script, show
+from project import ROOT, script, show
 
+from railslip_ctrl.design.region_maps import region_map
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.parameters import Rail
 
@@ -56,8 +57,9 @@ def test_pi_robust(tmp_path, capsys, monkeypatch):
     assert result.design.kp == pytest.approx(211, abs=0.6)
     assert result.least_without_integral == pytest.approx(4.69, abs=5.1e-3)
     assert result.region.contains(result.design.kp, result.design.ki)
-    inside = np.isfinite(result.grid.ms)
-    assert np.nanmin(result.grid.ms) >= result.least_without_integral * (1 - 1e-6)
+    _, grid = region_map(result.region)
+    inside = np.isfinite(grid.ms)
+    assert np.nanmin(grid.ms) >= result.least_without_integral * (1 - 1e-6)
     assert 0.5 < inside.mean() < 1.0
     assert result.bristle.verdict == "fragile"
     assert result.bristle.worst_with_tolerances.point.rail is Rail.DRY
@@ -101,6 +103,21 @@ def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "pi_scheduled_margins.png").exists()
     assert result.schedule.worst_ms < 1.05 * 1.8
     assert "does not suffice" in capsys.readouterr().out
+
+
+def test_own_controller(tmp_path, capsys, monkeypatch):
+    module = script("designs/own_controller.py")
+    found = module.run(runs=8)
+    assert (found["check"].verdict, found["check"].usable_from_kmh) == ("robust", 10)
+    assert found["loop"].margins().ms == pytest.approx(1.984, abs=1e-3)
+    assert found["check"].worst_with_tolerances.ms == pytest.approx(4.39, abs=0.01)
+    assert found["stop"].braking_distance == pytest.approx(317.6, abs=0.1)
+    medians = [one.measures["braking_distance_m"].quantiles[0.5].value for one in found["many"].controllers.values()]
+    assert medians == pytest.approx([317.5, 308.0], abs=0.2)  # of 200 runs; those of 8 differ by less
+    show(module, found, tmp_path, monkeypatch)
+    assert len(list(tmp_path.glob("own_controller_*.png"))) == 4
+    assert "robust: Ms 1.99" in capsys.readouterr().out
+    assert len((ROOT / "designs" / "own_controller.py").read_text().splitlines()) <= 40
 
 
 def test_pade_order(capsys):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from .execution import Replay, execute, replay
+import sys
+from types import ModuleType
+from typing import Any
+
+from .execution import Replay, campaign, execute, replay
 from .sampling import Choice, Grid, LogNormal, Normal, Sampling, Triangular, Uniform
 from .specification import Campaign, Quantity
 from .statistics import CampaignSummary, summarise
@@ -21,7 +25,18 @@ __all__ = [
     "Store",
     "Triangular",
     "Uniform",
+    "campaign",
     "execute",
     "replay",
     "summarise",
 ]
+
+
+class _Callable(ModuleType):
+    """`railslip_ctrl.campaign` is this room, and the function too: one name for both, whichever comes first."""
+
+    def __call__(self, *args: Any, **options: Any) -> CampaignSummary:
+        return campaign(*args, **options)
+
+
+sys.modules[__name__].__class__ = _Callable

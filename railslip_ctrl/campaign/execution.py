@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.kernels.compilation import cache_folder
 from railslip_ctrl.machine import cores, processes
 from railslip_ctrl.simulation.run import Run, Simulator
+from railslip_ctrl.simulation.scenario import Scenario
 
 from .rows import refused_row, row
-from .specification import Campaign
+from .specification import Campaign, Quantity
+from .statistics import CampaignSummary, summarise
 from .storage import Part, Store
 
 if TYPE_CHECKING:
@@ -82,6 +86,53 @@ def execute(
                 store.write(part, rows)
                 tell(part.stop - part.start)
     return store
+
+
+@checked
+def campaign(
+    scenario: Scenario,
+    controllers: Sequence[Any],
+    runs: int = 200,
+    *,
+    quantities: Sequence[Quantity] = (),
+    seed: int = 0,
+    folder: str | Path | None = None,
+    workers: int = 1,
+) -> CampaignSummary:
+    """Many runs of a scenario, each with noise of its own, the same for every controller.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The run, SI.
+    controllers : sequence
+        One or more, whatever `simulate` takes.
+    runs : int
+        Number of runs of each.
+    quantities : sequence of Quantity
+        What else differs from run to run, SI.
+    seed : int
+        Number that the runs repeat with.
+    folder : str or Path, optional
+        Where the runs are kept, and resumed; left out, nothing is kept.
+    workers : int, optional
+        Number of processes; more than this one import the calling script again, which then needs its
+        `if __name__ == "__main__"`.
+
+    Returns
+    -------
+    CampaignSummary
+        Statistics in SI; its `table()` has a line a controller.
+
+    Raises
+    ------
+    InputError
+        As of `Campaign` and `execute`.
+    """
+    told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
+    with ExitStack() as kept:
+        place = kept.enter_context(TemporaryDirectory()) if folder is None else folder
+        return summarise(execute(told, Path(place) / "campaign" if folder is None else Path(place), workers=workers))
 
 
 def warm_up(campaign: Campaign) -> None:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from heapq import nlargest
+from importlib import import_module
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -134,6 +135,11 @@ class CampaignSummary:
     points: tuple[PointSummary, ...]
     worst_by: str
     sample: dict[str, Batch]
+
+    def table(self) -> str:
+        """A line a controller: runs that stopped, braking distance, slip, and runs that locked a wheel."""
+        text: str = import_module("railslip_ctrl.report.campaign").campaign_table(self)  # a room above this one
+        return text
 
     @property
     def complete(self) -> bool:

@@ -104,7 +104,7 @@ def command(
             found, vehicle = tuned.controller(tuned.design), points[0].vehicle
             braking_control(found, vehicle, _held(points), name=out.stem).save(out)
     else:
-        tuned, design = tune_over(
+        tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),
             specification,
             structure,
@@ -113,10 +113,10 @@ def command(
             lead_filter=lead_filter,
             nominal=nominal,
         )
-        if design is not None:
-            judgement = design.judgement
+        if found is not None:
+            judgement = found.judgement
             if out is not None:
-                design.save(out)
+                found.save(out)
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     if as_json:

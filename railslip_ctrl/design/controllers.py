@@ -257,7 +257,20 @@ def controller_system(controller: Any, point: OperatingPoint | None = None) -> R
 
 @checked
 def actuated_plant(plant: LinearPlant, actuator: Actuator) -> Rational:
-    """From commanded torque (N*m) to -e (m/s) without the dead time: lag of the `actuator` and wheel of the `plant`."""
+    """From commanded torque (N*m) to -e (m/s) without the dead time.
+
+    Parameters
+    ----------
+    plant : LinearPlant
+        The wheel.
+    actuator : Actuator
+        Its lag, s, is put before the wheel.
+
+    Returns
+    -------
+    Rational
+        m/s over N*m, SISO.
+    """
     if plant.speed_state:
         wheel = Rational.from_state_space(plant.A, plant.B, -plant.C[plant.outputs.index("error")], 0.0)
     else:

@@ -56,7 +56,19 @@ class HoldingDesign:
 
 @checked
 def holding_gains(plants: Sequence[LinearPlant], actuator: Actuator) -> HoldingDesign:
-    """The kp that minimises the worst Ms over `plants`, at an integral time of 50 (dead time + lag) of the `actuator`.
+    """The kp that minimises the worst Ms over some plants, at an integral time of 50 (dead time + lag).
+
+    Parameters
+    ----------
+    plants : sequence of LinearPlant
+        At least one.
+    actuator : Actuator
+        Dead time and lag, s.
+
+    Returns
+    -------
+    HoldingDesign
+        kp in N*m/(m/s), ki in N*m/m.
 
     Raises
     ------

@@ -150,6 +150,11 @@ def fundamental_limits(
     allowed_lag_deg : float
         deg, in (0, 180): for the rule on the crossover.
 
+    Returns
+    -------
+    Limits
+        What no controller, no PI and no PI with a lead can beat, SI and deg.
+
     Raises
     ------
     InputError

@@ -138,7 +138,29 @@ class GainSchedule:
 def plant_at(
     law: str, vehicle: Vehicle, rail: Rail, speed_kmh: float, initial_speed_kmh: float = INITIAL_SPEED_KMH
 ) -> LinearPlant:
-    """The linear plant at a law's published reference slip."""
+    """The linear plant at a law's published reference slip.
+
+    Parameters
+    ----------
+    law : str
+        A published law's name, for the vehicle's wheel load.
+    vehicle : Vehicle
+        With the load that it has.
+    rail : Rail
+        "dry" or "wet".
+    speed_kmh, initial_speed_kmh : float
+        Train speed and v0 of the law, km/h.
+
+    Returns
+    -------
+    LinearPlant
+        SI, with its operating point.
+
+    Raises
+    ------
+    InputError
+        A law without a reference slip, or an argument of another kind.
+    """
     adhesion = published_law(law, rail, initial_speed_kmh, vehicle.wheel_load)
     slip = adhesion.reference_slip(rail)
     if slip is None:

@@ -15,10 +15,15 @@ from railslip_ctrl.loop.rootfinding import bracketed_roots
 def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
     """Where a loop has most phase.
 
+    Parameters
+    ----------
+    loop : DeadTimeLoop
+        L.
+
     Returns
     -------
-    tuple of float
-        Frequency, rad/s, at which L(j omega) of the `loop` has its largest phase, and that phase, rad, continuous.
+    tuple[float, float]
+        Frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous.
 
     Raises
     ------
@@ -36,7 +41,19 @@ def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
 
 @checked
 def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
-    """Factor on the gain of a `loop` that makes |L(j omega)| = 1 at `omega`, rad/s, > 0.
+    """Factor on the gain of a loop that makes |L(j omega)| = 1.
+
+    Parameters
+    ----------
+    loop : DeadTimeLoop
+        L.
+    omega : float
+        rad/s, > 0.
+
+    Returns
+    -------
+    float
+        The factor, > 0.
 
     Raises
     ------

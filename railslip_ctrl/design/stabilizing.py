@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -106,19 +106,28 @@ class Region(ABC):
         found = self.ki_intervals(kp)
         return found[-1][1] if found else 0.0
 
-    def plot(self, *, kp_limit: float = math.inf, ki_limit: float = math.inf) -> Any:
+    def plot(
+        self,
+        chosen: Mapping[str, tuple[float, float]] | None = None,
+        *,
+        kp_limit: float = math.inf,
+        ki_limit: float = math.inf,
+    ) -> Any:
         """The region with contours of its worst margins, a matplotlib figure.
 
         Parameters
         ----------
+        chosen : mapping, optional
+            (kp, ki) to mark, in the region's units, by name.
         kp_limit, ki_limit : float
-            Gains > 0, in the region's units, up to which to draw it.
+            Gains > 0, in those units, up to which to draw it.
 
         InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
         """
         strips, grid = import_module("railslip_ctrl.design.region_maps").region_map(self, kp_limit, ki_limit)
         plots = import_module("railslip_ctrl.plots")  # a room above this one, asked for by the user
-        return plots.region_figure(strips, grid, {}, title="Gains that stabilise", kp_unit="u/y", ki_unit="u/(y·s)")
+        title = "Gains that stabilise"
+        return plots.region_figure(strips, grid, chosen or {}, title=title, kp_unit="u/y", ki_unit="u/(y·s)")
 
 
 @dataclass(frozen=True)
@@ -435,6 +444,11 @@ def intersection(regions: Sequence[Region], names: Sequence[str] = ()) -> Inters
         At least one.
     names : sequence of str
         What to call the plant of each where the intersection is empty; left out, by number.
+
+    Returns
+    -------
+    IntersectionRegion
+        In the units of the regions.
 
     Raises
     ------

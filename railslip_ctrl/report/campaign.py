@@ -41,6 +41,20 @@ def campaign_text(summary: CampaignSummary) -> str:
     return render(parts)
 
 
+def campaign_table(summary: CampaignSummary) -> str:
+    """A line a controller."""
+
+    def row(found: ControllerSummary) -> tuple[str, ...]:
+        distance, slip = found.measures["braking_distance_m"], found.measures["max_slip"]
+        levels = (distance.quantiles[level].value for level in (0.5, 0.95) if level in distance.quantiles)
+        ends = (*levels, distance.moments.high, slip.moments.high) if found.stopped else (None,) * 4
+        numbers = (_shown(measured("max_slip"), value, 4) for value in ends)
+        return (found.name, f"{found.stopped} of {summary.runs}", *numbers, _percent(found.locked))
+
+    heads = ("controller", "stopped", "median (m)", "95 % (m)", "worst (m)", "highest slip", "locked (%)")
+    return render([table(heads, [row(found) for found in summary.controllers.values()])]).strip("\n")
+
+
 def replay_text(replayed: Replay) -> str:
     """A run of a campaign again."""
     rows = [("Sampled", ", ".join(f"{name} {fixed(value)}" for name, value in replayed.values.items()) or "nothing")]

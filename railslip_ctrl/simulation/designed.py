@@ -162,7 +162,22 @@ def recommended_schedule(
 def slide_protection(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> SlideProtection:
-    """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take."""
+    """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
+
+    Parameters
+    ----------
+    vehicle : Vehicle, optional
+        Left out, the published one.
+    reference : ReferenceSlip, optional
+        Slip ratios that its error is taken against; left out, the published.
+    period : float, optional
+        Sampling period, s.
+
+    Returns
+    -------
+    SlideProtection
+        In SI.
+    """
     car = published_vehicle() if vehicle is None else vehicle
     baseline = SlideProtection(reference or published_reference("bristle"))
     share = full_brake_torque(car) / TORQUE_LIMIT

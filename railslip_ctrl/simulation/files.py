@@ -48,6 +48,16 @@ class _Keys(Scenario):
 def load_scenario(source: str | Path) -> Scenario:
     """A built-in scenario by name, or one from a TOML file.
 
+    Parameters
+    ----------
+    source : str or Path
+        "park2008", "park2008-si", "stop" or a file.
+
+    Returns
+    -------
+    Scenario
+        In SI.
+
     Raises
     ------
     InputError

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.scalar_code import WORKS
-from railslip_ctrl.units import shown
+from railslip_ctrl.units import KMH, shown
 
 from . import kernel as layout
 from .controllers import Controller
@@ -148,6 +149,29 @@ class Run:
     steps: int
     signals: Signals | None
     controller_signals: dict[str, Floats]
+
+    def __str__(self) -> str:
+        """What became of it, and its slip and torque, in three lines."""
+        scenario, lock = self.scenario, "no lock"
+        if not math.isnan(self.first_lock):
+            lock = f"locked {100 * self.locked_fraction:.2g} % of the time, first at {self.first_lock:.3g} s"
+        return (
+            f"{scenario.name}, {scenario.rail} rail, {scenario.vehicle.name}, {self.controller.name}: "
+            f"{self.outcome.value} after {self.braking_time:.4g} s and {self.braking_distance:.4g} m, from "
+            f"{scenario.initial_speed / KMH:.4g} to {self.final_speed / KMH:.3g} km/h\n"
+            f"slip at most {self.max_slip:.3g}, {self.mean_abs_slip_error:.3g} from its reference on average; {lock}\n"
+            f"torque at most {self.max_torque:.4g} N*m, its rate {self.rms_torque_rate:.3g} N*m/s rms"
+        )
+
+    def plot(self) -> Any:
+        """Speeds, slip, torque and adhesion over time, a matplotlib figure.
+
+        InputError for a run that was not recorded.
+        """
+        if self.signals is None:
+            raise InputError("run: it was not recorded; simulate it with record_every=1")
+        plots = import_module("railslip_ctrl.plots.simulation")  # a room above this one, asked for by the user
+        return plots.simulation_figure(self)
 
     @property
     def stopped(self) -> bool:

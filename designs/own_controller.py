@@ -1,0 +1,40 @@
+"""A controller of your own, from its transfer function to 200 braking runs: a PID with filter and notch, on a coach.
+
+python designs/own_controller.py [FOLDER]
+"""
+
+import sys
+from pathlib import Path
+
+import control as ct
+
+import railslip_ctrl as rs
+
+S = ct.tf("s")
+PID = 1030 + 80 / S + 360 * S / (0.03 * S + 1)  # N*m/(m/s), from slip error to torque
+NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch, 80 rad/s
+
+
+def run(runs: int = 200) -> dict:
+    """Verdict over the coach's envelope, worst loop, a stop on wet rail, and many beside a tuned PI-lead."""
+    envelope = rs.load_envelope(Path(__file__).parent / "vehicles" / "coach.toml")
+    start = {"torque_low": 0, "torque_high": 15e3, "tracking_time": 2, "initial_torque": 6e3}  # N*m, s
+    mine = rs.LinearControl(PID * NOTCH, envelope.reference, name="pid", period=0.01, **start)
+    check, wet = rs.judge(mine, envelope), rs.stop(envelope.vehicle, "wet", speed_kmh=100)
+    many = rs.campaign(wet, [mine, rs.tune(envelope, structure="pi-lead", ms_max=2)], runs=runs)
+    loop = rs.wheel_slip_loop(check.worst.point, PID * NOTCH)
+    return {"check": check, "loop": loop, "stop": rs.simulate(wet, mine, seed=7), "many": many}
+
+
+def main() -> None:
+    """Print it all; with a folder, draw it too."""
+    found = run()
+    print(found["check"], found["check"].worst.words, found["stop"], found["many"].table(), sep="\n\n")
+    for folder in map(Path, sys.argv[1:]):
+        loop, pictures = found["loop"], {"map": found["check"].map.plot(), "stop": found["stop"].plot()}
+        for name, figure in {**pictures, "bode": loop.bode_plot(), "nyquist": loop.nyquist_plot()}.items():
+            figure.savefig(folder / f"own_controller_{name}.png")
+
+
+if __name__ == "__main__":
+    main()
