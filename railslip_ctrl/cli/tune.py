@@ -101,8 +101,8 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            found, vehicle = tuned.controller(tuned.design), points[0].vehicle
-            braking_control(found, vehicle, _held(points), name=out.stem).save(out)
+            at_points, vehicle = tuned.controller(tuned.design), points[0].vehicle
+            braking_control(at_points, vehicle, _held(points), name=out.stem).save(out)
     else:
         tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),
