@@ -118,6 +118,8 @@ EQUIVALENT = {
     r"rising = .*here \* \(\(a": "a peak looked for on the wrong side is found by the bounds",
     r"slope \* change / \(a\[index\]|centre \+ away\), centre": "parts are divided further until a bound holds",
     r"start = np.where\(np.isinf\(high\)": "a start of Newton's method in a bracket",
+    r"curved <= most": "no bound is equal to the last digit",
+    r"found \* \(1 \+ \(side / away": "parts are divided further until a bound holds",
     r">= 1 / _FARTHEST": "no part begins just there",
     r"step = _NEXT_TO_ZERO": "any slip next to 0 gives the limit there",
     r"axis=-1\).*=> .*axis=\(\+1\)": "of two dimensions",

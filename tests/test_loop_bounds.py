@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import random_loops
+from flint import arb
 
-from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop.certificate import _least_square
 from railslip_ctrl.loop.crossings import Response, frequency_nodes, pieces
 from railslip_ctrl.loop.exact import PHASE, SIZE
 from railslip_ctrl.loop.margins import _divided, _may_exceed, _second_order_bounds, box_bounds
@@ -113,3 +115,18 @@ def test_divided_parts_leave_no_gap():
         assert np.all(below < above)
         joined = np.flatnonzero(below[1:] != above[:-1])
         assert (below[0], above[joined].tolist(), below[joined + 1].tolist(), above[-1]) == (0, [0.2], [0.5], np.inf)
+
+
+@pytest.mark.parametrize("sizes", [(0.2, 0.7), (0.7, 0.2), (1.2, 3.0), (0.5, np.inf), (np.inf, 0.5)])
+@pytest.mark.parametrize("c", [-1.0, 0.3, 0.6, 1.0])
+def test_the_least_distance_from_minus_one_over_an_interval_of_sizes(sizes, c):
+    # of m exp(j phi) with -cos(phi) <= c
+    m = np.linspace(min(sizes), min(max(sizes), 50.0), 100_001)
+    least = np.min(1 + m * (m - 2 * c))
+    assert float(_least_square([arb(one) for one in sizes], arb(c)).mid()) == pytest.approx(least, abs=1e-8)
+
+
+def test_a_positive_gain_at_infinity_limits_no_gain_without_dead_time():
+    loop = DeadTimeLoop(Rational([-0.5, -3.0], [-1.0, -2.0], 2.0))
+    assert loop.margins().gain_increase == np.inf
+    assert loop.delayed(0.1).is_stable() is False
