@@ -241,7 +241,7 @@ def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
 
 
 def test_a_scenario_that_is_neither_a_name_nor_a_file_is_refused():
-    with pytest.raises(InputError, match="choose park2008 or park2008-si, or give a TOML file"):
+    with pytest.raises(InputError, match="choose one of park2008, park2008-si, stop, or give a TOML file"):
         load_scenario("park2007")
 
 

@@ -329,7 +329,7 @@ def test_the_picture_shows_the_signals():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--scenario", "park2009"), "--scenario: 'park2009' is not one; choose park2008 or park2008-si"),
+        (("--scenario", "park2009"), "--scenario: 'park2009' is not one; choose one of park2008, park2008-si, stop"),
         (("--scenario", "none.toml"), "--scenario: none.toml: no such file"),
         (("--controller", "pid"), "--controller: 'pid' is not one; did you mean 'pi'"),
         (("--controller", "none.toml"), "--controller: none.toml: no such file"),
