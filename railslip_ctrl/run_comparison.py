@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.simulation import Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 
@@ -76,6 +77,7 @@ class RunComparison:
         return {row.name: row for row in self.rows}[name]
 
 
+@checked
 def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequence[int]) -> RunComparison:
     """Run every controller through the scenario with every seed, on all cores; all meet the same noise.
 

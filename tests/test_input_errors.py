@@ -254,6 +254,8 @@ VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
     "adhesion": "curve",
     "controller": PI,
+    "controllers": {"pi": published_pi("bristle")},
+    "dead_time": 0.1,
     "envelope": Envelope(laws="bristle", rails="dry", speeds=60),
     "law": LAW,
     "loop": LOOP,
@@ -267,9 +269,12 @@ VALID: dict[str, object] = {
     "reference_slip": 0.1,
     "region": REGION,
     "regions": [REGION],
+    "seeds": [0],
+    "source": "stop",
     "scenario": built_in_scenario("park2008"),
     "slip": 0.1,
     "speed": 27.0,
+    "speed_kmh": 100.0,
     "vehicle": PARK2008,
     "kp": [1.0],
     "ki": [1.0],
@@ -278,6 +283,8 @@ VALID: dict[str, object] = {
 """What the arguments without a default may be, by name; and of a function of its own where it means another thing."""
 
 OWN: dict[str, dict[str, object]] = {
+    "fundamental_limits": {"plant": LAG},
+    "plant_at": {"law": "bristle"},
     "simulate": {"controller": published_pi("bristle")},
     "stabilizing_pi": {"plant": LAG},
     "stabilizing_pid": {"plant": LAG, "derivative_time": 0.1},

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import number
+from railslip_ctrl.arguments import checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, frequency_nodes
@@ -136,6 +136,7 @@ class Limits:
         return float(brentq(lambda tau: math.log(least_peak(poles, zeros, tau) / ms), 0.0, top, rtol=1e-12))
 
 
+@checked
 def fundamental_limits(
     plant: Any, dead_time: float, *, lag: float = 0.0, allowed_lag_deg: float = _ALLOWED_LAG_DEG
 ) -> Limits:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.arguments import checked
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
@@ -159,6 +160,7 @@ def recommended_schedule(
     )
 
 
+@checked
 def slide_protection(
     vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
 ) -> SlideProtection:
