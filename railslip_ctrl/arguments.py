@@ -318,7 +318,7 @@ def _any_of(members: list[Check | None]) -> Check | None:
 
 def _sequence_of(member: Check | None) -> Check:
     def check(value: Any) -> Any:
-        if not isinstance(value, (list, tuple, np.ndarray)) or getattr(value, "ndim", 1) != 1:
+        if not isinstance(value, (list, tuple, range, np.ndarray)) or getattr(value, "ndim", 1) != 1:
             raise _Refused("a list")
         if member is None or (isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and member is _real):
             return value
