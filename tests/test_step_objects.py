@@ -291,3 +291,27 @@ def test_a_run_has_its_own_copy():
     assert one.count == 0
     assert np.array_equal(first, second)
     assert math.isclose(first[1], 20.0)
+
+
+def test_steps_of_any_callable_kind_are_taken():
+    class Timed(PI):
+        dt = 0.01
+
+    expected = simulate(SCENARIO, PI(), seed=1, record_every=None).braking_distance
+    timed = Timed()
+    assert simulate(SCENARIO, timed, seed=1, record_every=None).braking_distance == expected
+    timed.reset(0.0, 0.0, 0.0)
+    assert simulate(SCENARIO, timed.step, seed=1, record_every=None).braking_distance == expected
+
+
+@pytest.mark.parametrize(
+    ("step", "told"),
+    [
+        (numba.njit(lambda t, v, omega: "x"), "Numba cannot compile step"),
+        (lambda t, v: 0.0, r"step cannot be called with \(t, v, omega\)"),
+        (ct.tf([190, -190], [1, -1], 1e-9), "period: 1e-09 s is not allowed; give a finite value >= 1e-05"),
+    ],
+)
+def test_steps_that_cannot_run_are_refused_in_a_line(step, told):
+    with pytest.raises(InputError, match=told):
+        simulate(SCENARIO, step, seed=None)

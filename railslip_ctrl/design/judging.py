@@ -183,7 +183,8 @@ class Judgement:
             return f"{line}; not stable at {max(self.envelope.speeds):g} km/h either"
         if self.usable_from_kmh > min(self.envelope.speeds):
             line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
-        return line
+        left_out = len(self.points.skipped)
+        return line + (f"; {left_out} left out" if left_out else "")
 
     def __str__(self) -> str:
         robust = int(np.count_nonzero([is_robust(ms) for ms in self.ms.tolist()]))

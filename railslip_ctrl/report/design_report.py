@@ -34,13 +34,14 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
     judgement = report.judgement
     recommended: dict[str, Any] | None = None
     if report.control is not None and judgement is not None:
-        said = judgement.table()
+        said = (report.in_use or judgement).table()
         recommended = {
             "controller": controller_json(report.control),
             "verdict": judgement.verdict,
             "nominal": judgement.nominal,
-            "use_above_kmh": report.above_kmh,
-            **{name: said[name] for name in ("usable_from_kmh", "robust_from_kmh", "worst", "worst_with_tolerances")},
+            "usable_from_kmh": report.above_kmh,
+            "robust_from_kmh": judgement.robust_from_kmh,
+            **{name: said[name] for name in ("worst", "worst_with_tolerances")},
             "reference_factor": report.best.reference_factor if report.best is not None else None,
             "map": map_json(judgement),
         }
@@ -106,7 +107,7 @@ def map_json(judgement: Judgement) -> dict[str, Any]:
 
 
 def stop_json(stop: Stop) -> dict[str, Any]:
-    """A stop: numbers of seed 0, and the distances of all seeds."""
+    """A stop: numbers of seed 0, and the distances and highest slips of all seeds."""
     run, bound = stop.run, stop.bound
     return {
         "controller": stop.controller,
@@ -123,7 +124,9 @@ def stop_json(stop: Stop) -> dict[str, Any]:
         "reference_slip": stop.reference,
         "reference_reached": stop.reached,
         "locked_fraction": number(run.locked_fraction),
+        "seeds": [one.seed for one in stop.runs],
         "distances_m": [number(one.braking_distance) for one in stop.runs],
+        "max_slips": [number(one.max_slip) for one in stop.runs],
         "locks": stop.locks,
     }
 

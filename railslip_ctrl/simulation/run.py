@@ -20,7 +20,7 @@ from . import kernel as layout
 from .controllers import Controller
 from .kernel_text import kernel
 from .plan import make_plan
-from .scenario import Scenario
+from .scenario import LEAST_STEP, Scenario
 from .step_objects import ADDRESS, Call, StepControl, as_control
 
 if TYPE_CHECKING:
@@ -234,8 +234,7 @@ class Simulator:
         control = as_control(controller, scenario.vehicle, scenario.adhesion.reference)
         self.scenario, self.controller, self._compiled = scenario, control, compiled
         self.period = scenario.step if control.period is None else control.period
-        if not (math.isfinite(self.period) and self.period > 0):
-            raise InputError(f"period: {self.period:g} s is not allowed; give a finite value > 0")
+        number("period", self.period, "s", ge=LEAST_STEP)
         self._plan = make_plan(scenario, control, self.period)
 
     @cached_property

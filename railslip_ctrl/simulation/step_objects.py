@@ -7,10 +7,12 @@ it returns the torque to command until the next, N*m. Nothing of the user's is c
 from __future__ import annotations
 
 import copy
+import functools
 import hashlib
 import inspect
 import math
 import sys
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
@@ -102,7 +104,7 @@ def _unpacked(content: bytes) -> UserStep:
 
 
 def _is_function(thing: Any) -> bool:
-    return inspect.isfunction(thing) or hasattr(thing, "py_func")
+    return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
 
 
 @dataclass(frozen=True)
@@ -196,7 +198,10 @@ class Call:
         )
 
     def _failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        return InputError(f"controller {self.control.name}: {failure(error, f'{what} at t = {t:g} s')}")
+        told = failure(error, f"{what} at t = {t:g} s")
+        if traceback.extract_tb(error.__traceback__)[-1].filename == __file__:  # it could not even be called
+            told = f"{what} cannot be called with (t, v, omega): {' '.join(str(error).split())}; mend it"
+        return InputError(f"controller {self.control.name}: {told}")
 
 
 class PythonCall(Call):
@@ -309,7 +314,7 @@ def _compiled(function: Any, count: int, name: str) -> Any:
     signature = number(number, number, number, types.CPointer(number))
     try:
         made = cfunc(signature)(remembering if count else without)
-    except NumbaError as error:
+    except (NumbaError, ValueError, TypeError) as error:  # the latter of what is no number
         raise InputError(f"controller {name}: {_compile_failure(function, error)}") from None
     _COMPILED[id(function), count] = function, made
     return made
@@ -378,4 +383,5 @@ def as_control(
 
 def _is_linear(controller: Any) -> bool:
     """Whether it is a system (that of scipy.signal has a step, its response), and no step object."""
-    return hasattr(controller, "dt") or isinstance(controller, Rational | PIController)
+    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")  # python-control's, SciPy's
+    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)

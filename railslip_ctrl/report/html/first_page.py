@@ -65,7 +65,7 @@ def _why(report: DesignReport) -> str:
     operating = int(judged.points.operating.sum())
     robust = None if report.judgement is None else report.judgement.robust_from_kmh
     if report.above_kmh is None and robust is not None:
-        return "The best PI or PI-lead is robust by its margins, but in its own stops the wheel slides."
+        return "The best PI or PI-lead is robust by its margins, but its slip passes 0.5 in a stop."
     if report.above_kmh is None:
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
         return f"No PI or PI-lead found keeps {asked} at any speed. The best has {ms_words(judged.worst.ms)}."
@@ -73,8 +73,12 @@ def _why(report: DesignReport) -> str:
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
     factor = report.best.reference_factor
-    less = "" if factor == 1.0 else f" It holds {factor:g} of the laws' reference slip: at more, less is robust."
-    locks = "" if robust == report.above_kmh else " Handed over slower, the wheel slides in its own stops."
+    less = (
+        ""
+        if factor == 1.0
+        else f" It holds {factor:g} of the laws' reference slip; with more, fewer points are robust."
+    )
+    locks = "" if robust == report.above_kmh else " Handed over at less speed, its slip passes 0.5 in a stop."
     return f"{told}.{locks}{less}"
 
 
@@ -95,10 +99,9 @@ def _to_do(report: DesignReport) -> str:
         told.append("Take a brake with less dead time and lag, or hold less slip.")
     if report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
-    slow = [stop for stop in report.first_stops if not stop.reached]
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
     if slow:
-        rails = " and ".join(str(stop.rail) for stop in slow)
-        told.append(f"The slip held stays below its reference on {rails} rail.")
+        told.append(f"The slip stays below its reference in stops on {' and '.join(slow)} rail.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
@@ -150,7 +153,7 @@ def stop_words(stop: Stop) -> str:
     told = []
     if stop.bound is not None and not math.isnan(stop.over_bound):
         bound = short(stop.bound.braking_distance)
-        told.append(f"{short(100 * stop.over_bound, 2)} % over the bound with this brake ({bound} m)")
+        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m)")
     told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
     return "; ".join(told)
 
