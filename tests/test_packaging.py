@@ -41,4 +41,4 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     words = [scripts / "railslip", "report", "--no-html", "--rail", "wet"]
     report = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert report.returncode == 0
-    assert (tmp_path / "railslip-report" / "nyquist.svg").exists()
+    assert (tmp_path / "railslip-report" / "loop.svg").exists()
