@@ -34,7 +34,7 @@ benchmark: $(READY)       ## speed, as ratios against a peer in the same run
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-enable -o addopts="-ra" -s
 
 generate: $(READY)        ## numeric code from the SymPy statement of the plant
-	$(BIN)/python -m railslip_ctrl.generate
+	$(BIN)/python -m railslip_ctrl.sliding.generate
 
 docs: $(READY)            ## the documentation site: equations, gallery, API, without a warning
 	$(BIN)/python docs/generate.py

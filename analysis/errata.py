@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import Erratum, errata
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.reproduction import AdhesionCurve, published_runs
-from railslip_ctrl.reproduction.curves import wet_and_dry
+from railslip_ctrl.paper import AdhesionCurve, published_runs
+from railslip_ctrl.paper.curves import wet_and_dry
 from railslip_ctrl.simulation import Run
 
 SEED = 0
@@ -66,8 +66,8 @@ def main(argv: Sequence[str]) -> None:
 
 def draw(result: Figures, folder: Path) -> None:
     """Figs. 17 to 21."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.reproduction import run_figures, wet_and_dry_figure
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.reproduction import run_figures, wet_and_dry_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"fig_17": wet_and_dry_figure(result.adhesion)} | run_figures(result.runs)

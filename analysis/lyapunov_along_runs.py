@@ -14,11 +14,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.lyapunov_runs import LyapunovRun, judge_run
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.report.lyapunov_runs import lyapunov_runs_text
 from railslip_ctrl.simulation import SlidingControl, published_scenario
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.verification.lyapunov_runs import LyapunovRun, judge_run
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 SEED = 2008
@@ -52,7 +52,7 @@ def main() -> None:
         print(f"{reading}\n")
         print(lyapunov_runs_text([(label(case), judged) for case, judged in cases.items()]))
         if len(sys.argv) > 1:
-            from railslip_ctrl.plots import adaptation_figure, lyapunov_runs_figure, save_figure
+            from railslip_ctrl.report.plots import adaptation_figure, lyapunov_runs_figure, save_figure
 
             folder = Path(sys.argv[1])
             folder.mkdir(parents=True, exist_ok=True)

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
-from railslip_ctrl.sliding.conditions import Verification, verify
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.sliding.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate
-from railslip_ctrl.sliding.reaching_conditions import STEP_TIME
+from railslip_ctrl.verification.conditions import Verification, verify
+from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate
+from railslip_ctrl.verification.reaching_conditions import STEP_TIME
 
 DURATION = 80.0  # s, longer than either stop
 SEED = 2008
@@ -117,8 +117,17 @@ def step_text(result: LyapunovCheck) -> str:
 
 def draw(si: LyapunovCheck, published: LyapunovCheck, folder: Path) -> None:
     """V over time, both readings."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import PAGE_WIDTH, SMALL, TEXT, folded, legend_below, line_style, new_figure, panels
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.style import (
+        PAGE_WIDTH,
+        SMALL,
+        TEXT,
+        folded,
+        legend_below,
+        line_style,
+        new_figure,
+        panels,
+    )
 
     figure = new_figure(4.2, "V of (46) along stops of the ASMC of [Park2008], with its adaptation")
     loaded, empty = PARK2008.mass_loaded, PARK2008.mass

@@ -15,7 +15,7 @@ from pathlib import Path
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, judge
-from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.model.parameters import PIGains
 
 CONTROLLERS = {
     "PI 211/5": PIController(PIGains(kp=210.6, ki=5.0)),  # designs/pi_robust.py
@@ -52,7 +52,7 @@ def _text(value: object) -> str:
 
 def draw(result: dict[str, Judgement], folder: Path) -> None:
     """The maps of both controllers."""
-    from railslip_ctrl.plots import ms_map_figure, save_figure
+    from railslip_ctrl.report.plots import ms_map_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     title = "Worst Ms over rail, law, slip and actuator ±30 %; kp/ki in N·m/(m/s) and N·m/m"

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.reproduction import AdhesionCurve, Table3, model_curves, table3
+from railslip_ctrl.paper import AdhesionCurve, Table3, model_curves, table3
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def main(argv: Sequence[str]) -> None:
 
 def draw(result: ModelCurves, folder: Path) -> None:
     """Figs. 13 to 15."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.reproduction import model_figures
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.reproduction import model_figures
 
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in model_figures(result.curves).items():

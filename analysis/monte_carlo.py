@@ -20,8 +20,17 @@ import sys
 import tempfile
 from pathlib import Path
 
-from railslip_ctrl.campaign import Campaign, CampaignSummary, Normal, Quantity, Triangular, Uniform, execute, summarise
 from railslip_ctrl.simulation import built_in_scenario
+from railslip_ctrl.simulation.campaign import (
+    Campaign,
+    CampaignSummary,
+    Normal,
+    Quantity,
+    Triangular,
+    Uniform,
+    execute,
+    summarise,
+)
 from railslip_ctrl.simulation.catalogue import controller_named
 
 RUNS = 1000
@@ -62,8 +71,8 @@ def main() -> None:
 
 def draw(result: CampaignSummary, folder: Path) -> None:
     """Distributions, and the braking distance over what was varied."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.campaign import distributions_figure, scatter_figure
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
 
     for name, figure in (("distributions", distributions_figure(result)), ("scatter", scatter_figure(result))):
         assert figure is not None, "quantities are varied, and runs stop"

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.observer import (
+from railslip_ctrl.identification.observer import (
     AdhesionObserver,
     BrakeCourse,
     Encoder,
@@ -37,7 +36,8 @@ from railslip_ctrl.observer import (
     statement,
     trade_off,
 )
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 VEHICLE = PARK2008
 INITIAL_SPEED_KMH = 140.0  # Fig. 12
@@ -163,7 +163,7 @@ def main() -> None:
 
 def draw(result: ObserverComparison, folder: Path) -> None:
     """Trade-off, estimates beside the truth, responses."""
-    from railslip_ctrl.plots import estimates_figure, observer_responses_figure, save_figure, tradeoff_figure
+    from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, save_figure, tradeoff_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     sensors = f"{ENCODER.counts} counts a turn, torque noise {SENSOR.noise:g} N·m, every {1e3 * INTERVAL:g} ms"

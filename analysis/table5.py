@@ -1,7 +1,7 @@
 """Do the sixteen numbers of the paper's main result come out, and under which reading?
 
 [Park2008] Table 5, four controllers from 100 to 5 km/h: means over many noise seeds beside the printed numbers, in the
-reading of `railslip_ctrl.reproduction.reading`, whose rules are printed in the paper, inferred from it or fitted.
+reading of `railslip_ctrl.paper.reading`, whose rules are printed in the paper, inferred from it or fitted.
 
     python analysis/table5.py [SEEDS]
 """
@@ -11,9 +11,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from railslip_ctrl.paper import Table5, published_facts, table3, table5
+from railslip_ctrl.paper.table5 import DEFAULT_SEEDS
 from railslip_ctrl.report.reproduction import reproduction_text
-from railslip_ctrl.reproduction import Table5, published_facts, table3, table5
-from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
 
 LARGEST_RMS = 2.2  # %, over the sixteen deviations
 

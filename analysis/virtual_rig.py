@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.adhesion.bristle import published_coefficients
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.identify import Campaign, Identification, Options, curve_of, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.polynomials import over_initial_speed
-from railslip_ctrl.parameters import PARK2008
-from railslip_ctrl.units import KMH
-from railslip_ctrl.virtual_rig import RigLog, RigTest, published_tests, run_tests
+from railslip_ctrl.identification.virtual_rig import RigLog, RigTest, published_tests, run_tests
+from railslip_ctrl.model.adhesion.bristle import published_coefficients
+from railslip_ctrl.model.parameters import PARK2008
 
 MODELS = ("bristle", "beam")
 SPREAD = 0.03  # of the adhesion from test to test, relative: the width of the marks in Fig. 13
@@ -86,7 +86,7 @@ def main() -> None:
 
 def draw(result: VirtualRig, folder: Path) -> None:
     """Fig. 12, and Fig. 13 with each model."""
-    from railslip_ctrl.plots import adhesion_figure, coefficients_figure, rig_test_figure, save_figure
+    from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure, rig_test_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     title = f"A test on the virtual rig, v0 = {result.tests[2].initial_speed / KMH:.0f} km/h"

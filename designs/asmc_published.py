@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.sliding.reaching_bound import (
+from railslip_ctrl.verification.reaching_bound import (
     holding_torque,
     least_gain,
     operating_set,
     reaching_time,
     reference_set,
 )
-from railslip_ctrl.units import KMH
 
 SPEED = 100.0 * KMH  # m/s
 SLIP = 0.132  # dry reference, bristle column
@@ -104,8 +104,8 @@ def main() -> None:
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
     """K of Table 4 beside the least K of (40), and the gains that do the work instead."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import SMALL, TEXT, legend_of_figure, line_style, new_figure, panels
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.style import SMALL, TEXT, legend_of_figure, line_style, new_figure, panels
 
     figure = new_figure(
         3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and what does the work in its place"

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008, Rail
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE
-from railslip_ctrl.sliding_verification.layered import (
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE
+from railslip_ctrl.verification.sliding_verification.layered import (
     DURATION,
     OFFSET,
     STEP,
@@ -28,8 +29,8 @@ from railslip_ctrl.sliding_verification.layered import (
     layered_design,
     rail_bounds,
 )
-from railslip_ctrl.sliding_verification.published import POINTS, stop_loops
-from railslip_ctrl.switching import (
+from railslip_ctrl.verification.sliding_verification.published import POINTS, stop_loops
+from railslip_ctrl.verification.switching import (
     TABLE4_SLIDING,
     ActuatorEffect,
     JointAdvice,
@@ -40,10 +41,9 @@ from railslip_ctrl.switching import (
     joint_advice,
     published_loop,
 )
-from railslip_ctrl.switching.layered import torque_impulse
-from railslip_ctrl.switching.simulate import Run, holding_torque, simulate
-from railslip_ctrl.switching.stepped import LayeredLaw
-from railslip_ctrl.units import KMH
+from railslip_ctrl.verification.switching.layered import torque_impulse
+from railslip_ctrl.verification.switching.simulate import Run, holding_torque, simulate
+from railslip_ctrl.verification.switching.stepped import LayeredLaw
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"
@@ -164,8 +164,8 @@ def survivors_table(effects: list[ActuatorEffect]) -> str:
 
 def draw(result: dict[str, RobustDesign], folder: Path) -> None:
     """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings, and the setting."""
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.style import SMALL, legend_below, new_figure, panels, rail_style
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.style import SMALL, legend_below, new_figure, panels, rail_style
 
     figure = new_figure(5.6, "Layered law: worst runs, and bounds no disturbance of that size can exceed (thin)")
     grid = panels(figure, 2, len(result), sharex=True)

@@ -45,7 +45,7 @@ from railslip_ctrl.design.rules import RuleTuning, rotstein_lewin, simc_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.curves import GangOfFour, gang_of_four
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.parameters import TABLE4_PI
+from railslip_ctrl.model.parameters import TABLE4_PI
 
 SPEED_KMH = 100.0
 KI_MIN = 5.0  # N*m/m
@@ -226,7 +226,7 @@ def line(row: Row) -> str:
 
 def draw(result: Comparison, folder: Path) -> None:
     """Responses of the plain designs, and the gang of four of all that hold, dry rail."""
-    from railslip_ctrl.plots import gang_of_four_figure, response_figure, save_figure
+    from railslip_ctrl.report.plots import gang_of_four_figure, response_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     title = "Bristle model, dry rail, 100 km/h, slip 0.132; dead time exact"

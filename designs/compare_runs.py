@@ -19,11 +19,11 @@ from pathlib import Path
 from railslip_ctrl import LinearControl, Scenario, built_in_scenario, compare_runs, slide_protection
 from railslip_ctrl.report.layout import fixed, heading, render, table
 from railslip_ctrl.report.runs import run_comparison_text
-from railslip_ctrl.run_comparison import RunComparison
 from railslip_ctrl.simulation import ScheduledControl
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead, recommended_schedule
 from railslip_ctrl.simulation.published import published_controller
+from railslip_ctrl.simulation.run_comparison import RunComparison
 
 SEEDS = range(32)
 
@@ -123,7 +123,7 @@ def main() -> None:
         print(run_comparison_text(runs))
         print(margins_text(margins))
     if len(sys.argv) > 1:
-        from railslip_ctrl.plots import run_comparison_figure, save_figure
+        from railslip_ctrl.report.plots import run_comparison_figure, save_figure
 
         folder = Path(sys.argv[1])
         folder.mkdir(parents=True, exist_ok=True)

@@ -37,14 +37,14 @@ from railslip_ctrl import (
     tune_pi,
     wheel_slip_loop,
 )
-from railslip_ctrl.adhesion import AdhesionLaw, law_class
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.identification.fits import CONFIDENCE, Fit
 from railslip_ctrl.identification.identify import Identification, Options, identify
-from railslip_ctrl.numeric import adhesion_coefficient, peak
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests, write_log
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
+from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.simulation import Disturbances, Event, Run, Simulator
-from railslip_ctrl.units import KMH
-from railslip_ctrl.virtual_rig import RigTest, run_tests, write_log
 
 VEHICLE = Path(__file__).parent / "vehicles" / "desiro_classic.toml"
 TRUE_LAW = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})  # the rig's, not the design's
@@ -244,9 +244,9 @@ def main() -> None:
 
 def draw(result: FromLog, folder: Path) -> None:
     """The log's curve with its models, the stop, and the law as a file for `--adhesion`."""
-    from railslip_ctrl.plots import adhesion_figure, save_figure
-    from railslip_ctrl.plots.simulation import simulation_figure
     from railslip_ctrl.report.identification import model_toml
+    from railslip_ctrl.report.plots import adhesion_figure, save_figure
+    from railslip_ctrl.report.plots.simulation import simulation_figure
 
     held = replace(result.found, reference=result.held)  # the slip that the design holds goes with the law
     (folder / "model.toml").write_text(model_toml(held), encoding="utf-8")

@@ -84,7 +84,7 @@ def main() -> None:
 
 def draw(result: LeadDesign, folder: Path) -> None:
     """Margins against speed and against slip through the peak."""
-    from railslip_ctrl.plots import save_figure, sweep_figure
+    from railslip_ctrl.report.plots import save_figure, sweep_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     figure = sweep_figure([result.speed_sweep, result.slip_sweep], title="PI-lead and PI: margins over speed and slip")
@@ -94,9 +94,9 @@ def draw(result: LeadDesign, folder: Path) -> None:
 
 def draw_family(result: LeadDesign, folder: Path) -> None:
     """Bode, Nyquist and Nichols of the design at all twelve operating points, empty and loaded side by side."""
-    from railslip_ctrl.assessment import assess
-    from railslip_ctrl.design_check import controller_group
-    from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
+    from railslip_ctrl.design.assessment import assess
+    from railslip_ctrl.design.design_check import controller_group
+    from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = []
     for mass in (3517.0, 5276.0):

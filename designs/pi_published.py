@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008, Assessment, PIController, Rail, assess, linearize, operating_point, published_law
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
 from railslip_ctrl.report import margins_text
 
 SPEED = 100 / 3.6  # m/s
@@ -62,8 +62,8 @@ def main() -> None:
 
 def draw(result: PublishedCheck, folder: Path) -> None:
     """Bode, Nyquist and Nichols of both readings."""
-    from railslip_ctrl.design_check import controller_group
-    from railslip_ctrl.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
+    from railslip_ctrl.design.design_check import controller_group
+    from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = (
         controller_group("Table 4, SI", tuple(result.si.values())),

@@ -78,7 +78,7 @@ def main() -> None:
 
 def draw(result: ScheduledDesign, folder: Path) -> None:
     """Margins of the schedule and of the single gain set against speed, dry and wet."""
-    from railslip_ctrl.plots import save_figure, sweep_figure
+    from railslip_ctrl.report.plots import save_figure, sweep_figure
 
     speeds = [SPEEDS_KMH[0] + (SPEEDS_KMH[-1] - SPEEDS_KMH[0]) * i / 40 for i in range(41)]
     sweeps = [

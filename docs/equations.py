@@ -1,6 +1,6 @@
 """Equations (1)-(49) of [Park2008], each from where the package states or derives it, in the order of the paper.
 
-What the package uses stands first; where the print differs, the erratum (`railslip_ctrl.sliding.errata`) stands beside
+What the package uses stands first; where the print differs, the erratum (`railslip_ctrl.paper.errata`) stands beside
 it. Only what the package does not need as a formula is stated here: the names (1), (26), (29), (34), (38), and the
 beam's (7) and (8), which the package has inside `adhesion.beam.integrated_force`. `tests/test_docs.py` integrates what
 is stated here and compares.
@@ -15,19 +15,19 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class
-from railslip_ctrl.adhesion.beam import Beam, integrated_force
-from railslip_ctrl.adhesion.bristle import published_coefficients
-from railslip_ctrl.notation import latex_names, symbol
-from railslip_ctrl.observer import statement as observer
-from railslip_ctrl.parameters import PARK2008
-from railslip_ctrl.sliding import printed
+from railslip_ctrl.core.notation import latex_names, symbol
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification.observer import statement as observer
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import law_class
+from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
+from railslip_ctrl.model.adhesion.bristle import published_coefficients
+from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.paper import printed
+from railslip_ctrl.paper.erratum import Erratum
 from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding.surface import UNCERTAIN
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
-from railslip_ctrl.units import KMH
 
 SOURCE = "Park2008"
 
@@ -101,9 +101,11 @@ def _eq(equation: sp.Eq) -> str:
 def plant_equations() -> list[Equation]:
     """(1)-(4)."""
     mu = sp.Function("mu")(plant.slip)
-    home = "railslip_ctrl.plant"
+    home = "railslip_ctrl.model.plant"
     return [
-        Equation(1, "adhesion coefficient", (_is("F_a", mu * symbol("N")),), "railslip_ctrl.adhesion.base.Statement"),
+        Equation(
+            1, "adhesion coefficient", (_is("F_a", mu * symbol("N")),), "railslip_ctrl.model.adhesion.base.Statement"
+        ),
         Equation(2, "slip", (_eq(plant.SLIP_VELOCITY), _eq(plant.SLIP_RATIO)), home),
         Equation(
             3,
@@ -156,7 +158,7 @@ def beam_force_in_u() -> sp.Expr:
 def beam_equations() -> list[Equation]:
     """(5)-(10)."""
     parts = beam_parts()
-    home = "railslip_ctrl.adhesion.beam"
+    home = "railslip_ctrl.model.adhesion.beam"
     locking, sliding = parts.per_length
     mu_max, _a, Kx = Beam.symbols()
     share = Kx * symbol("slip") / (3 * mu_max * symbol("N"))
@@ -248,7 +250,7 @@ def bristle_equations() -> list[Equation]:
 
 def observer_equations() -> list[Equation]:
     """(25)-(29)."""
-    home = "railslip_ctrl.observer.statement"
+    home = "railslip_ctrl.identification.observer.statement"
     torque = observer.adhesion_torque()
 
     def estimate(transfers: observer.Transfers) -> sp.Expr:
@@ -281,7 +283,7 @@ def coefficient_equations() -> list[Equation]:
         powers = ("", r"\,v_0", r"\,v_0^2")
         terms = " ".join(_number(c) + power for c, power in zip(quadratic[::-1], powers, strict=True))
         line = rf"\{name} = {terms.lstrip('+')}\ {unit}"
-        home = "railslip_ctrl.adhesion.bristle.published_coefficients"
+        home = "railslip_ctrl.model.adhesion.bristle.published_coefficients"
         rows.append(Equation(number, rf"{name} over the initial speed", (line,), home, "$v_0$ in km/h, 30 to 140."))
     return rows
 

@@ -18,13 +18,13 @@ from pathlib import Path
 from types import ModuleType
 
 import railslip_ctrl
-from railslip_ctrl.adhesion.registry import law_classes
-from railslip_ctrl.notation import NOTATION, Notation
+from railslip_ctrl.core.notation import NOTATION, Notation
+from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.model.adhesion.registry import law_classes
+from railslip_ctrl.paper.errata import errata
+from railslip_ctrl.paper.erratum import Erratum
 from railslip_ctrl.sliding.derivation import Derivation, derive
-from railslip_ctrl.sliding.errata import errata
-from railslip_ctrl.sliding.erratum import Erratum
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION
-from railslip_ctrl.sources import SOURCES
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
@@ -208,7 +208,7 @@ def packages() -> dict[str, list[str]]:
     found: dict[str, list[str]] = {"railslip_ctrl": ["railslip_ctrl"]}
     for info in pkgutil.walk_packages(railslip_ctrl.__path__, "railslip_ctrl."):
         parts = info.name.split(".")
-        if parts[1] not in HIDDEN:
+        if not set(parts) & set(HIDDEN):
             found.setdefault(".".join(parts[:2]), []).append(info.name)
     return found
 

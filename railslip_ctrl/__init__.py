@@ -11,12 +11,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .adhesion import ReferenceSlip as ReferenceSlip
-    from .adhesion import load_law as load_law
-    from .adhesion import published_law as published_law
-    from .assessment import Assessment as Assessment
-    from .assessment import assess as assess
-    from .campaign.execution import campaign as campaign
+    from .core.errors import DomainError as DomainError
+    from .core.errors import InfeasibleDesignError as InfeasibleDesignError
+    from .core.errors import InputError as InputError
+    from .core.errors import KinkError as KinkError
+    from .core.errors import MissingParametersError as MissingParametersError
+    from .core.errors import RailslipError as RailslipError
+    from .core.errors import UnstableLoopError as UnstableLoopError
     from .design import HoldingDesign as HoldingDesign
     from .design import IntersectionRegion as IntersectionRegion
     from .design import PIController as PIController
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from .design import most_phase as most_phase
     from .design import stabilizing_pi as stabilizing_pi
     from .design import wheel_slip_loop as wheel_slip_loop
+    from .design.assessment import Assessment as Assessment
+    from .design.assessment import assess as assess
     from .design.envelope import Envelope as Envelope
     from .design.envelope import load_envelope as load_envelope
     from .design.envelope_tuning import tune as tune
@@ -35,87 +38,84 @@ if TYPE_CHECKING:
     from .design.limits import fundamental_limits as fundamental_limits
     from .design.schedule import plant_at as plant_at
     from .design.tuning import tune_pi as tune_pi
-    from .errors import DomainError as DomainError
-    from .errors import InfeasibleDesignError as InfeasibleDesignError
-    from .errors import InputError as InputError
-    from .errors import KinkError as KinkError
-    from .errors import MissingParametersError as MissingParametersError
-    from .errors import RailslipError as RailslipError
-    from .errors import UnstableLoopError as UnstableLoopError
-    from .linearization import LinearPlant as LinearPlant
-    from .linearization import linearize as linearize
-    from .linearization import nonlinear_plant as nonlinear_plant
-    from .linearization import operating_point as operating_point
     from .loop import DeadTimeLoop as DeadTimeLoop
     from .loop import Margins as Margins
-    from .parameters import PARK2008 as PARK2008
-    from .parameters import Actuator as Actuator
-    from .parameters import PIGains as PIGains
-    from .parameters import Rail as Rail
-    from .parameters import Vehicle as Vehicle
-    from .parameters import load_vehicle as load_vehicle
-    from .run_comparison import compare_runs as compare_runs
+    from .model.adhesion import ReferenceSlip as ReferenceSlip
+    from .model.adhesion import load_law as load_law
+    from .model.adhesion import published_law as published_law
+    from .model.linearization import LinearPlant as LinearPlant
+    from .model.linearization import linearize as linearize
+    from .model.linearization import nonlinear_plant as nonlinear_plant
+    from .model.linearization import operating_point as operating_point
+    from .model.parameters import PARK2008 as PARK2008
+    from .model.parameters import Actuator as Actuator
+    from .model.parameters import PIGains as PIGains
+    from .model.parameters import Rail as Rail
+    from .model.parameters import Vehicle as Vehicle
+    from .model.parameters import load_vehicle as load_vehicle
     from .simulation import LinearControl as LinearControl
     from .simulation import Scenario as Scenario
     from .simulation import StepControl as StepControl
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
     from .simulation import stop as stop
+    from .simulation.campaign.execution import campaign as campaign
     from .simulation.controller_files import load_controller as load_controller
     from .simulation.designed import slide_protection as slide_protection
     from .simulation.files import load_scenario as load_scenario
+    from .simulation.run_comparison import compare_runs as compare_runs
     from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "Actuator": ".parameters",
-    "Assessment": ".assessment",
+    "Actuator": ".model.parameters",
+    "Assessment": ".design.assessment",
     "DeadTimeLoop": ".loop",
-    "DomainError": ".errors",
+    "DomainError": ".core.errors",
     "Envelope": ".design.envelope",
     "HoldingDesign": ".design",
-    "InfeasibleDesignError": ".errors",
-    "InputError": ".errors",
+    "InfeasibleDesignError": ".core.errors",
+    "InputError": ".core.errors",
     "IntersectionRegion": ".design",
     "Judgement": ".design.judging",
-    "KinkError": ".errors",
+    "KinkError": ".core.errors",
     "LinearControl": ".simulation",
-    "LinearPlant": ".linearization",
+    "LinearPlant": ".model.linearization",
     "Margins": ".loop",
-    "MissingParametersError": ".errors",
-    "PARK2008": ".parameters",
+    "MissingParametersError": ".core.errors",
+    "PARK2008": ".model.parameters",
     "PIController": ".design",
-    "PIGains": ".parameters",
-    "Rail": ".parameters",
-    "RailslipError": ".errors",
-    "ReferenceSlip": ".adhesion",
+    "PIGains": ".model.parameters",
+    "Rail": ".model.parameters",
+    "RailslipError": ".core.errors",
+    "ReferenceSlip": ".model.adhesion",
     "Scenario": ".simulation",
     "StepControl": ".simulation",
-    "UnstableLoopError": ".errors",
-    "Vehicle": ".parameters",
+    "UnstableLoopError": ".core.errors",
+    "Vehicle": ".model.parameters",
     "actuated_plant": ".design",
-    "assess": ".assessment",
+    "assess": ".design.assessment",
     "built_in_scenario": ".simulation",
-    "campaign": ".campaign",
-    "compare_runs": ".run_comparison",
+    "campaign": ".simulation.campaign.execution",
+    "compare_runs": ".simulation.run_comparison",
     "derive": ".sliding.derivation",
     "fundamental_limits": ".design.limits",
     "gain_for_crossover": ".design",
     "holding_gains": ".design",
     "intersection": ".design",
     "judge": ".design.judging",
-    "linearize": ".linearization",
+    "linearize": ".model.linearization",
     "load_controller": ".simulation.controller_files",
     "load_envelope": ".design.envelope",
-    "load_law": ".adhesion",
+    "load_law": ".model.adhesion",
     "load_scenario": ".simulation.files",
-    "load_vehicle": ".parameters",
+    "load_vehicle": ".model.parameters",
     "most_phase": ".design",
-    "nonlinear_plant": ".linearization",
-    "operating_point": ".linearization",
+    "nonlinear_plant": ".model.linearization",
+    "operating_point": ".model.linearization",
     "plant_at": ".design.schedule",
-    "published_law": ".adhesion",
+    "published_law": ".model.adhesion",
     "simulate": ".simulation",
     "slide_protection": ".simulation.designed",
     "stabilizing_pi": ".design",

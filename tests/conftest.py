@@ -86,7 +86,7 @@ def _figures_without_defects():
     """Every PNG that a test or a fixture saves, by a script or a command, is looked at as `figure_checks` does."""
     from figure_checks import defects
 
-    from railslip_ctrl.plots import style
+    from railslip_ctrl.report.plots import style
 
     saved = style.figure_bytes
 

@@ -40,9 +40,9 @@ ENOUGH = 0.9  # of the faults that are not equivalent
 
 ROOMS = {
     "": "input_errors",
-    "adhesion/": "adhesion more_laws plant linearization numeric",
-    "adhesion/files": "adhesion law_files",
-    "adhesion/modules": "law_files",
+    "model/adhesion/": "adhesion more_laws plant linearization numeric",
+    "model/adhesion/files": "adhesion law_files",
+    "model/adhesion/modules": "law_files",
     "design/": "tuning compensators schedule rules",
     "design/compensators": "compensators",
     "design/controllers": "any_controller assessment compensators",
@@ -71,7 +71,7 @@ ROOMS = {
     "design/tuning": "tuning",
     "design/tuning_cases": "tuning_cases",
     "design/tuning_search": "tuning_search tuning",
-    "linearization": "linearization numeric",
+    "model/linearization": "linearization numeric",
     "loop/": "loop_bounds loop_oracles loop_regressions certificate loop_properties",
     "loop/batch": "loop_batch",
     "loop/curves": "responses",
@@ -83,8 +83,8 @@ ROOMS = {
     "loop/spectrum": "loop_oracles loop_regressions loop_properties",
     "loop/sampled": "sampled_margins sampled",
     "loop/steps": "responses",
-    "numeric": "numeric",
-    "plant": "plant linearization numeric",
+    "model/numeric": "numeric",
+    "model/plant": "plant linearization numeric",
     "simulation/": "scenarios simulation_controllers",
     "simulation/clairvoyant": "compare_runs",
     "simulation/controller_": "controller_files scenarios",
@@ -343,7 +343,7 @@ def sample(rooms: list[str], size: int, seed: int) -> list[Mutant]:
     found: dict[str, Mutant] = {}
     for module in sorted((ROOT / PACKAGE).rglob("*.py")):
         path, content = module.relative_to(ROOT / PACKAGE).as_posix(), module.read_bytes()
-        if path.startswith(tuple(rooms)) and not path.startswith("_generated"):
+        if path.startswith(tuple(rooms)) and "_generated" not in path:
             for mutant in mutants(path, content):
                 key = f"{seed} {path} {mutant.lines(content)}"
                 found[hashlib.sha256(key.encode()).hexdigest()] = mutant

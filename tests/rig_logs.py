@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.numeric import numeric_plant
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.numeric import numeric_plant
+from railslip_ctrl.model.parameters import PARK2008
 
 HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [kN*m]"
 

@@ -13,16 +13,16 @@ from sample_laws import ALL_LAWS, UNPUBLISHED, sample_law
 from scipy.integrate import solve_ivp
 from sympy.core.function import ArgumentIndexError
 
-from railslip_ctrl.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
-from railslip_ctrl.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
-from railslip_ctrl.adhesion.bristle import Bristle
-from railslip_ctrl.adhesion.curve import Curve, curve_force
-from railslip_ctrl.adhesion.table import Table
-from railslip_ctrl.errors import DomainError, InputError, MissingParametersError
-from railslip_ctrl.notation import symbol
-from railslip_ctrl.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
+from railslip_ctrl.model.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
+from railslip_ctrl.model.adhesion.bristle import Bristle
+from railslip_ctrl.model.adhesion.curve import Curve, curve_force
+from railslip_ctrl.model.adhesion.table import Table
+from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 LOAD = 34_500.0
 V100 = 100.0 * KMH

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rig_logs import rig_rows
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.alignment import LONGEST_DELAY, Alignment
 from railslip_ctrl.identification.identify import Identification, Options, curve_of, identify_curve
+from railslip_ctrl.identification.observer.sensors import Encoder
 from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.observer.sensors import Encoder
-from railslip_ctrl.parameters import PARK2008
-from railslip_ctrl.virtual_rig import RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.model.parameters import PARK2008
 
 BEAM = published_tests("beam")[2]
 HALF = BEAM.interval / 2

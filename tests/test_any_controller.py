@@ -8,7 +8,7 @@ import pytest
 import scipy.signal
 
 from railslip_ctrl import assess, linearize, wheel_slip_loop
-from railslip_ctrl.adhesion import ReferenceSlip, published_law
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import (
     PIController,
     StateSpaceController,
@@ -20,12 +20,12 @@ from railslip_ctrl.design.effort import control_effort
 from railslip_ctrl.design.sampled import SampledController, sampled_loop
 from railslip_ctrl.design.sweeps import sweep_speed
 from railslip_ctrl.design.tuning import tune_pi
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import operating_point
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
+from railslip_ctrl.model.linearization import operating_point
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.simulation import LinearControl
 

@@ -16,24 +16,27 @@ import pydantic
 import pytest
 
 import railslip_ctrl
-from railslip_ctrl import errors
-from railslip_ctrl.campaign.sampling import Distribution
-from railslip_ctrl.observer import AdhesionObserver
-from railslip_ctrl.parameters import Record
+from railslip_ctrl.core import errors
+from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.identification.observer import AdhesionObserver
+from railslip_ctrl.model.parameters import Record
+from railslip_ctrl.simulation.campaign.sampling import Distribution
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.sources import SOURCES
 
 ROOT = Path(railslip_ctrl.__file__).parent
-ROOMS = ("adhesion", "campaign", "design", "loop", "observer", "parameters", "reproduction", "simulation", "switching")
+ROOMS = (
+    *("model.adhesion", "model.parameters", "design", "loop", "paper", "simulation", "simulation.campaign"),
+    *("identification.observer", "verification.switching"),
+)
 
 ENTRIES = {
     "identification.identify": ("Identification", "Options", "identify", "identify_several"),
     "design.sampled": ("SampledController",),
     "design.specification": ("Specification",),
-    "linearization": ("LinearPlant", "OperatingPoint"),
-    "sliding.conditions": ("verify",),
+    "model.linearization": ("LinearPlant", "OperatingPoint"),
+    "verification.conditions": ("verify",),
     "sliding.derivation": ("Derivation",),
-    "sliding_verification": ("verify_with_actuator",),
+    "verification.sliding_verification": ("verify_with_actuator",),
 }
 """What is public of the modules that do not list their names."""
 

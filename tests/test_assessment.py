@@ -9,8 +9,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.assessment import Verdict, assess
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import (
     PIController,
     actuated_plant,
@@ -19,11 +18,12 @@ from railslip_ctrl.design import (
     most_phase,
     wheel_slip_loop,
 )
+from railslip_ctrl.design.assessment import Verdict, assess
 from railslip_ctrl.design.holding import needs_feedback
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 
 SPEED = 100 / 3.6
 

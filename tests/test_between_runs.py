@@ -10,7 +10,6 @@ import pytest
 from rig_logs import rig_rows
 from scipy.stats import t as student
 
-from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.identification.between_runs import LEAST_TESTS, between_runs, whole_tests
 from railslip_ctrl.identification.coordinates import Coordinates
 from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
@@ -18,7 +17,8 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.identification.record import Record
 from railslip_ctrl.identification.search import search
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 ROWS = 40  # of a test
 

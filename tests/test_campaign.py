@@ -9,13 +9,23 @@ import pytest
 from campaigns import DEAD_TIME, MASS, PI, SHORT, SOFT, short_campaign, write_campaign
 from scipy import stats
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.campaign import Campaign, Choice, Grid, LogNormal, Normal, Quantity, Sampling, Triangular, Uniform
-from railslip_ctrl.campaign.files import load_campaign
-from railslip_ctrl.campaign.intervals import CONFIDENCE, Moments, quantile_ranks, share
-from railslip_ctrl.campaign.paths import numbers, replaced
-from railslip_ctrl.campaign.selection import order_statistics
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.simulation.campaign import (
+    Campaign,
+    Choice,
+    Grid,
+    LogNormal,
+    Normal,
+    Quantity,
+    Sampling,
+    Triangular,
+    Uniform,
+)
+from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.campaign.intervals import CONFIDENCE, Moments, quantile_ranks, share
+from railslip_ctrl.simulation.campaign.paths import numbers, replaced
+from railslip_ctrl.simulation.campaign.selection import order_statistics
 from railslip_ctrl.simulation.catalogue import controller_named
 from railslip_ctrl.simulation.scenario import Event
 

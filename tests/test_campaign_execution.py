@@ -21,19 +21,19 @@ import pytest
 from campaigns import DEAD_TIME, MASS, PI, SHORT, short_campaign, write_campaign
 from project import script
 
-import railslip_ctrl.campaign.execution as execution
-import railslip_ctrl.campaign.statistics as statistics
-from railslip_ctrl.campaign import Campaign, Grid, Quantity, Uniform, execute, replay, summarise
-from railslip_ctrl.campaign.execution import run_part, run_rows
-from railslip_ctrl.campaign.files import load_campaign
-from railslip_ctrl.campaign.rows import MEASURES, REFUSED
-from railslip_ctrl.campaign.storage import LOCK, MANIFEST, Part, Store
+import railslip_ctrl.simulation.campaign.execution as execution
+import railslip_ctrl.simulation.campaign.statistics as statistics
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PIGains
-from railslip_ctrl.plots.campaign import distributions_figure, replay_figure, scatter_figure
+from railslip_ctrl.model.parameters import PIGains
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome
+from railslip_ctrl.simulation.campaign import Campaign, Grid, Quantity, Uniform, execute, replay, summarise
+from railslip_ctrl.simulation.campaign.execution import run_part, run_rows
+from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.campaign.rows import MEASURES, REFUSED
+from railslip_ctrl.simulation.campaign.storage import LOCK, MANIFEST, Part, Store
 
 OF_STOP = ("braking_time_s", "braking_distance_m", "brake_energy_j", "mean_abs_slip_error")
 """What `simulate --json` has null too of a run that did not stop."""
@@ -199,8 +199,8 @@ def test_two_processes_do_not_write_into_one_folder(tmp_path):
     path, out = write_campaign(tmp_path, 4), tmp_path / "out"
     hold = (
         "import sys, time; from pathlib import Path\n"
-        "from railslip_ctrl.campaign import Store\n"
-        "from railslip_ctrl.campaign.files import load_campaign\n"
+        "from railslip_ctrl.simulation.campaign import Store\n"
+        "from railslip_ctrl.simulation.campaign.files import load_campaign\n"
         "with Store.open(load_campaign(Path(sys.argv[1])), Path(sys.argv[2])).claimed():\n"
         "    print('held', flush=True)\n"
         "    time.sleep(120)\n"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from railslip_ctrl import stabilizing_pi
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import intersection, stabilizing_pid
-from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import Rational
 
 S = ct.tf("s")

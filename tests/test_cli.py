@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import law_classes
+from railslip_ctrl.model.adhesion import law_classes
 
 PUBLISHED_CASE = {"adhesion": "bristle", "rail": "dry", "speed_kmh": 100.0, "slip": 0.132, "mass_kg": 3517.0}
 

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from rich.text import Text
 
-from railslip_ctrl.adhesion import law_class, law_names, load_law, published_law
 from railslip_ctrl.cli.output import print_text
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.columns import UNITS
-from railslip_ctrl.kernels import compilation
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
+from railslip_ctrl.model.kernels import compilation
+from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.layout import WIDTH, columns, render, table
 from railslip_ctrl.sliding.code import generate

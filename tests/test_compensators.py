@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from test_assessment import plant as wheel
 from test_loop_properties import random_loops
 
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
 from railslip_ctrl.design.effort import control_effort
-from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 PI_LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06).transfer_function

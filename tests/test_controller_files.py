@@ -11,14 +11,14 @@ import control as ct
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import ReferenceSlip, published_law
-from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
 
 S = ct.tf("s")

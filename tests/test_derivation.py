@@ -18,12 +18,12 @@ from project import script
 from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class, law_names, published_law
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
-from railslip_ctrl.numeric import numeric_plant
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import law_class, law_names, published_law
+from railslip_ctrl.model.numeric import numeric_plant
+from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.identities import agree_at_random_points, identical, vanishes
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
@@ -200,17 +200,17 @@ import json, sys
 from pathlib import Path
 
 sys.dont_write_bytecode = True  # of one text of the statement would be taken for another's
-FILE = Path("railslip_ctrl/plant.py")
+FILE = Path("railslip_ctrl/model/plant.py")
 
 
 def probe(text, what):
     FILE.write_text(text)
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
-    from railslip_ctrl.parameters import Rail
+    from railslip_ctrl.model.parameters import Rail
     from railslip_ctrl.sliding.derivation import derive
-    from railslip_ctrl.sliding.errata_law import law_errata
-    from railslip_ctrl.sliding.lyapunov_conditions import derivation_checked
+    from railslip_ctrl.paper.errata_law import law_errata
+    from railslip_ctrl.verification.lyapunov_conditions import derivation_checked
 
     d = derive()
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
@@ -219,7 +219,7 @@ def probe(text, what):
     if "errata" in what:
         found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
     if "cycle" in what:
-        from railslip_ctrl.switching import predict_limit_cycle, published_loop
+        from railslip_ctrl.verification.switching import predict_limit_cycle, published_loop
 
         try:
             found["cycle"] = predict_limit_cycle(published_loop(Rail.DRY)).period

@@ -15,15 +15,15 @@ from test_law_files import LAW
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design_report import design_report
-from railslip_ctrl.design_report.records import restricted
-from railslip_ctrl.parameters import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
 from railslip_ctrl.report.html.blocks import Table
 from railslip_ctrl.report.html.design_sections import design_sections
 from railslip_ctrl.report.html.first_page import first_page
 from railslip_ctrl.report.html.page import page
 from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.report.recommendation import design_report
+from railslip_ctrl.report.recommendation.records import restricted
 from railslip_ctrl.simulation import simulate, stop
 from railslip_ctrl.simulation.controller_files import load_controller
 

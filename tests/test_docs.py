@@ -26,23 +26,23 @@ from PIL import Image
 from project import ROOT
 
 import railslip_ctrl
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import beam, law_names, published_law
-from railslip_ctrl.adhesion.beam import integrated_force
 from railslip_ctrl.cli.program import _COMMANDS
+from railslip_ctrl.core.sources import SOURCES
 from railslip_ctrl.identification.cells import BINS
 from railslip_ctrl.identification.record import MOST_ROWS
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import PARK2008, load_vehicle
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import beam, law_names, published_law
+from railslip_ctrl.model.adhesion.beam import integrated_force
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, load_vehicle
+from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.layout import WIDTH
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead
 from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.surface import UNCERTAIN
-from railslip_ctrl.sources import SOURCES
 
 DOCS = ROOT / "docs"
 
@@ -450,7 +450,7 @@ def contributed_command(*words: str) -> list[str]:
 def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch, railslip):
     """Slope c N at no slip, mu N at much, the slip pole from the derivative of tanh by hand."""
     (tmp_path / "kalker.py").write_text(recipe("kalker.py"))
-    package = importlib.import_module("railslip_ctrl.adhesion")
+    package = importlib.import_module("railslip_ctrl.model.adhesion")
     monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
     try:
         assert "kalker" in law_names()
@@ -469,7 +469,7 @@ def test_the_law_of_contributing_is_found_and_linearised(tmp_path, monkeypatch, 
         assert status == 0
         assert json.loads(out)["cases"][0]["adhesion"] == "kalker"
     finally:
-        sys.modules.pop("railslip_ctrl.adhesion.kalker", None)
+        sys.modules.pop("railslip_ctrl.model.adhesion.kalker", None)
     monkeypatch.undo()
     assert "kalker" not in law_names()
 

@@ -7,12 +7,12 @@ import json
 import pytest
 from sample_vehicles import COACH
 
+from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.errors import InfeasibleDesignError
-from railslip_ctrl.parameters import PIGains, load_vehicle
+from railslip_ctrl.model.parameters import PIGains, load_vehicle
 
 COACH_FILE = """
 name = "Coach, quarter car"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import beam
-from railslip_ctrl.sliding import printed
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import beam
+from railslip_ctrl.paper import printed
+from railslip_ctrl.paper.errata import errata
+from railslip_ctrl.paper.errata_numbers import random_disturbance
+from railslip_ctrl.paper.erratum import Erratum, compared
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import errata
-from railslip_ctrl.sliding.errata_numbers import random_disturbance
-from railslip_ctrl.sliding.erratum import Erratum, compared
 
 AGREE = {
     *("(24) with brackets", "(28) = (27)", "(35)", "(36)", "(37)", "(41)", "(42)", "(43)"),

@@ -12,7 +12,7 @@ import pytest
 from project import ROOT, script, show
 from test_verification import VERDICTS
 
-from railslip_ctrl import plots
+from railslip_ctrl.report import plots
 
 PROBE = """
 import json, sys
@@ -22,13 +22,13 @@ sys.dont_write_bytecode = True  # of one text of the plant would be taken for an
 
 
 def probe(text):
-    Path("railslip_ctrl/plant.py").write_text(text, encoding="utf-8")
+    Path("railslip_ctrl/model/plant.py").write_text(text, encoding="utf-8")
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
-    from railslip_ctrl.parameters import PARK2008
+    from railslip_ctrl.model.parameters import PARK2008
     from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-    from railslip_ctrl.sliding.lyapunov_conditions import lyapunov_conditions
-    from railslip_ctrl.sliding.reaching_bound import least_gain, reference_set
+    from railslip_ctrl.verification.lyapunov_conditions import lyapunov_conditions
+    from railslip_ctrl.verification.reaching_bound import least_gain, reference_set
 
     found = {one.name: one.holds for one in lyapunov_conditions(PARK2008, PUBLISHED_LAW, seed=1)}
     return found | {"K_min": least_gain(PARK2008, reference_set(PARK2008, sigmas=1.0))}
@@ -60,7 +60,7 @@ def probed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flipped")
     ignore = shutil.ignore_patterns("plant.*.pyc")  # the other modules stay compiled
     shutil.copytree(ROOT / "railslip_ctrl", folder / "railslip_ctrl", ignore=ignore)
-    text = (folder / "railslip_ctrl" / "plant.py").read_text(encoding="utf-8")
+    text = (folder / "railslip_ctrl" / "model" / "plant.py").read_text(encoding="utf-8")
     assert all(text.count(old) == 1 for old, _, _ in FLIPS)
     asked = json.dumps([text, *(text.replace(old, new) for old, new, _ in FLIPS)])
     command, environment = [sys.executable, "-c", PROBE], {**os.environ, "PYTHONPATH": str(folder)}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from project import script, show
 
-from railslip_ctrl.adhesion import load_law
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import load_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 
 def test_from_log(tmp_path, capsys, monkeypatch):

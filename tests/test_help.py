@@ -18,13 +18,13 @@ from project import ROOT
 from rig_logs import rig_rows, write_log
 
 from railslip_ctrl import __version__
-from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.cli import main
 from railslip_ctrl.cli.options import Quantity
 from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
-from railslip_ctrl.parameters import Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.parameters import Rail
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

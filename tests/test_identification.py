@@ -9,18 +9,8 @@ import numpy as np
 import pytest
 from rig_logs import rig_rows
 
-from railslip_ctrl.adhesion import (
-    AdhesionLaw,
-    ReferenceSlip,
-    initial_speeds_in,
-    law_class,
-    load_law,
-    published_law,
-    wheel_load_in,
-)
-from railslip_ctrl.adhesion.bristle import published_coefficients
-from railslip_ctrl.adhesion.curve import curve_force
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.cells import Accumulator
 from railslip_ctrl.identification.comparison import compare, too_few
 from railslip_ctrl.identification.coordinates import FLAT, Coordinates
@@ -32,9 +22,19 @@ from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.profile import profile_interval
 from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
 from railslip_ctrl.identification.regimes import Regimes, peak_slip
-from railslip_ctrl.numeric import adhesion_coefficient
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.model.adhesion import (
+    AdhesionLaw,
+    ReferenceSlip,
+    initial_speeds_in,
+    law_class,
+    load_law,
+    published_law,
+    wheel_load_in,
+)
+from railslip_ctrl.model.adhesion.bristle import published_coefficients
+from railslip_ctrl.model.adhesion.curve import curve_force
+from railslip_ctrl.model.numeric import adhesion_coefficient
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH

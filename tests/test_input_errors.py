@@ -39,16 +39,16 @@ from railslip_ctrl import (
     stabilizing_pi,
     tune_pi,
 )
-from railslip_ctrl.adhesion import ReferenceSlip, law_class, wheel_load_in
-from railslip_ctrl.arguments import check_fields, checked, complexes, number, numbers
-from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.core.arguments import check_fields, checked, complexes, number, numbers
 from railslip_ctrl.design import actuated_plant, margin_grid, outline
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.pade import pade
-from railslip_ctrl.parameters import Record, Wheel
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
+from railslip_ctrl.model.parameters import Record, Wheel
+from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.files import load_scenario
 from railslip_ctrl.simulation.published import published_pi
@@ -248,7 +248,7 @@ def test_a_call_refuses_in_one_line_of_the_package(line: str) -> None:
     assert refusal(CALLS[line]) == line.rstrip()
 
 
-ROOMS = ("adhesion", "design", "loop", "parameters", "simulation")
+ROOMS = ("model.adhesion", "model.parameters", "design", "loop", "simulation")
 
 VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
@@ -283,6 +283,7 @@ VALID: dict[str, object] = {
 """What the arguments without a default may be, by name; and of a function of its own where it means another thing."""
 
 OWN: dict[str, dict[str, object]] = {
+    "campaign": {"controllers": [PI]},
     "fundamental_limits": {"plant": LAG},
     "plant_at": {"law": "bristle"},
     "simulate": {"controller": published_pi("bristle")},

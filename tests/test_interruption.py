@@ -11,15 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from railslip_ctrl.folders import LOCK, claimed
-from railslip_ctrl.kernels.compilation import CACHE_VARIABLE
+from railslip_ctrl.core.folders import CACHE_VARIABLE, LOCK, claimed
 from railslip_ctrl.report.files import write_files
 
 # A command whose work is done by two processes, for minutes; the word is written once they are there, or about to be.
 WORK = """
 import os, time
 from railslip_ctrl.cli import main, program
-from railslip_ctrl.machine import processes
+from railslip_ctrl.core.processes import processes
 
 def run(_):
     with processes(2) as submit:
@@ -120,8 +119,8 @@ def test_a_lock_that_a_killed_command_left_is_none(tmp_path: Path) -> None:
 def test_without_a_cache_folder_no_temporary_one_stays(tmp_path: Path, variable: str) -> None:
     """One for the run and its processes, which goes with it."""
     code = (
-        "from railslip_ctrl.kernels.compilation import cache_folder\n"
-        "from railslip_ctrl.machine import processes\n"
+        "from railslip_ctrl.core.folders import cache_folder\n"
+        "from railslip_ctrl.core.processes import processes\n"
         "mine = cache_folder()\n"
         "with processes(1) as submit: print(mine == cache_folder() == submit(cache_folder).result(), mine.is_dir())\n"
     )

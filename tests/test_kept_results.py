@@ -7,9 +7,9 @@ import os
 import numpy as np
 import pytest
 
-from railslip_ctrl import kept as module
-from railslip_ctrl.kept import kept
-from railslip_ctrl.kernels.compilation import CACHE_VARIABLE
+from railslip_ctrl.core import cache as module
+from railslip_ctrl.core.cache import kept
+from railslip_ctrl.core.folders import CACHE_VARIABLE
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ import sys
 import pytest
 from project import refused
 
-from railslip_ctrl.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law, published_law
-from railslip_ctrl.adhesion.burckhardt import Burckhardt
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.law_sources import source_at
-from railslip_ctrl.linearization import operating_point
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law, published_law
+from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
+from railslip_ctrl.model.law_sources import source_at
+from railslip_ctrl.model.linearization import operating_point
+from railslip_ctrl.model.parameters import PARK2008
 from railslip_ctrl.report.text import case_title
 
 PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"
@@ -21,9 +21,9 @@ SLIPS = "[reference_slip]\ndry = 0.1\nwet = 0.1\n"
 OVER = 'law = "burckhardt"\ninitial_speed_range = [30, 140]\n[polynomials]\nc1 = [0.4, -1e-3]\nc2 = [30]\nc3 = [0.2]\n'
 
 LAW = """
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.adhesion.base import Statement
-from railslip_ctrl.units import quantity
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.adhesion.base import Statement
+from railslip_ctrl.core.units import quantity
 
 
 class Coulomb(AdhesionLaw):
@@ -40,7 +40,7 @@ class Coulomb(AdhesionLaw):
     def statement(cls):
         import sympy as sp
 
-        from railslip_ctrl.notation import symbol
+        from railslip_ctrl.core.notation import symbol
 
         friction, creep = cls.symbols()
         return Statement(force=symbol("N") * friction * sp.tanh(creep * symbol("sigma") / symbol("v") / friction))
@@ -141,7 +141,7 @@ def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
 
 
 def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
-    from railslip_ctrl.campaign.files import load_campaign
+    from railslip_ctrl.simulation.campaign.files import load_campaign
 
     file("law.toml", f'law = "burckhardt"\n{PARAMETERS}')
     file("own.toml", 'extends = "park2008"\nadhesion = "law.toml"\n')
@@ -187,7 +187,7 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
 
 
 def test_a_python_file_may_hold_a_law_of_the_package(file):
-    text = "from railslip_ctrl.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
+    text = "from railslip_ctrl.model.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
     assert law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
     assert law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
 

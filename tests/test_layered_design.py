@@ -9,18 +9,18 @@ import pytest
 from project import ROOT, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
-from railslip_ctrl import plots
-from railslip_ctrl.parameters import PARK2008, Rail, load_vehicle
-from railslip_ctrl.sliding_verification import PUBLISHED_ADHESION
-from railslip_ctrl.sliding_verification.layered import (
+from railslip_ctrl.model.parameters import PARK2008, Rail, load_vehicle
+from railslip_ctrl.report import plots
+from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION
+from railslip_ctrl.verification.sliding_verification.layered import (
     bounded_disturbance,
     layered_design,
     published_torque,
     random_torque,
 )
-from railslip_ctrl.sliding_verification.layered_stops import open_loop_slip, range_left
-from railslip_ctrl.sliding_verification.published import stop_loops
-from railslip_ctrl.switching import (
+from railslip_ctrl.verification.sliding_verification.layered_stops import open_loop_slip, range_left
+from railslip_ctrl.verification.sliding_verification.published import stop_loops
+from railslip_ctrl.verification.switching import (
     TABLE4_SLIDING,
     LayeredDesign,
     induced_gains,
@@ -28,8 +28,8 @@ from railslip_ctrl.switching import (
     layer_loop,
     published_loop,
 )
-from railslip_ctrl.switching.simulate import holding_torque, simulate
-from railslip_ctrl.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.switching.simulate import holding_torque, simulate
+from railslip_ctrl.verification.switching.stepped import LayeredLaw
 
 
 def test_induced_gain_of_a_first_order_loop_in_closed_form():

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from sliding_cases import ACTUATOR, effect_on
 
-from railslip_ctrl.errors import DomainError
-from railslip_ctrl.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.switching import (
+from railslip_ctrl.core.errors import DomainError
+from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.verification.switching import (
     LINEAR_CHANGE,
     FeedForward,
     SlidingGains,
@@ -26,9 +26,13 @@ from railslip_ctrl.switching import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from railslip_ctrl.switching.limit_cycle import layer_describing_function, predict_layer_cycle, tsypkin_locus
-from railslip_ctrl.switching.simulate import measure_oscillation, simulate
-from railslip_ctrl.switching.stepped import PublishedLaw
+from railslip_ctrl.verification.switching.limit_cycle import (
+    layer_describing_function,
+    predict_layer_cycle,
+    tsypkin_locus,
+)
+from railslip_ctrl.verification.switching.simulate import measure_oscillation, simulate
+from railslip_ctrl.verification.switching.stepped import PublishedLaw
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from test_assessment import plant as wheel
 from test_loop_properties import rounded
 
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant
 from railslip_ctrl.design.compensators import observer_compensator
 from railslip_ctrl.design.limits import fundamental_limits, least_peak
-from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
-import railslip_ctrl.adhesion
-from railslip_ctrl.adhesion import law_class, published_law
-from railslip_ctrl.adhesion.beam import Beam
-from railslip_ctrl.errors import DomainError, InputError, KinkError
-from railslip_ctrl.linearization import _residual, frozen_speed_plant, linearize, nonlinear_plant, operating_point
-from railslip_ctrl.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
+import railslip_ctrl.model.adhesion
+from railslip_ctrl.core.errors import DomainError, InputError, KinkError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import law_class, published_law
+from railslip_ctrl.model.adhesion.beam import Beam
+from railslip_ctrl.model.linearization import _residual, frozen_speed_plant, linearize, nonlinear_plant, operating_point
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 V100 = 100.0 * KMH
 
@@ -226,8 +226,8 @@ def test_static_laws_without_slip(name: str, slope: float) -> None:
 
 WRONG_LAW = """
 from typing import ClassVar
-from railslip_ctrl.adhesion.base import Statement
-from railslip_ctrl.adhesion.dahl import Dahl
+from railslip_ctrl.model.adhesion.base import Statement
+from railslip_ctrl.model.adhesion.dahl import Dahl
 
 class WrongRest(Dahl):
     name: ClassVar[str] = "wrong_rest"
@@ -241,10 +241,12 @@ class WrongRest(Dahl):
 
 def test_a_law_with_a_wrong_rest_state_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "wrong_rest.py").write_text(WRONG_LAW)
-    monkeypatch.setattr(railslip_ctrl.adhesion, "__path__", [*railslip_ctrl.adhesion.__path__, str(tmp_path)])
+    monkeypatch.setattr(
+        railslip_ctrl.model.adhesion, "__path__", [*railslip_ctrl.model.adhesion.__path__, str(tmp_path)]
+    )
     importlib.invalidate_caches()
     law = law_class("wrong_rest").model_validate({"alpha": 1e4, "Fc": 9e3})
     for slip in (0.1, 0.01):
         with pytest.raises(DomainError, match=r"not at rest \(residual 5.0e-01"):  # z'/sigma = 1 - alpha z/Fc, z halved
             operating_point(law, PARK2008, V100, slip)
-    sys.modules.pop("railslip_ctrl.adhesion.wrong_rest")
+    sys.modules.pop("railslip_ctrl.model.adhesion.wrong_rest")

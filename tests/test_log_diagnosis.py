@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from rig_logs import rig_rows, write_log
 
-from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
 from railslip_ctrl.identification.plausibility import mu_warning
 from railslip_ctrl.identification.rolling import FreeRolling
-from railslip_ctrl.numeric import adhesion_coefficient
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.numeric import adhesion_coefficient
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 BEAM = published_law("beam", Rail.DRY)
 

@@ -8,18 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import law_class, published_law
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.identify import Options, _different_loads, curve_of, identify_curve
+from railslip_ctrl.identification.observer.sensors import Encoder
 from railslip_ctrl.identification.outliers import OutlierFilter
 from railslip_ctrl.identification.regripping import Regripping
 from railslip_ctrl.identification.resolution import Resolution, step_of
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.timing import Lag, lag_warning
-from railslip_ctrl.observer.sensors import Encoder
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.units import KMH
-from railslip_ctrl.virtual_rig import RigTest, run_tests
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
+from railslip_ctrl.model.adhesion import law_class, published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
 RADIUS = PARK2008.wheel.radius

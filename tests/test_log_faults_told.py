@@ -13,8 +13,7 @@ from log_texts import log_text, read, write
 from project import refused
 from rig_logs import rig_rows, write_log
 
-from railslip_ctrl.adhesion import load_law, published_law
-from railslip_ctrl.errors import DomainError, InputError
+from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.identification import fits
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import curve_of
@@ -24,7 +23,8 @@ from railslip_ctrl.identification.models import check_options
 from railslip_ctrl.identification.motion import slip_ramp
 from railslip_ctrl.identification.record import Record
 from railslip_ctrl.identification.timing import Lag, lag_warning
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import load_law, published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.report.identification import identification_text, model_toml
 from railslip_ctrl.report.identification_json import identification_json
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from log_texts import HEADER, log_text, read, write
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.logs import Log
 
 BARE = "time,train speed,wheel speed,brake torque"

@@ -12,8 +12,8 @@ from project import refused
 from rig_logs import rig_rows, write_log
 from scipy import stats
 
-from railslip_ctrl.adhesion import law_class, load_law, published_law
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification import plausibility
 from railslip_ctrl.identification.curves import curve_of, read_curve
@@ -28,12 +28,12 @@ from railslip_ctrl.identification.reference import peak_notes, peak_of_law
 from railslip_ctrl.identification.regimes import Regimes, regimes_of
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.timing import Lag, train_lag
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.plots import drift_figure
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
+from railslip_ctrl.model.adhesion import law_class, load_law, published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
 from railslip_ctrl.report.identification_json import campaign_json, identification_json
-from railslip_ctrl.units import KMH
-from railslip_ctrl.virtual_rig import RigTest, run_tests
+from railslip_ctrl.report.plots import drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
 RADIUS = PARK2008.wheel.radius

@@ -11,8 +11,7 @@ import pytest
 from log_texts import HEADER, log_text, read, write
 from rig_logs import rig_rows, write_log
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification import cells, observed, outliers, rolling
 from railslip_ctrl.identification.columns import NAMES, UNITS, find_columns
 from railslip_ctrl.identification.identify import Options, read_curve
@@ -20,7 +19,8 @@ from railslip_ctrl.identification.logs import LONGEST_LINE, Log
 from railslip_ctrl.identification.outliers import OutlierFilter
 from railslip_ctrl.identification.record import Recorder
 from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 # --- columns -------------------------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational, batch
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
 

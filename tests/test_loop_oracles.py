@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational, spectrum
 from railslip_ctrl.loop.pade import pade
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from property_examples import examples
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, gain_crossovers
 

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.signal import butter
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational
 
 S = ct.tf("s")

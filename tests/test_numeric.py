@@ -18,14 +18,14 @@ import sympy as sp
 from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
-import railslip_ctrl.adhesion
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class, law_names
-from railslip_ctrl.adhesion.curve import curve_force
-from railslip_ctrl.errors import KinkError
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.notation import symbol
-from railslip_ctrl.numeric import (
+import railslip_ctrl.model.adhesion
+from railslip_ctrl.core.errors import KinkError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import law_class, law_names
+from railslip_ctrl.model.adhesion.curve import curve_force
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import (
     FUNCTIONS,
     PACKAGE,
     adhesion_coefficient,
@@ -34,9 +34,9 @@ from railslip_ctrl.numeric import (
     peak,
     plant_parameters,
 )
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.model.parameters import PARK2008
 
-GENERATED = PACKAGE / "_generated"
+GENERATED = PACKAGE / "model" / "_generated"
 
 
 def sampled_states(count: int, seed: int) -> np.ndarray:
@@ -183,10 +183,10 @@ def _run(code: str, *, path: Path | None = None) -> str:
 
 
 TORQUE = """
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.numeric import numeric_plant
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import numeric_plant
+from railslip_ctrl.model.parameters import PARK2008, Rail
 law = published_law("bristle", Rail.DRY)
 point = operating_point(law, PARK2008, 100 / 3.6, 0.132)
 linearize(point)
@@ -209,7 +209,7 @@ def test_an_edited_plant_changes_the_numbers_at_once(scratch_package: Path) -> N
     code = TORQUE + "print(point.brake_torque, numeric_plant(type(law)).generated_in_memory)"
     before, in_memory = _run(code, path=scratch_package).split()
     assert in_memory == "False"
-    source = scratch_package / "railslip_ctrl" / "plant.py"
+    source = scratch_package / "railslip_ctrl" / "model" / "plant.py"
     text = source.read_text()
     assert text.count("-Fa - Fr - Tr / r") == 1
     source.write_text(text.replace("-Fa - Fr - Tr / r", "-Fa + Fr - Tr / r"))
@@ -220,11 +220,11 @@ def test_an_edited_plant_changes_the_numbers_at_once(scratch_package: Path) -> N
 
 
 def test_main_writes_what_is_committed(scratch_package: Path) -> None:
-    target = scratch_package / "railslip_ctrl" / "_generated"
+    target = scratch_package / "railslip_ctrl" / "model" / "_generated"
     for name in ALL_LAWS:
         (target / f"{name}.py").unlink()
         (target / "scalar" / f"{name}.py").unlink()
-    _run("from railslip_ctrl.generate import main; main()", path=scratch_package)
+    _run("from railslip_ctrl.sliding.generate import main; main()", path=scratch_package)
     for file in (file for name in ALL_LAWS for file in (f"{name}.py", f"scalar/{name}.py")):
         assert (target / file).read_text() == (GENERATED / file).read_text()
 
@@ -234,8 +234,8 @@ def test_main_writes_what_is_committed(scratch_package: Path) -> None:
 NEW_LAW = '''
 """Burckhardt's curve under another name, as an example of a law added by one file."""
 from typing import ClassVar
-from railslip_ctrl.adhesion.base import AdhesionLaw, Statement
-from railslip_ctrl.units import quantity
+from railslip_ctrl.model.adhesion.base import AdhesionLaw, Statement
+from railslip_ctrl.core.units import quantity
 
 class NewLaw(AdhesionLaw):
     name: ClassVar[str] = "new_law"
@@ -249,7 +249,7 @@ class NewLaw(AdhesionLaw):
     @classmethod
     def statement(cls):
         import sympy as sp
-        from railslip_ctrl.notation import symbol
+        from railslip_ctrl.core.notation import symbol
         b1, b2, b3 = cls.symbols()
         slip = symbol("sigma") / symbol("v")
         mu = sp.sign(slip) * b1 * (1 - sp.exp(-b2 * sp.Abs(slip))) - b3 * slip
@@ -260,10 +260,12 @@ class NewLaw(AdhesionLaw):
 @pytest.fixture
 def new_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[type]:
     (tmp_path / "new_law.py").write_text(NEW_LAW)
-    monkeypatch.setattr(railslip_ctrl.adhesion, "__path__", [*railslip_ctrl.adhesion.__path__, str(tmp_path)])
+    monkeypatch.setattr(
+        railslip_ctrl.model.adhesion, "__path__", [*railslip_ctrl.model.adhesion.__path__, str(tmp_path)]
+    )
     importlib.invalidate_caches()
     yield law_class("new_law")
-    sys.modules.pop("railslip_ctrl.adhesion.new_law", None)
+    sys.modules.pop("railslip_ctrl.model.adhesion.new_law", None)
 
 
 def test_adding_a_law_is_one_file(new_law: type) -> None:

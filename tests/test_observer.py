@@ -9,12 +9,18 @@ from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from railslip_ctrl import plant
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.observer import FilterObserver, Form, adhesion_coefficient, observer_responses, statement
-from railslip_ctrl.observer.recursion import linear_recursion
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008
-from railslip_ctrl.sliding import printed as sliding_printed
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.identification.observer import (
+    FilterObserver,
+    Form,
+    adhesion_coefficient,
+    observer_responses,
+    statement,
+)
+from railslip_ctrl.identification.observer.recursion import linear_recursion
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008
+from railslip_ctrl.paper import printed as sliding_printed
 
 TAU = 0.08
 S, TAU_SYMBOL = statement.s, statement.tau

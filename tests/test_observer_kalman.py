@@ -9,11 +9,11 @@ import pytest
 from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
 from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
 
-from railslip_ctrl import plant
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.observer import Encoder, KalmanObserver, TorqueSensor, Vibration, observer_responses
-from railslip_ctrl.observer.riccati import sampled_noise
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.identification.observer import Encoder, KalmanObserver, TorqueSensor, Vibration, observer_responses
+from railslip_ctrl.identification.observer.riccati import sampled_noise
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.parameters import PARK2008
 
 INTERVAL = 5e-3
 SHAKE = Vibration(frequency=10 * math.pi, decay=4.0, deviation=200.0)  # [Park2008] p. 55, its size assumed

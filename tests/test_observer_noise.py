@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.errors import DomainError, InputError
-from railslip_ctrl.observer import (
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.identification.observer import (
     BrakeCourse,
     Encoder,
     FilterObserver,
@@ -23,8 +22,9 @@ from railslip_ctrl.observer import (
     observer_errors,
     trade_off,
 )
-from railslip_ctrl.observer.tradeoff import estimated
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.identification.observer.tradeoff import estimated
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.parameters import PARK2008, Rail
 
 INTERVAL = 5e-3
 SPEED = 140 / 3.6

@@ -61,7 +61,7 @@ def test_script_prints_and_draws(module, result, tmp_path, capsys, monkeypatch):
 
 
 def test_figures_show_the_record(module, result):
-    from railslip_ctrl.plots import estimates_figure, observer_responses_figure, tradeoff_figure
+    from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, tradeoff_figure
 
     figure = tradeoff_figure(result.curves, module.LABELS, title="t")
     for ax, curve in zip(figure.axes, result.curves.values(), strict=True):

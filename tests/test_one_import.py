@@ -6,8 +6,8 @@ import control as ct
 import pytest
 
 import railslip_ctrl as rs
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import ReferenceSlip
 
 S = ct.tf("s")
 MINE = 330 * (1 + 0.02 / S) * (0.6 * S + 1) / (0.06 * S + 1)

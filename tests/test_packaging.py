@@ -20,7 +20,12 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     )
     (wheel,) = built.glob("railslip_ctrl-*.whl")
     files = set(zipfile.ZipFile(wheel).namelist())
-    data = ("py.typed", "report/html/templates/report.html", "_generated/scalar/curve.py", "simulation/steps/linear.py")
+    data = (
+        "py.typed",
+        "report/html/templates/report.html",
+        "model/_generated/scalar/curve.py",
+        "simulation/steps/linear.py",
+    )
     assert {f"railslip_ctrl/{name}" for name in data} <= files
     environment = tmp_path / "environment"
     venv.create(environment, with_pip=False)

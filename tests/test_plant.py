@@ -6,12 +6,12 @@ import pytest
 import sympy as sp
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS
 
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class
-from railslip_ctrl.adhesion.dahl import Dahl
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.notation import NOTATION, latex_names, symbol
-from railslip_ctrl.units import quantity
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import NOTATION, latex_names, symbol
+from railslip_ctrl.core.units import quantity
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import law_class
+from railslip_ctrl.model.adhesion.dahl import Dahl
 
 v, sigma, Fa, Tb, Td, Tr = (symbol(name) for name in ("v", "sigma", "Fa", "Tb", "Td", "Tr"))
 M, J, B, r = (symbol(name) for name in ("M", "J", "B", "r"))

@@ -16,19 +16,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
 
-from railslip_ctrl.assessment import assess
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
+from railslip_ctrl.design.assessment import assess
+from railslip_ctrl.design.design_check import controller_group, published_groups
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
-from railslip_ctrl.design_check import controller_group, published_groups
-from railslip_ctrl.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.curves import gang_of_four
 from railslip_ctrl.loop.responses import step_response
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
-from railslip_ctrl.plots import (
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.report.plots import (
     bode_figure,
     gang_of_four_figure,
     nichols_figure,
@@ -38,8 +38,8 @@ from railslip_ctrl.plots import (
     save_figure,
     sweep_figure,
 )
-from railslip_ctrl.plots.designs import _round_levels
-from railslip_ctrl.plots.style import (
+from railslip_ctrl.report.plots.designs import _round_levels
+from railslip_ctrl.report.plots.style import (
     PAGE_WIDTH,
     figure_bytes,
     folded,

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from sliding_cases import AS_PUBLISHED
 
-from railslip_ctrl import plant
-from railslip_ctrl.errors import DomainError, InputError
-from railslip_ctrl.parameters import PARK2008
-from railslip_ctrl.sliding import reaching_bound, robust
-from railslip_ctrl.sliding.closed_loop_samples import AXES, operating_box, surface_rate, worst_point
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.parameters import PARK2008
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.sliding.ideal_loop import simulate
-from railslip_ctrl.sliding.reaching_bound import (
+from railslip_ctrl.verification import reaching_bound, robust
+from railslip_ctrl.verification.closed_loop_samples import AXES, operating_box, surface_rate, worst_point
+from railslip_ctrl.verification.ideal_loop import simulate
+from railslip_ctrl.verification.reaching_bound import (
     holding_torque,
     least_gain,
     operating_set,
@@ -29,16 +29,16 @@ from railslip_ctrl.sliding.reaching_bound import (
     surface_needed,
     tolerated_error,
 )
-from railslip_ctrl.sliding.reaching_conditions import (
+from railslip_ctrl.verification.reaching_conditions import (
     Drift,
     drift,
     measured_drift,
     parameter_step,
     reaching_simulated,
 )
-from railslip_ctrl.sliding.reaching_search import AXES as SEARCHED
-from railslip_ctrl.sliding.reaching_search import approach, points_of, search
-from railslip_ctrl.sliding.robust import (
+from railslip_ctrl.verification.reaching_search import AXES as SEARCHED
+from railslip_ctrl.verification.reaching_search import approach, points_of, search
+from railslip_ctrl.verification.robust import (
     ESTIMATE_ERROR,
     design_gain,
     effective_disturbance,
@@ -256,7 +256,7 @@ def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
     gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
     errors = []
     for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
-        monkeypatch.setattr("railslip_ctrl.sliding.ideal_loop.STEP", step)
+        monkeypatch.setattr("railslip_ctrl.verification.ideal_loop.STEP", step)
         run = simulate(PARK2008, gains, duration=3.0)
         rate = np.gradient(run.V[:, 0], run.time)
         expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
@@ -278,7 +278,7 @@ def test_a_relay_that_chatters_adds_its_own_drift():
 
 
 def test_a_drift_that_the_prediction_misses_is_said_not_to_be_explained(monkeypatch):
-    from railslip_ctrl.sliding import reaching_conditions
+    from railslip_ctrl.verification import reaching_conditions
 
     found = Drift(-2e-13, -3e-13, 6e-16, 0.0, 1e-3)
     monkeypatch.setattr(reaching_conditions, "measured_drift", lambda *_: found)

@@ -10,9 +10,9 @@ import tomllib
 import pytest
 from project import REPORT, ROOT
 
-from railslip_ctrl.adhesion import law_names, load_law
-from railslip_ctrl.campaign import Sampling
-from railslip_ctrl.campaign.files import KEYS_OF, load_campaign
+from railslip_ctrl.model.adhesion import law_names, load_law
+from railslip_ctrl.simulation.campaign import Sampling
+from railslip_ctrl.simulation.campaign.files import KEYS_OF, load_campaign
 from railslip_ctrl.simulation.catalogue import NAMES
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

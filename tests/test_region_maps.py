@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import intersection, margin_grid, outline
-from railslip_ctrl.errors import InputError
 
 S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))

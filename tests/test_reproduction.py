@@ -11,11 +11,11 @@ import pytest
 from html_page import Page
 from scipy.stats import sem
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.numeric import adhesion_coefficient
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.reproduction import (
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.numeric import adhesion_coefficient
+from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.paper import (
     ALTERNATIVES,
     CASES,
     QUANTITIES,
@@ -29,8 +29,8 @@ from railslip_ctrl.reproduction import (
     table3,
     table5,
 )
-from railslip_ctrl.reproduction import facts as facts_module
-from railslip_ctrl.reproduction.table5 import rms_deviation_percent
+from railslip_ctrl.paper import facts as facts_module
+from railslip_ctrl.paper.table5 import rms_deviation_percent
 from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged

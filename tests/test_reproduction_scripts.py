@@ -87,9 +87,9 @@ def test_model_curves(tmp_path, capsys):
 
 
 def test_titles_and_labels_come_from_the_data():
-    from railslip_ctrl.plots.reproduction import run_figures, wet_and_dry_figure
-    from railslip_ctrl.reproduction import published_runs
-    from railslip_ctrl.reproduction.curves import wet_and_dry
+    from railslip_ctrl.paper import published_runs
+    from railslip_ctrl.paper.curves import wet_and_dry
+    from railslip_ctrl.report.plots.reproduction import run_figures, wet_and_dry_figure
 
     runs = published_runs(seed=7, every=200)
     figures = run_figures(runs)

@@ -10,7 +10,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.curves import frequency_curve, gang_of_four
 from railslip_ctrl.loop.realisation import realise

@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.sampled import (
     Rule,
@@ -21,12 +21,12 @@ from railslip_ctrl.design.sampled import (
     sampled_margins,
     suggested_period,
 )
-from railslip_ctrl.errors import InputError, UnstableLoopError
-from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 
 ACTUATOR = PARK2008.actuator
 LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)

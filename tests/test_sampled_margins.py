@@ -9,13 +9,13 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.sampled import SampledController
-from railslip_ctrl.errors import UnstableLoopError
 from railslip_ctrl.loop import Rational, sampled_delay
 from railslip_ctrl.loop.sampled_boxes import BoxedResponse
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.model.parameters import PIGains
 
 
 def gain(value: float) -> Rational:

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.campaign.files import load_campaign
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.numeric import adhesion_coefficient
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.numeric import adhesion_coefficient
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,
@@ -29,6 +28,7 @@ from railslip_ctrl.simulation import (
     built_in_scenario,
     simulate,
 )
+from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
 from railslip_ctrl.simulation.designed import recommended_pi_lead, recommended_schedule, slide_protection
 from railslip_ctrl.simulation.files import load_scenario

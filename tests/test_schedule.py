@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from railslip_ctrl.adhesion import published_law
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.schedule import (
     GainSchedule,
@@ -14,9 +14,9 @@ from railslip_ctrl.design.schedule import (
     schedule_gains,
 )
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.linearization import linearize, operating_point
-from railslip_ctrl.parameters import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains, Rail
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 

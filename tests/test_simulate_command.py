@@ -267,7 +267,7 @@ def test_an_event_after_the_stop_is_not_reached(railslip):
 
 
 def test_the_picture_marks_events_in_time_and_distance(tmp_path):
-    from railslip_ctrl.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.simulation import simulation_figure
 
     run = simulate(load_scenario(events_scenario(tmp_path)), published_controller("pi"), seed=0, record_every=10)
     marks = [run.signals.time[np.argmax(run.signals.mass >= mass)] for mass in (3700.0, 3800.0, 4000.0)]
@@ -295,8 +295,8 @@ def test_a_speed_outside_the_published_range_names_where_it_came_from(railslip, 
 
 
 def test_the_references_stand_last_in_figs_14_and_15():
-    from railslip_ctrl.plots.reproduction import model_figures
-    from railslip_ctrl.reproduction import model_curves
+    from railslip_ctrl.paper import model_curves
+    from railslip_ctrl.report.plots.reproduction import model_figures
 
     for axes in model_figures(model_curves())["figs_14_15"].axes:
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
@@ -314,7 +314,7 @@ def test_a_folder_takes_report_series_and_pictures(railslip, tmp_path):
 
 
 def test_the_picture_shows_the_signals():
-    from railslip_ctrl.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.simulation import simulation_figure
 
     run = simulate(built_in_scenario("park2008"), published_controller("pi"), seed=1, record_every=10)
     speeds, slip, torque, adhesion = simulation_figure(run).axes

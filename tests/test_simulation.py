@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
-from railslip_ctrl.parameters import TABLE4_PI
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.parameters import TABLE4_PI
 from railslip_ctrl.simulation import LinearControl, Outcome, Simulator, built_in_scenario, simulate
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)

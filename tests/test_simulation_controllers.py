@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 from generated_code import begun
 
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import actuated_plant, wheel_slip_loop
 from railslip_ctrl.design.families import family_margins
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.tuning import tune_pi
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
-from railslip_ctrl.scalar_code import adhesion_table
+from railslip_ctrl.identification.virtual_rig import RigProcedure
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+from railslip_ctrl.model.scalar_code import adhesion_table
 from railslip_ctrl.simulation import (
     LinearControl,
     ScheduledControl,
@@ -49,7 +50,6 @@ from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
-from railslip_ctrl.virtual_rig import RigProcedure
 
 SCENARIO = built_in_scenario("park2008")
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)

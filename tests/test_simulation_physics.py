@@ -20,12 +20,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from railslip_ctrl import DeadTimeLoop
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.adhesion.curve import curve_force
 from railslip_ctrl.design.controllers import wheel_slip_loop
-from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.adhesion.curve import curve_force
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,

@@ -14,19 +14,19 @@ import sympy as sp
 from generated_code import Compiled, begun, fields, needs_compiler, parameters, same
 from sample_laws import ALL_LAWS, sample_law
 
-from railslip_ctrl.adhesion import law_names, published_law
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.kernels.compilation import module_of
-from railslip_ctrl.parameters import PARK2008, Rail
-from railslip_ctrl.sliding import ideal_loop
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import law_names, published_law
+from railslip_ctrl.model.kernels.compilation import module_of
+from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.code_head import SOURCES
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
 from railslip_ctrl.sliding.generated import LAW_FILE, generate_law, law_source
-from railslip_ctrl.sliding.ideal_loop import STEP, Disturbances, simulate
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 from railslip_ctrl.sliding.symbols import sliding_symbol
+from railslip_ctrl.verification import ideal_loop
+from railslip_ctrl.verification.ideal_loop import STEP, Disturbances, simulate
 
 REFERENCES = ("proportional", "constant")
 CASES = [(reference, law) for law in (None, *ALL_LAWS) for reference in REFERENCES]

@@ -18,9 +18,9 @@ from generated_code import COMPILER, Compiled, begun, fields, needs_compiler, pa
 from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 
 import railslip_ctrl
-from railslip_ctrl.adhesion import law_class, law_names, load_law, published_law
-from railslip_ctrl.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.parameters import PARK2008, Rail
+from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.code_head import HOLD_TIME, KEPT, NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
@@ -226,7 +226,7 @@ def test_the_head_tells_where_the_code_comes_from_and_what_does_not_hold(tmp_pat
             assert f"held for {HOLD_TIME:g} s" in told
             assert "Units: SI" in told
             if name is not None and code.law.measured == ("v", "omega"):
-                path = Path(railslip_ctrl.__file__).parent / "adhesion" / f"{name}.py"
+                path = Path(railslip_ctrl.__file__).parent / "model" / "adhesion" / f"{name}.py"
                 assert f"{name}.py, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" in told
             assert ("its state z" in told) == (name in DYNAMIC_LAWS)
     assert "double adhesion_alpha; /* stiffness of the bristles, N/m */" in texts()["bristle"].c

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import published_law
 from railslip_ctrl.design import PIController
-from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import disturbance_response, step_response
-from railslip_ctrl.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
 
 SPEED = 100 / 3.6
 STEP = 1e-3  # s; the dead time is 150 steps

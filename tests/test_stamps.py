@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from log_texts import log_text, read, with_stamps, write
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.logs import Log
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.stamps import BESIDE, FAR, StampFilter

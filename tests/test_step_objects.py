@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.campaign.execution import execute
-from railslip_ctrl.campaign.specification import Campaign
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import operating_point
-from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.linearization import operating_point
+from railslip_ctrl.model.parameters import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation.campaign.execution import execute
+from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.designed import full_brake_torque
 from railslip_ctrl.simulation.step_objects import StepControl, as_control

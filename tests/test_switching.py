@@ -11,13 +11,13 @@ import pytest
 import sympy as sp
 from sliding_cases import ACTUATOR, DESIGN, IDEAL, READINGS, effect_on
 
-from railslip_ctrl import plant
-from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
-from railslip_ctrl.linearization import linearize
-from railslip_ctrl.notation import symbol
-from railslip_ctrl.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.linearization import linearize
+from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.sliding.generated import generated_law
-from railslip_ctrl.switching import (
+from railslip_ctrl.verification.switching import (
     FeedForward,
     SlidingGains,
     actuation,
@@ -38,12 +38,12 @@ from railslip_ctrl.switching import (
     smallest_layer,
     survivors,
 )
-from railslip_ctrl.switching.adaptation import first_limit, survivable_excursion, without_actuator
-from railslip_ctrl.switching.advice import advice_text
-from railslip_ctrl.switching.law import OMEGA_UNIT_FACTOR
-from railslip_ctrl.switching.limit_cycle import predict_layer_cycle
-from railslip_ctrl.switching.simulate import measure_oscillation, simulate
-from railslip_ctrl.switching.stepped import PublishedLaw
+from railslip_ctrl.verification.switching.adaptation import first_limit, survivable_excursion, without_actuator
+from railslip_ctrl.verification.switching.advice import advice_text
+from railslip_ctrl.verification.switching.law import OMEGA_UNIT_FACTOR
+from railslip_ctrl.verification.switching.limit_cycle import predict_layer_cycle
+from railslip_ctrl.verification.switching.simulate import measure_oscillation, simulate
+from railslip_ctrl.verification.switching.stepped import PublishedLaw
 
 # --- the loop around s ---------------------------------------------------------------------------------------------
 
@@ -452,6 +452,6 @@ def test_simulations_that_are_refused():
 
 def test_a_law_without_reference_slip_is_refused(monkeypatch):
     without = published_loop(Rail.DRY).plant.point.law.model_copy(update={"reference": None})
-    monkeypatch.setattr("railslip_ctrl.switching.effects.published_law", lambda *_args, **_kwargs: without)
+    monkeypatch.setattr("railslip_ctrl.verification.switching.effects.published_law", lambda *_args, **_kwargs: without)
     with pytest.raises(InputError, match="no reference slip"):
         published_loop(Rail.DRY)

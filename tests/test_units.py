@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.units import KMH, shown, to_unit
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, shown, to_unit
 
 # conversions are a product or two in floating point
 ROUNDING = 1e-12
@@ -115,7 +115,7 @@ def test_text_with_its_unit_and_plain_numbers_need_no_more() -> None:
     ],
 )
 def test_power_towers_and_code_never_reach_the_unit_parser(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("railslip_ctrl.units._registry", lambda: pytest.fail("the text reached Pint"))
+    monkeypatch.setattr("railslip_ctrl.core.units._registry", lambda: pytest.fail("the text reached Pint"))
     with pytest.raises(InputError, match="is not a unit"):
         to_unit(text, "m", name="x")
 

@@ -11,19 +11,19 @@ import pytest
 from project import script, show
 from sliding_cases import AS_PUBLISHED
 
-from railslip_ctrl import plots
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PARK2008
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.paper.errata import errata
+from railslip_ctrl.report import plots
 from railslip_ctrl.report.verification import verification_text
 from railslip_ctrl.sliding.code_head import NOT_HOLDING
-from railslip_ctrl.sliding.conditions import verify
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW, LawGains
-from railslip_ctrl.sliding.ideal_loop import Disturbances, simulate, true_theta
-from railslip_ctrl.sliding.reaching_conditions import ultimate_bound
-from railslip_ctrl.sliding.reaching_search import AXES, approach, points_of
-from railslip_ctrl.sliding.robust import (
+from railslip_ctrl.verification.conditions import verify
+from railslip_ctrl.verification.ideal_loop import Disturbances, simulate, true_theta
+from railslip_ctrl.verification.reaching_conditions import ultimate_bound
+from railslip_ctrl.verification.reaching_search import AXES, approach, points_of
+from railslip_ctrl.verification.robust import (
     boundary_layer,
     dead_zone,
     effective_torque,
@@ -36,7 +36,7 @@ from railslip_ctrl.sliding.robust import (
     projection,
     robust_set,
 )
-from railslip_ctrl.sliding.robust_conditions import (
+from railslip_ctrl.verification.robust_conditions import (
     boundary_layer_bound,
     boundary_layer_runs,
     dead_zone_condition,
@@ -45,7 +45,7 @@ from railslip_ctrl.sliding.robust_conditions import (
     leak_bound,
     projected,
 )
-from railslip_ctrl.sliding_verification import FullVerification
+from railslip_ctrl.verification.sliding_verification import FullVerification
 
 VERDICTS = {
     "derivation": True,

@@ -11,8 +11,8 @@ import pytest
 from project import script
 from scipy.integrate import solve_ivp
 
-from railslip_ctrl.adhesion import AdhesionLaw, law_class, load_law, published_law
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import plausibility
 from railslip_ctrl.identification.fits import Fit, Parameter, fit
 from railslip_ctrl.identification.identify import (
@@ -28,13 +28,13 @@ from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.motion import along_the_motion, is_followed, slip_ramp
 from railslip_ctrl.identification.record import Record
 from railslip_ctrl.identification.reference import peak_of_fit
-from railslip_ctrl.numeric import numeric_plant, peak
-from railslip_ctrl.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.plots import adhesion_figure, coefficients_figure
+from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
+from railslip_ctrl.model.numeric import numeric_plant, peak
+from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.report.identification import campaign_toml
 from railslip_ctrl.report.identification_json import campaign_json
-from railslip_ctrl.units import KMH
-from railslip_ctrl.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
 V30, V100 = 30.0 * KMH, 100.0 * KMH

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import click
 
-from railslip_ctrl.campaign.execution import Replay, execute, replay
-from railslip_ctrl.campaign.files import load_campaign
-from railslip_ctrl.campaign.specification import Campaign
-from railslip_ctrl.campaign.statistics import CampaignSummary, check_measure, summarise
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import remarks
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.parameters import remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.simulation.campaign.execution import Replay, execute, replay
+from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.campaign.specification import Campaign
+from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 
 from .output import print_json, print_text, progress
 from .settings import HELP
@@ -95,8 +95,8 @@ def command(
 
 
 def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> None:
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.campaign import replay_figure
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.campaign import replay_figure
 
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
@@ -126,8 +126,8 @@ def _write_csv(again: Replay, controller: str, path: Path) -> None:
 
 
 def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.plots import save_figure
-    from railslip_ctrl.plots.campaign import distributions_figure, scatter_figure
+    from railslip_ctrl.report.plots import save_figure
+    from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
 
     writers: dict[str, Callable[[Path], None]] = {
         "report.txt": lambda path: _write_text(path, text),

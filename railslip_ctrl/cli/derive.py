@@ -8,14 +8,14 @@ from typing import get_args
 
 import click
 
-from railslip_ctrl.adhesion import AdhesionLaw, law_class, law_names
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
+from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH
+from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.files import check_directory, write_files
 from railslip_ctrl.sliding.code import generate
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.errata import errata
 from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
 from railslip_ctrl.sliding.surface import Reference
 

@@ -10,19 +10,19 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, shown, to_unit
 from railslip_ctrl.identification.columns import UNITS
 from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify, identify_several
 from railslip_ctrl.identification.log_files import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.parameters import PARK2008, Rail, Vehicle, load_vehicle, remarks
+from railslip_ctrl.model.parameters import PARK2008, Rail, Vehicle, load_vehicle, remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
 from railslip_ctrl.report.identification_json import campaign_json, identification_json
 from railslip_ctrl.report.observed_rows import observed_rows
-from railslip_ctrl.units import KMH, shown, to_unit
 
 from .options import Quantity, from_file
 from .output import print_json, print_text, progress
@@ -284,7 +284,13 @@ def _file_names(count: int) -> list[str]:
 def _writers(
     found: Identification | Campaign, text: str, content: Mapping[str, Any]
 ) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.plots import adhesion_figure, braking_figure, coefficients_figure, drift_figure, save_figure
+    from railslip_ctrl.report.plots import (
+        adhesion_figure,
+        braking_figure,
+        coefficients_figure,
+        drift_figure,
+        save_figure,
+    )
 
     logs = (found,) if isinstance(found, Identification) else found.logs
     more = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from railslip_ctrl.linearization import linearize
+from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.report import linear_plant_json, linearize_text
 
 from .options import CaseOptions, case_options

@@ -8,14 +8,14 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.assessment import assess
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.assessment import assess
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.tuning_cases import FILTER_RATIO
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import OperatingPoint, linearize
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.parameters import PIGains, table4_gains
+from railslip_ctrl.model.linearization import OperatingPoint, linearize
+from railslip_ctrl.model.parameters import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.report.judging import judgement_json, judgement_text
 
@@ -105,7 +105,7 @@ def command(
 
 def given_controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:
     """The controller of `--controller`, for the vehicle of a point."""
-    from railslip_ctrl.adhesion import ReferenceSlip
+    from railslip_ctrl.model.adhesion import ReferenceSlip
     from railslip_ctrl.simulation.catalogue import controller_named, default_column
 
     held = point.law.reference or ReferenceSlip(dry=point.slip, wet=point.slip)

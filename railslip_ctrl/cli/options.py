@@ -13,7 +13,10 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from railslip_ctrl.adhesion import (
+from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.core.units import KMH, to_unit
+from railslip_ctrl.design.envelope import Envelope, load_envelope
+from railslip_ctrl.model.adhesion import (
     AdhesionLaw,
     initial_speeds_in,
     is_over_initial_speed,
@@ -24,11 +27,8 @@ from railslip_ctrl.adhesion import (
     published_law,
     wheel_load_in,
 )
-from railslip_ctrl.design.envelope import Envelope, load_envelope
-from railslip_ctrl.errors import InputError, RailslipError
-from railslip_ctrl.linearization import OperatingPoint, operating_point
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle, remarks
-from railslip_ctrl.units import KMH, to_unit
+from railslip_ctrl.model.linearization import OperatingPoint, operating_point
+from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle, remarks
 
 F = TypeVar("F", bound=Callable[..., Any])
 L = TypeVar("L")

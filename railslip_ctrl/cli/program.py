@@ -12,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from railslip_ctrl import __version__
-from railslip_ctrl.errors import InputError, RailslipError
+from railslip_ctrl.core.errors import InputError, RailslipError
 
 from .settings import HELP
 
@@ -56,8 +56,8 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command, after a look at its options for one that is given twice; InputError for one there is not."""
         if args[0] not in _COMMANDS and not ctx.resilient_parsing:
-            from railslip_ctrl.parameters.validation import close_match
-            from railslip_ctrl.units import shown
+            from railslip_ctrl.core.units import shown
+            from railslip_ctrl.model.parameters.validation import close_match
 
             near = close_match(args[0].lower(), _COMMANDS).rstrip()
             raise InputError(f"{shown(args[0])} is no command; {near or 'choose one of ' + ', '.join(_COMMANDS)}")

@@ -12,11 +12,10 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design_report import DesignReport, design_report
-from railslip_ctrl.folders import claimed
-from railslip_ctrl.linearization import OperatingPoint
-from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.parameters import PIGains
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
 from railslip_ctrl.report.html.design_sections import design_sections
@@ -24,6 +23,7 @@ from railslip_ctrl.report.html.first_page import RECOMMENDED, first_page
 from railslip_ctrl.report.html.page import page
 from railslip_ctrl.report.layout import WIDTH, width
 from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.report.recommendation import DesignReport, design_report
 
 from .margins import given_controller
 from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, chosen_gains, envelope_options, gain_options
@@ -111,8 +111,8 @@ def _made(
     found: DesignReport, whole: bool, source: Provenance, rest: str, told: Callable[[str], None]
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
-    from railslip_ctrl.plots.design_report import report_drawings
-    from railslip_ctrl.plots.style import figure_files
+    from railslip_ctrl.report.plots.design_report import report_drawings
+    from railslip_ctrl.report.plots.style import figure_files
 
     told("pictures")
     pictures = {name: figure_files(make()) for name, make in report_drawings(found).items()}

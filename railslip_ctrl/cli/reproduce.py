@@ -12,18 +12,18 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.adhesion import published_law
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import OperatingPoint, operating_point
-from railslip_ctrl.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import OperatingPoint, operating_point
+from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
+from railslip_ctrl.paper import Fact, Table5, published_facts, sensitivity, table3, table5
+from railslip_ctrl.paper.runs import MOST_SEEDS, checked_seeds
+from railslip_ctrl.paper.sensitivity import DEFAULT_SEEDS as SENSITIVITY_SEEDS
+from railslip_ctrl.paper.table5 import DEFAULT_SEEDS
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.provenance import Provenance
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
-from railslip_ctrl.reproduction import Fact, Table5, published_facts, sensitivity, table3, table5
-from railslip_ctrl.reproduction.runs import MOST_SEEDS, checked_seeds
-from railslip_ctrl.reproduction.sensitivity import DEFAULT_SEEDS as SENSITIVITY_SEEDS
-from railslip_ctrl.reproduction.table5 import DEFAULT_SEEDS
-from railslip_ctrl.units import KMH
 
 from .output import print_json, print_text, progress, provenance
 from .settings import HELP
@@ -95,17 +95,22 @@ def _writers(
     text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
 ) -> dict[str, Callable[[Path], None]]:
     """What writes each file."""
-    from railslip_ctrl.design_check import published_groups
-    from railslip_ctrl.kept import kept
-    from railslip_ctrl.plots.loops import bode_figure, nyquist_figure
-    from railslip_ctrl.plots.reproduction import deviations_figure, model_figures, run_figures, wet_and_dry_figure
-    from railslip_ctrl.plots.style import figure_files
+    from railslip_ctrl.core.cache import kept
+    from railslip_ctrl.design.design_check import published_groups
+    from railslip_ctrl.paper import model_curves, published_runs
+    from railslip_ctrl.paper.curves import wet_and_dry
+    from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.report.html.page import page
     from railslip_ctrl.report.html.reproduction_page import reproduction_first_page, reproduction_sections
-    from railslip_ctrl.reproduction import model_curves, published_runs
-    from railslip_ctrl.reproduction.curves import wet_and_dry
+    from railslip_ctrl.report.plots.loops import bode_figure, nyquist_figure
+    from railslip_ctrl.report.plots.reproduction import (
+        deviations_figure,
+        model_figures,
+        run_figures,
+        wet_and_dry_figure,
+    )
+    from railslip_ctrl.report.plots.style import figure_files
     from railslip_ctrl.sliding.derivation import derive
-    from railslip_ctrl.sliding.errata import errata
 
     started = time.perf_counter()
     progress("errata, and Table 4's gains in both readings")

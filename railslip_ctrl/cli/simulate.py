@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.report.files import check_directory, check_file, write_files
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
 from railslip_ctrl.simulation import Run, Simulator
@@ -109,8 +109,8 @@ def _seed(text: str) -> int:
 
 
 def _writers(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.plots.simulation import simulation_figure
-    from railslip_ctrl.plots.style import save_figure
+    from railslip_ctrl.report.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.style import save_figure
 
     figure = simulation_figure(run)
     text = (simulation_text(run, law_speed), json.dumps(content, indent=2, allow_nan=False) + "\n")

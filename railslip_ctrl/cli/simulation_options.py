@@ -11,17 +11,17 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from railslip_ctrl.adhesion import ReferenceSlip, law_names
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.parameters import Rail, Vehicle, remarks
-from railslip_ctrl.parameters.validation import close_match
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
+from railslip_ctrl.model.parameters import Rail, Vehicle, remarks
+from railslip_ctrl.model.parameters.validation import close_match
 from railslip_ctrl.simulation import Scenario
 from railslip_ctrl.simulation.catalogue import NAMES, controller_named, default_column, reference_of
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import is_tuned_when_asked
 from railslip_ctrl.simulation.published import COLUMNS, Column, published_reference
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
-from railslip_ctrl.units import KMH
 
 from .options import Quantity, chosen_gains, is_law_file, law_from_file, warn
 from .output import progress
@@ -109,7 +109,7 @@ class ScenarioOptions:
         """The scenario's vehicle or the file's, with what was given of it."""
         vehicle = own
         if self.vehicle is not None:
-            from railslip_ctrl.parameters import load_vehicle
+            from railslip_ctrl.model.parameters import load_vehicle
 
             path = self.vehicle
             vehicle = _naming("--vehicle", lambda: load_vehicle(path))

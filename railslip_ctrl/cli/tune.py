@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.envelope_tuning import tune_over
 from railslip_ctrl.design.tuning import Specification
 from railslip_ctrl.design.tuning_cases import tune_cases
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import OperatingPoint, linearize
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.linearization import OperatingPoint, linearize
+from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
 from railslip_ctrl.simulation.designed import braking_control

@@ -11,8 +11,8 @@ import math
 import numpy as np
 from flint import arb, ctx
 
-from railslip_ctrl.arguments import number, numbers
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import number, numbers
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.crossings import Response
 from railslip_ctrl.loop.exact import SIZE, ExactLoop

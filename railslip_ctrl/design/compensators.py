@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 

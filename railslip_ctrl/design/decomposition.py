@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import fmpq_poly
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, gain_crossovers
 from railslip_ctrl.loop.polynomials import Axis, fraction

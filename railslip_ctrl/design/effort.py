@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.units import KMH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.arguments import checked
-from railslip_ctrl.errors import InfeasibleDesignError
-from railslip_ctrl.linearization import LinearPlant
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.linearization import LinearPlant
+from railslip_ctrl.model.parameters import Rail
 
 from .controllers import PIController
 from .envelope import Envelope, EnvelopePoints

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.arguments import checked
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
-from railslip_ctrl.parameters import Actuator
-from railslip_ctrl.rounding import rounded_up
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.parameters import Actuator
 
 from .controllers import wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints
@@ -76,7 +76,7 @@ class MsMap:
 
     def plot(self) -> Any:
         """The map as a matplotlib figure, its numbers in cells."""
-        plots = import_module("railslip_ctrl.plots")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
         return plots.ms_map_figure({"": self}, title="Worst Ms over speed and load")
 
 

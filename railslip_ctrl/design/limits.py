@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, frequency_nodes
 from railslip_ctrl.loop.rootfinding import bracketed_roots

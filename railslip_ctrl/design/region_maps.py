@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number, numbers
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import checked, number, numbers
+from railslip_ctrl.core.errors import InputError
 
 from .families import family_margins
 from .intervals import Intervals

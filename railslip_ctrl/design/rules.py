@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.parameters import PIGains
+from railslip_ctrl.model.parameters import PIGains
 
 # Relative imaginary part that rounding leaves of a triple real root of an expanded polynomial.
 _REAL = 1e-3

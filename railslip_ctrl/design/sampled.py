@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import check_fields, checked, number
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.linearization import LinearPlant
+from railslip_ctrl.core.arguments import check_fields, checked, number
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.loop.sampled_system import check_period
-from railslip_ctrl.parameters import Actuator
+from railslip_ctrl.model.linearization import LinearPlant
+from railslip_ctrl.model.parameters import Actuator
 
 from .controllers import (
     LinearController,

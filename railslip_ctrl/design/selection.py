@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.arguments import checked
-from railslip_ctrl.errors import InfeasibleDesignError
-from railslip_ctrl.parameters import PIGains
-from railslip_ctrl.rounding import rounded_up
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.parameters import PIGains
 
 from .controllers import PIController, wheel_slip_loop
 from .envelope import Envelope, EnvelopePoints

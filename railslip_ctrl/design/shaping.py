@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import frequency_curve
 from railslip_ctrl.loop.rootfinding import bracketed_roots

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from railslip_ctrl.arguments import check_fields
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import check_fields
+from railslip_ctrl.core.errors import InputError
 
 ROBUST_MS = 2.0
 """Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.stability import RootCount, count_right_of
 
@@ -125,7 +125,7 @@ class Region(ABC):
         InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
         """
         strips, grid = import_module("railslip_ctrl.design.region_maps").region_map(self, kp_limit, ki_limit)
-        plots = import_module("railslip_ctrl.plots")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
         title = "Gains that stabilise"
         return plots.region_figure(strips, grid, chosen or {}, title=title, kp_unit="u/y", ki_unit="u/(y·s)")
 

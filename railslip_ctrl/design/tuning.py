@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number, numbers
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.arguments import checked, number, numbers
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 
 from .families import Worst, family_margins, worst_of

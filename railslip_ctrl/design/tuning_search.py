@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import InfeasibleDesignError
+from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
 

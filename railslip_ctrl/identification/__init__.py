@@ -1,1 +1,4 @@
-"""From a log to an adhesion model: reading, observing, adhesion-slip curves, fits, and the slip to hold."""
+"""From a log to a model: adhesion observers, reading and checking logs, fits, a virtual rig to try them on.
+
+Imports `simulation` and what is below. A newcomer begins with `identify`.
+"""

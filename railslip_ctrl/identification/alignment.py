@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters.validation import close_match
-from railslip_ctrl.units import shown
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import shown
+from railslip_ctrl.model.parameters.validation import close_match
 
 from .columns import UNITS
 from .rows import Rows

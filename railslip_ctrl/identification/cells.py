@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
 
 from .observed import Observed
 

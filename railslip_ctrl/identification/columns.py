@@ -21,9 +21,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters.validation import close_match
-from railslip_ctrl.units import shown, to_unit
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import shown, to_unit
+from railslip_ctrl.model.parameters.validation import close_match
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {

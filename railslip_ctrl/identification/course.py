@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.observer.filters import FilterObserver, Form
-from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.model.parameters import Vehicle
 
+from .observer.filters import FilterObserver, Form
 from .record import Record
 
 Floats = NDArray[np.float64]

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.parameters import Vehicle
 
 from .alignment import Alignment, corrections_told
 from .cells import Accumulator, Bins, Cells, SlipCounts, Stretches

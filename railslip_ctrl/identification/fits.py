@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.adhesion import AdhesionLaw
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import AdhesionLaw
 
 from .cells import Cells, Stretches
 from .coordinates import Coordinates

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 
 from .columns import Column, find_columns, is_unit, with_units
 from .log_files import LogFile

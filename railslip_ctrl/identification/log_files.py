@@ -13,8 +13,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters.validation import file_name
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.parameters.validation import file_name
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

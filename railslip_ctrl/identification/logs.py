@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.units import shown
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import shown
 
 from .columns import UNITS
 from .header import BLANKS, COMMENT, is_number, read_header, split_cells

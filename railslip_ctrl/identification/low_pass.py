@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.observer.recursion import linear_recursion
+from .observer.recursion import linear_recursion
 
 Floats = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.parameters import Rail
 
 
 def law_toml(

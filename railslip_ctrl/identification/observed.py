@@ -15,13 +15,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.observer.filters import FilterObserver, Form
-from railslip_ctrl.observer.kalman import KalmanObserver
-from railslip_ctrl.parameters import Vehicle
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.parameters import Vehicle
 
 from .low_pass import LowPass
+from .observer.filters import FilterObserver, Form
+from .observer.kalman import KalmanObserver
 from .record import Recorder
 from .regripping import Regripping
 from .rolling import LOWEST_SPEED, FreeRolling

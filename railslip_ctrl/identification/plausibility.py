@@ -12,9 +12,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import DomainError, InputError
-from railslip_ctrl.numeric import peak
-from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.model.numeric import peak
+from railslip_ctrl.model.parameters import Vehicle
 
 from .fits import Fit, Parameter
 from .models import Setting

@@ -30,10 +30,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.observer.recursion import linear_recursion
-from railslip_ctrl.parameters import Vehicle
+from railslip_ctrl.model.parameters import Vehicle
 
 from .models import FitModel
+from .observer.recursion import linear_recursion
 from .record import Record
 from .search import PULL, search
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from railslip_ctrl.adhesion import AdhesionLaw
-from railslip_ctrl.numeric import adhesion_coefficient, peak
-from railslip_ctrl.parameters import Rail
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.numeric import adhesion_coefficient, peak
+from railslip_ctrl.model.parameters import Rail
 
 from .fits import NORMAL_QUANTILE, Fit
 from .models import FitModel

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.parameters import Vehicle
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.parameters import Vehicle
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 
 from .rows import Floats, Lines, Rows
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.units import KMH
+from railslip_ctrl.core.units import KMH
 
 from .record import Record
 

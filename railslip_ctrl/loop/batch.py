@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 
 from .batch_points import DELICATE, Loops, Points, band, bounds, divided, levels, located, monotone
 from .deadtime import DeadTimeLoop

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import arb, ctx
 
-from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import Pieces, Response, limits, located
 from .exact import AXIS, GAIN, MOST_BITS, PHASE, SIZE

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.arguments import checked, number
+from railslip_ctrl.core.arguments import checked, number
 
 from .deadtime import DeadTimeLoop
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import ctx
 
-from railslip_ctrl.arguments import checked, complexes, number, numbers
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.arguments import checked, complexes, number, numbers
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
@@ -247,7 +247,9 @@ class DeadTimeLoop:
         return self._drawn("nichols")
 
     def _drawn(self, kind: str) -> Any:
-        return import_module("railslip_ctrl.plots").loop_figure(self, kind)  # a room above, asked for by the user
+        return import_module("railslip_ctrl.report.plots").loop_figure(
+            self, kind
+        )  # a room above, asked for by the user
 
     # -- margins ------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import fmpq, fmpq_poly
 
-from railslip_ctrl.arguments import checked, number
+from railslip_ctrl.core.arguments import checked, number
 
 from .polynomials import rounded_roots
 from .rational import Rational

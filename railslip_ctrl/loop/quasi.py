@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .crossings import Pieces, Response, phase_crossovers
 from .margins import Margins, compute_margins, gain_limits, stabilizing_range

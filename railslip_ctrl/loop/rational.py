@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import fmpq_poly
 
-from railslip_ctrl.arguments import complexes, number, real, reals
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import complexes, number, real, reals
+from railslip_ctrl.core.errors import InputError
 
 from .polynomials import characteristic_polynomial, coefficients, expanded, fraction, rounded_roots
 

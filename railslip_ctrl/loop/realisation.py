@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 
 from .rational import Rational
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import number
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.errors import InputError
 
 from .rational import Rational
 from .realisation import realise

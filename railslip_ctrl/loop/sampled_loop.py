@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from railslip_ctrl.errors import UnstableLoopError
+from railslip_ctrl.core.errors import UnstableLoopError
 
 from .sampled_margins import compute_sampled_margins, stabilizing_range
 from .sampled_system import SampledSystem

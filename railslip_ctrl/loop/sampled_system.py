@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from railslip_ctrl.arguments import number
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.errors import InputError
 
 from .rational import Rational
 from .realisation import realise

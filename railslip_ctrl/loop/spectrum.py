@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from railslip_ctrl.errors import RailslipError
+from railslip_ctrl.core.errors import RailslipError
 
 from .rational import Rational
 from .stability import count_right_of

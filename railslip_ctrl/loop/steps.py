@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from railslip_ctrl.errors import InputError
+from railslip_ctrl.core.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

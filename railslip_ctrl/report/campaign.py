@@ -9,12 +9,12 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
-from railslip_ctrl.campaign.execution import Replay
-from railslip_ctrl.campaign.intervals import CONFIDENCE, Estimate
-from railslip_ctrl.campaign.rows import COLUMNS, MEASURES, Measure, measured
-from railslip_ctrl.campaign.sampling import Sampling
-from railslip_ctrl.campaign.specification import Quantity, described
-from railslip_ctrl.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
+from railslip_ctrl.simulation.campaign.execution import Replay
+from railslip_ctrl.simulation.campaign.intervals import CONFIDENCE, Estimate
+from railslip_ctrl.simulation.campaign.rows import COLUMNS, MEASURES, Measure, measured
+from railslip_ctrl.simulation.campaign.sampling import Sampling
+from railslip_ctrl.simulation.campaign.specification import Quantity, described
+from railslip_ctrl.simulation.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
 from railslip_ctrl.simulation.run import Outcome, Run
 
 from .jsonable import number

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.design_report import DesignReport, Stop
+from railslip_ctrl.report.recommendation import DesignReport, Stop
 from railslip_ctrl.simulation import LinearControl
 
 from .html.blocks import FirstPage

@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.machine import undisturbed
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.processes import undisturbed
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:

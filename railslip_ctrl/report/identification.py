@@ -8,14 +8,14 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_known
 from railslip_ctrl.identification.reference import PeakSlip
-from railslip_ctrl.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip
 
 from .layout import counted, facts, fixed, heading, render, table
 

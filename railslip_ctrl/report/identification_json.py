@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Identification
@@ -13,7 +14,6 @@ from railslip_ctrl.identification.regimes import Regimes
 from railslip_ctrl.identification.resolution import ColumnStep
 from railslip_ctrl.identification.rolling import Rolling
 from railslip_ctrl.identification.timing import TrainLag
-from railslip_ctrl.units import KMH
 
 from .jsonable import number
 

@@ -8,10 +8,10 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.assessment import assess
+from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.design.assessment import assess
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, WorstCase
-from railslip_ctrl.rounding import rounded_up
 
 from .jsonable import margins_json
 from .layout import facts, fixed, heading, render, table

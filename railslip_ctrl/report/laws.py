@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from railslip_ctrl.adhesion import AdhesionLaw
+from railslip_ctrl.model.adhesion import AdhesionLaw
 
 
 def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:

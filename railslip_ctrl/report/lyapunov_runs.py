@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from railslip_ctrl.lyapunov_runs import LyapunovRun
+from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
 from .layout import heading, render, table
 

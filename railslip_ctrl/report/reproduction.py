@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.reproduction import (
+from railslip_ctrl.paper import (
     QUANTITIES,
     READING,
     TOLERANCE_PERCENT,
@@ -20,7 +20,7 @@ from railslip_ctrl.reproduction import (
     Table3,
     Table5,
 )
-from railslip_ctrl.reproduction.table3 import (
+from railslip_ctrl.paper.table3 import (
     PRINTED_BEAM_MEAN,
     PRINTED_BRISTLE_MEAN,
     PRINTED_IMPROVEMENT_PERCENT,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.run_comparison import ControllerRow, RunComparison
+from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 
 from .layout import fixed, heading, render, table
 

@@ -10,9 +10,10 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
-from railslip_ctrl.law_sources import GIVEN, law_words, source_of
-from railslip_ctrl.parameters import Rail, remarks
+from railslip_ctrl.model.law_sources import GIVEN, law_words, source_of
+from railslip_ctrl.model.parameters import Rail, remarks
 from railslip_ctrl.simulation import (
     LinearControl,
     Run,
@@ -26,7 +27,6 @@ from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.happenings import happenings
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.gains import LawGains
-from railslip_ctrl.units import KMH
 
 from .jsonable import controller_json, number
 from .laws import law_json

@@ -12,16 +12,16 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from railslip_ctrl.adhesion import AdhesionLaw
-from railslip_ctrl.assessment import Assessment, PadeRow
+from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded_down, rounded_up
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
+from railslip_ctrl.design.assessment import Assessment, PadeRow
 from railslip_ctrl.design.controllers import LinearController
-from railslip_ctrl.law_sources import PUBLISHED, source_at, words_at
-from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import Certificate, Margins
-from railslip_ctrl.parameters import Actuator, Rail, Vehicle, remarks
-from railslip_ctrl.rounding import BOUND_DIGITS, rounded_down, rounded_up
-from railslip_ctrl.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.law_sources import PUBLISHED, source_at, words_at
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.model.parameters import Actuator, Rail, Vehicle, remarks
 
 from .jsonable import open_loop_unstable_poles
 from .layout import counted, facts, fixed, heading, render, roots_text, table

@@ -12,9 +12,9 @@ from railslip_ctrl.design.families import Worst
 from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.design.tuning_cases import TunedCases
-from railslip_ctrl.law_sources import source_at, words_at
-from railslip_ctrl.linearization import OperatingPoint
 from railslip_ctrl.loop import Margins
+from railslip_ctrl.model.law_sources import source_at, words_at
+from railslip_ctrl.model.linearization import OperatingPoint
 
 from .jsonable import case_json, margin_numbers, number
 from .judging import judgement_parts

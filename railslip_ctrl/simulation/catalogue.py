@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from railslip_ctrl.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.controllers import PIController
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import PIGains, Vehicle
-from railslip_ctrl.parameters.validation import close_match
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.parameters import PIGains, Vehicle
+from railslip_ctrl.model.parameters.validation import close_match
 
 from .designed import recommended_pi_lead, recommended_schedule, slide_protection
 from .published import Column, published_controller, published_pi, published_reference

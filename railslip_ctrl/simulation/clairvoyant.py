@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.numeric import peak, plant_parameters
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.numeric import peak, plant_parameters
+from railslip_ctrl.model.parameters import Rail
 
 from .scenario import Event, Scenario, event_place
 

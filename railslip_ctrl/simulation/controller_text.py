@@ -6,8 +6,8 @@ import json
 import math
 from typing import Any
 
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.controllers import LinearController, PIController, PolynomialController
-from railslip_ctrl.errors import InputError
 
 
 def linear_text(control: Any) -> str:

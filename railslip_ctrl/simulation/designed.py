@@ -11,14 +11,14 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from railslip_ctrl.adhesion import ReferenceSlip
-from railslip_ctrl.arguments import checked
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 
 from .controllers import LinearControl, ScheduledControl, SlideProtection
 from .published import published_reference
@@ -27,8 +27,8 @@ from .scenario import named_law
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from railslip_ctrl.linearization import LinearPlant
     from railslip_ctrl.loop.batch import BatchMargins
+    from railslip_ctrl.model.linearization import LinearPlant
 
 MS_MAX = 2.0
 """Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
@@ -240,7 +240,7 @@ def initial_torque(vehicle: Vehicle) -> float:
 
 def design_points(vehicle: Vehicle, laws: tuple[str, ...] = ("curve", "bristle")) -> list[LinearPlant]:
     """The linear plants the designs are tuned for: laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
-    from railslip_ctrl.linearization import linearize, operating_point
+    from railslip_ctrl.model.linearization import linearize, operating_point
 
     plants = []
     for name in laws:

@@ -21,13 +21,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from railslip_ctrl.adhesion import AdhesionLaw, load_law
-from railslip_ctrl.arguments import checked
-from railslip_ctrl.errors import InputError, MissingParametersError
-from railslip_ctrl.parameters import PARK2008, Vehicle, load_vehicle
-from railslip_ctrl.parameters.files import vehicle_from_keys
-from railslip_ctrl.parameters.validation import file_name, given_path, read_toml, validated
-from railslip_ctrl.units import KMH, quantity, shown, to_unit
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError, MissingParametersError
+from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
+from railslip_ctrl.model.adhesion import AdhesionLaw, load_law
+from railslip_ctrl.model.parameters import PARK2008, Vehicle, load_vehicle
+from railslip_ctrl.model.parameters.files import vehicle_from_keys
+from railslip_ctrl.model.parameters.validation import file_name, given_path, read_toml, validated
 
 from .scenario import BUILT_IN, Scenario, built_in_scenario, named_law
 

@@ -6,10 +6,10 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from railslip_ctrl.adhesion import AdhesionLaw
 from railslip_ctrl.design import difference
-from railslip_ctrl.kernels.compilation import module_of
-from railslip_ctrl.kernels.text import module_text, plain
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.kernels.compilation import module_of
+from railslip_ctrl.model.kernels.text import module_text, plain
 
 _HERE = Path(__file__).parent
 

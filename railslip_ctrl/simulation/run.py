@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.arguments import checked, number
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.scalar_code import WORKS
-from railslip_ctrl.units import KMH, shown
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, shown
+from railslip_ctrl.model.scalar_code import WORKS
 
 from . import kernel as layout
 from .controllers import Controller
@@ -170,7 +170,7 @@ class Run:
         """
         if self.signals is None:
             raise InputError("run: it was not recorded; simulate it with record_every=1")
-        plots = import_module("railslip_ctrl.plots.simulation")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots.simulation")  # a room above this one, asked for by the user
         return plots.simulation_figure(self)
 
     @property

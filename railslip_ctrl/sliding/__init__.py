@@ -1,1 +1,4 @@
-"""The adaptive sliding-mode law: derived from the plant, its errata, its code, its conditions."""
+"""The adaptive sliding-mode law, derived from the plant in SymPy, and its code in Python and C.
+
+Imports `model` and `core`. A newcomer begins with `derivation`.
+"""

@@ -21,7 +21,7 @@ KEPT = ("command", "missing", "ready")
 PACKAGE = Path(__file__).parents[1]
 
 SOURCES = (
-    *("plant.py", "notation.py"),
+    *("model/plant.py", "core/notation.py"),
     *("sliding/adaptation.py", "sliding/code_head.py", "sliding/code_python.py", "sliding/derivation.py"),
     *("sliding/identities.py", "sliding/reaching.py", "sliding/sampled_law.py", "sliding/statement_steps.py"),
     *("sliding/steps.py", "sliding/surface.py", "sliding/symbols.py"),

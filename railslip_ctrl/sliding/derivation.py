@@ -13,10 +13,10 @@ from functools import cache
 
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import law_class
-from railslip_ctrl.arguments import checked
-from railslip_ctrl.sources import cite
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.sources import cite
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import law_class
 
 from .adaptation import PHI, Adaptation, derive_adaptation
 from .identities import linear_solution, vanishes

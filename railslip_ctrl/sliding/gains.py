@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import TABLE4_SLIDING_PRINTED
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED
 
 
 @dataclass(frozen=True)

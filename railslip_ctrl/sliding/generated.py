@@ -11,11 +11,11 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from railslip_ctrl.kernels.text import plain
+from railslip_ctrl.model.kernels.text import plain
 
 from .code_head import KEPT, PACKAGE, sources_hash
 
-LAW_FILE = PACKAGE / "_generated" / "sliding_law.py"
+LAW_FILE = PACKAGE / "model" / "_generated" / "sliding_law.py"
 
 _HEAD = "# mypy: ignore-errors\n"
 

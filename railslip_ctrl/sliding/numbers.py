@@ -8,9 +8,9 @@ from typing import Any
 
 import sympy as sp
 
-from railslip_ctrl.adhesion import AdhesionLaw
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.parameters import Rail
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.parameters import Rail
 
 from .code import LawCode
 from .code_c import c_source

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.sources import cite
+from railslip_ctrl.core.sources import cite
+from railslip_ctrl.model import plant
 
 from .identities import identical, linear_solution
 from .steps import Step, step

@@ -36,9 +36,9 @@ from pathlib import Path
 
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.adhesion import AdhesionLaw, law_class
-from railslip_ctrl.notation import NOTATION
+from railslip_ctrl.core.notation import NOTATION
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 
 from .code_head import file_hash
 from .derivation import Derivation

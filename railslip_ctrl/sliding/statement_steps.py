@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.notation import symbol
-from railslip_ctrl.sources import cite
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.sources import cite
+from railslip_ctrl.model import plant
 
 from .identities import identical, vanishes
 from .steps import Step, step

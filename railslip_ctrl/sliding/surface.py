@@ -7,9 +7,9 @@ from typing import Literal, get_args
 
 import sympy as sp
 
-from railslip_ctrl import plant
-from railslip_ctrl.errors import InputError
-from railslip_ctrl.sources import cite
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.sources import cite
+from railslip_ctrl.model import plant
 
 from .identities import identical, linear_solution
 from .steps import Step, step

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import sympy as sp
 
-from railslip_ctrl.notation import Notation, latex_names
+from railslip_ctrl.core.notation import Notation, latex_names
 
 _ENTRIES = (
     Notation("s", "s", "m/s", "sliding variable e + rho * integral of e"),

@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from railslip_ctrl.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
 from railslip_ctrl.simulation import built_in_scenario
+from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
 from railslip_ctrl.simulation.published import published_pi
 
 RUNS = 1000

@@ -23,11 +23,11 @@ import numba
 import numpy as np
 import pytest
 
-from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
-from railslip_ctrl.numeric import plant_parameters
-from railslip_ctrl.parameters import TABLE4_PI, PIGains
-from railslip_ctrl.scalar_code import adhesion_table, powers
+from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.numeric import plant_parameters
+from railslip_ctrl.model.parameters import TABLE4_PI, PIGains
+from railslip_ctrl.model.scalar_code import adhesion_table, powers
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
 from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.step_objects import StepControl
@@ -224,7 +224,7 @@ def c_functions() -> str:
     import sympy as sp
     from sympy.printing.c import C99CodePrinter
 
-    from railslip_ctrl import plant
+    from railslip_ctrl.model import plant
 
     law = type(published_scenario().adhesion)
     closed = plant.close(law)
@@ -305,9 +305,9 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
 # --- start ------------------------------------------------------------------------------------------------------------
 
 ONE_RUN = """
-from railslip_ctrl.adhesion import ReferenceSlip
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
-from railslip_ctrl.parameters import TABLE4_PI, PIGains
+from railslip_ctrl.model.parameters import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 reference = ReferenceSlip(dry=0.132, wet=0.092)
 simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference))

@@ -6,12 +6,12 @@ import math
 
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
-from railslip_ctrl.design_report import DesignReport, Rival
-from railslip_ctrl.linearization import linearize
-from railslip_ctrl.parameters import doubts
+from railslip_ctrl.model.linearization import linearize
+from railslip_ctrl.model.parameters import doubts
 from railslip_ctrl.report.judging import envelope_words
+from railslip_ctrl.report.recommendation import DesignReport, Rival
 from railslip_ctrl.report.text import law_facts, vehicle_facts
-from railslip_ctrl.sliding.verdict import Condition
+from railslip_ctrl.verification.verdict import Condition
 
 from .blocks import Block, Facts, Paragraph, Picture, Section, Table
 from .numbers import NONE, above, below, listed, minus, roots, short

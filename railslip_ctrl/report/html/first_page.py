@@ -9,7 +9,7 @@ import numpy as np
 
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.design_report import DesignReport, Stop
+from railslip_ctrl.report.recommendation import DesignReport, Stop
 
 from .blocks import FirstPage, Picture
 from .numbers import above, below, minus, short

@@ -6,9 +6,9 @@ import math
 import re
 from collections.abc import Iterable
 
+from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded, rounded_down, rounded_up
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.report.layout import fixed, roots_text
-from railslip_ctrl.rounding import BOUND_DIGITS, rounded, rounded_down, rounded_up
 
 MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")
 """Columns of `margin_cells`."""

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.sources import SOURCES
 from railslip_ctrl.report.provenance import Provenance, software
-from railslip_ctrl.sources import SOURCES
 
 from .blocks import Block, Details, FirstPage, Picture, Section, Table, pictures_in
 from .typography import with_units

@@ -1,1 +1,0 @@
-"""Numeric plant modules, one a law, written by `python -m railslip_ctrl.numeric`."""

@@ -1,0 +1,83 @@
+"""Folders: the cache, and those to write into, by one process at a time."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+from .errors import InputError
+
+LOCK = ".lock"
+
+CACHE_VARIABLE = "RAILSLIP_CACHE"
+"""Environment variable that names another folder for compiled kernels, and for results that are kept."""
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """A folder, made if missing, for this process alone; one that was made and stays empty goes again.
+
+    The lock is the operating system's, and ends with the process. InputError where another process has it or the folder
+    cannot be written to.
+    """
+    from filelock import FileLock, Timeout
+
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    lock = FileLock(folder / LOCK)
+    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InputError(
+                f"--out: {str(folder)!r} is being written to by another process; wait for it, or choose another folder"
+            ) from None
+        except OSError as error:
+            raise unwritable(folder, error) from None
+        yield
+    finally:
+        if lock.is_locked:
+            with suppress(OSError):  # while it is held: who has opened it by now finds it gone, and makes another
+                (folder / LOCK).unlink()
+            lock.release()
+        for one in made:
+            with suppress(OSError):
+                one.rmdir()
+
+
+def unwritable(folder: Path, error: OSError) -> InputError:
+    """What to raise where a folder cannot be written to."""
+    return InputError(
+        f"--out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
+    )
+
+
+def cache_folder(kind: str = "kernels") -> Path:
+    """Where a kind of thing is kept: `RAILSLIP_CACHE`, or the user's cache folder; one for this run if it is shut."""
+    from platformdirs import user_cache_path
+
+    given = os.environ.get(CACHE_VARIABLE)
+    folder = (Path(given) if given else user_cache_path("railslip_ctrl")) / kind
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        folder = _temporary() / kind
+        folder.mkdir(exist_ok=True)
+        return folder
+
+
+@cache
+def _temporary() -> Path:
+    """A folder for this process and those that it starts from now on, which goes with it."""
+    folder = tempfile.mkdtemp(prefix="railslip-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ[CACHE_VARIABLE] = folder
+    return Path(folder)

@@ -1,0 +1,239 @@
+"""The stability assessment of one wheel-slip loop at one operating point: what the reports show."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.design import actuated_plant, wheel_slip_loop
+from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
+from railslip_ctrl.loop.deadtime import MOST_POLES
+from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled_system import MOST_PERIODS
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.model.parameters import Actuator
+
+from .controllers import LinearController, linear_controller
+from .limits import Limits, fundamental_limits
+from .sampled import sampled_loop
+from .specification import is_robust
+
+PADE_ORDERS = (1, 2, 3, 4, 5)
+
+
+class Verdict(StrEnum):
+    """What a loop is, in a word."""
+
+    UNSTABLE = "unstable"
+    NO_FEEDBACK = "no feedback"
+    FRAGILE = "stable but fragile"
+    ROBUST = "robust"
+
+
+@dataclass(frozen=True)
+class PadeRow:
+    """The same loop with the dead time replaced by a Pade approximation; `margins` is None where that is unstable."""
+
+    order: int
+    margins: Margins | None
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """One loop, assessed; printed, its report.
+
+    Attributes
+    ----------
+    label : str
+        Name of the controller.
+    plant, controller, actuator
+        What the loop is of, SI.
+    loop : DeadTimeLoop or SampledLoop
+        The latter of a discrete controller.
+    limits : Limits
+        What no controller can beat.
+    stable, marginal : bool
+        Stable; with poles on the imaginary axis.
+    unstable_poles : float
+        Number of closed-loop poles in the closed right half plane.
+    closed_loop_poles : array, 1-D
+        The rightmost, 1/s.
+    stabilizing_gain_range : tuple or None
+        Factors on the loop gain.
+    margins : Margins or None
+        None of an unstable loop.
+    pade : tuple of PadeRow
+        The same with Pade approximations.
+    verdict : Verdict
+        In a word.
+    as_run, sampled
+        The sampled loop of a continuous controller that says how it is run, and its margins.
+    """
+
+    label: str
+    plant: LinearPlant
+    controller: LinearController
+    actuator: Actuator
+    loop: Any
+    limits: Limits
+    stable: bool
+    marginal: bool
+    unstable_poles: float
+    closed_loop_poles: NDArray[np.complex128]
+    stabilizing_gain_range: tuple[float, float] | None
+    margins: Margins | None
+    pade: tuple[PadeRow, ...]
+    verdict: Verdict
+    as_run: SampledLoop | None = None
+    sampled: Margins | None = None
+
+    def __str__(self) -> str:
+        return str(import_module("railslip_ctrl.report").margins_text([self]))  # a room above this one
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The operating point."""
+        return self.plant.point
+
+    @property
+    def verdict_line(self) -> str:
+        """The verdict in a sentence, with the number that decides it, and what a mass given alone left as it was."""
+        alone = self.point.vehicle.mass_alone
+        return f"{self._decided}. {alone}" if alone else self._decided
+
+    @property
+    def _decided(self) -> str:
+        if self.verdict is Verdict.NO_FEEDBACK:
+            return f"{self.verdict.value}: its gain is 0, and the wheel is stable by itself; this is no controller"
+        if self.margins is not None:
+            return f"{self.verdict.value} (Ms {rounded_up(self.margins.ms):g})"
+        how_many = (
+            "a chain of closed-loop poles"
+            if math.isinf(self.unstable_poles)
+            else f"{self.unstable_poles:g} closed-loop pole{'' if self.unstable_poles == 1 else 's'}"
+        )
+        where = "on the imaginary axis" if self.marginal else "in the right half plane"
+        usable = self.stabilizing_gain_range
+        remedy = (
+            "no loop gain of this controller stabilises it"
+            if usable is None
+            else f"{usable[0]:.4g} to {usable[1]:.4g} times this loop gain would stabilise it"
+        )
+        return f"{self.verdict.value}: {how_many} {where}; {remedy}"
+
+
+def limits_of(plant: LinearPlant, actuator: Actuator) -> Limits:
+    """What the plant and the actuator leave to any controller; see `design.limits`."""
+    return fundamental_limits(actuated_plant(plant, actuator), actuator.dead_time, lag=actuator.lag)
+
+
+@checked
+def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: str = "", poles: int = 6) -> Assessment:
+    """Assess the loop of a linear plant, a controller and an actuator, the dead time exact.
+
+    Parameters
+    ----------
+    plant : LinearPlant
+        The wheel, from `linearize`.
+    controller : linear system
+        From slip error (m/s) to torque at the wheel (N*m): `PIController`, a python-control system, continuous or
+        discrete, or what else `design.controllers.linear_controller` takes.
+    actuator : Actuator
+        Dead time and lag between commanded and acting torque.
+    label : str
+        Name of the controller in reports; its structure unless given.
+    poles : int
+        Number of rightmost closed-loop poles to find, 1 to 1000.
+
+    Returns
+    -------
+    Assessment
+        Limits, closed-loop poles (1/s, 1-D of length `poles` at most), margins (None of an unstable loop), Pade rows
+        and verdict.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a number of poles out of its range.
+    """
+    number("poles", poles, ge=1, le=MOST_POLES)
+    design = linear_controller(controller, plant.point)
+    loop = wheel_slip_loop(plant, design, actuator)
+    stable = loop.is_stable()
+    margins = loop.margins() if stable else None
+    run = None if isinstance(loop, SampledLoop) else _as_run(controller, plant, actuator)
+    return Assessment(
+        label=label or design.structure,
+        plant=plant,
+        controller=design,
+        actuator=actuator,
+        loop=loop,
+        limits=limits_of(plant, actuator),
+        stable=stable,
+        margins=margins,
+        stabilizing_gain_range=loop.stabilizing_gain_range,
+        verdict=_verdict(margins, design),
+        as_run=run,
+        sampled=run.margins() if run is not None and run.is_stable() else None,
+        **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
+    )
+
+
+def _as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+    """The sampled loop of a controller that says how it is run, unless its period is too short to make a difference."""
+    sampled = getattr(controller, "as_run", None)
+    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
+        return None
+    return sampled_loop(sampled, plant, actuator)
+
+
+def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:
+    return {
+        "marginal": loop.root_count.marginal,
+        "unstable_poles": loop.unstable_closed_loop_poles,
+        "closed_loop_poles": _poles_found(loop, poles),
+        "pade": tuple(_pade_row(loop, order) for order in PADE_ORDERS),
+    }
+
+
+def _of_sampled(loop: SampledLoop, poles: int) -> dict[str, Any]:
+    """Poles by s = ln(z)/h; those at z = 0, which decay at once, left out."""
+    z = loop.closed_loop_poles
+    return {
+        "marginal": bool(np.any(np.abs(z) == 1)),
+        "unstable_poles": float(np.count_nonzero(np.abs(z) >= 1)),
+        "closed_loop_poles": np.log(z[z != 0])[:poles] / loop.period,
+        "pade": (),
+    }
+
+
+def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
+    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one."""
+    for asked in range(count, 0, -1):
+        try:
+            return loop.closed_loop_poles(asked)
+        except (SpectrumError, InputError):
+            continue
+    return np.array([], dtype=np.complex128)
+
+
+def _verdict(margins: Margins | None, controller: LinearController) -> Verdict:
+    if margins is None:
+        return Verdict.UNSTABLE
+    if controller.transfer_function.gain == 0:  # Ms is 1: of nothing
+        return Verdict.NO_FEEDBACK
+    return Verdict.ROBUST if is_robust(margins.ms) else Verdict.FRAGILE
+
+
+def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
+    approximate = loop.pade(order)
+    return PadeRow(order, approximate.margins() if approximate.is_stable() else None)

@@ -1,0 +1,237 @@
+"""A brake rig of the mind: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
+
+The wheel rolls freely at v0; the brake torque is ramped up; past the peak of the adhesion the slip grows by itself, and
+at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car give way as the train would.
+The random adhesion force and the sensors scatter the results; the rail of a test may differ from that of the next.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
+from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail, Vehicle
+from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
+from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.kernel_text import step_text
+
+from .observer.sensors import Encoder
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+TEST_SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)
+"""[Park2008] Table 1."""
+
+COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "brake torque [kN*m]", "wheel load [kN]")
+"""Header of a written log."""
+
+RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
+"""The rig's own brake, this project's assumption: fast enough that the wheel does not lock after half slip."""
+
+_RECORDS = ("vehicle", "law", "brake", "encoder", "torque_offset")  # of a test: no sizes, and so without a bound
+_HALF_SLIP = ReferenceSlip(dry=0.5, wet=0.5)  # no slip is held on a rig; the record asks for one
+
+
+@dataclass(frozen=True)
+class RigProcedure:
+    """The controller of a test: the ramp from `begin`, s, at `rate`, N*m/s, released past `release_slip`."""
+
+    begin: float
+    rate: float
+    release_slip: float
+    period: float
+    reference: ReferenceSlip = _HALF_SLIP
+    name: str = "rig-procedure"
+    knows_rail: bool = True
+    model_law: None = None
+
+    states: ClassVar[tuple[str, ...]] = ("released",)
+
+    def source(self) -> str:
+        """Text of its `command`."""
+        return step_text("rig_procedure")
+
+    def row(self, situation: Situation) -> tuple[float, ...]:
+        """Begin, rate, slip."""
+        return (self.begin, self.rate, self.release_slip)
+
+    def start(self, speed: float) -> tuple[float, ...]:
+        """Not released."""
+        return (0.0,)
+
+
+@dataclass(frozen=True)
+class RigTest:
+    """One test condition and how it is measured; SI.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        Wheel, mass, wheel load; not its actuator, as the rig has its own brake.
+    law : AdhesionLaw
+        What is to be found out.
+    initial_speed : float
+        v0, m/s.
+    rate : float
+        Of the torque ramp, N*m/s.
+    release_slip : float
+        Slip ratio past which the brake is released.
+    interval : float
+        Of the log, s.
+    random_force : float
+        Standard deviation of the random adhesion force, N, drawn anew every interval.
+    wheel_noise, speed_noise, torque_noise : float
+        Standard deviations of a sample, rad/s, m/s, N*m.
+    encoder : Encoder or None
+        Of the wheel's speed, which is then the mean over the interval before, in counts, with no other noise.
+    torque_offset : float
+        What the torque sensor reads without torque, N*m.
+    spread : float
+        Standard deviation of the logarithm of the adhesion from test to test.
+    brake : Actuator
+        Of the rig.
+
+    Raises
+    ------
+    InputError
+        A value out of its range.
+    """
+
+    vehicle: Vehicle
+    law: AdhesionLaw
+    initial_speed: float
+    rate: float = 4000.0
+    release_slip: float = 0.5
+    interval: float = 0.01
+    random_force: float = 431.0
+    wheel_noise: float = 0.01
+    speed_noise: float = 0.0
+    torque_noise: float = 0.0
+    encoder: Encoder | None = None
+    torque_offset: float = 0.0
+    spread: float = 0.0
+    brake: Actuator = RIG_BRAKE
+
+    def __post_init__(self) -> None:
+        positive = ("initial_speed", "rate", "release_slip", "interval")
+        for name in (f.name for f in fields(self) if f.name not in _RECORDS):
+            value, bound = getattr(self, name), "> 0" if name in positive else ">= 0"
+            if not (math.isfinite(value) and (value > 0 if name in positive else value >= 0)):
+                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound}")
+        if not self.release_slip < 1:
+            raise InputError(f"release_slip: {self.release_slip:g} is not allowed; give a value < 1")
+
+
+@dataclass(frozen=True)
+class RigLog:
+    """What the rig recorded, arrays of one length: s, m/s, rad/s, N*m, N. A gap lies between tests."""
+
+    time: Floats
+    train_speed: Floats
+    wheel_angular_speed: Floats
+    brake_torque: Floats
+    wheel_load: Floats
+
+
+_BEGIN = 0.5  # s of free rolling before the ramp
+_AFTER = 1.0  # s recorded after the release
+_PAUSE = 30.0  # s to run up again between tests
+_STEP = 1e-3  # s of the integration
+
+
+def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> RigLog:
+    """Tests at one condition, one after the other in a log.
+
+    Each ends `_AFTER` seconds after the release. InputError where a test does not get to the release at all, because
+    the ramp is too slow for the flywheels.
+    """
+    if not 1 <= tests <= 10_000:
+        raise InputError(f"tests: {tests} is not allowed; give an integer from 1 to 10000")
+    streams = np.random.SeedSequence(seed).spawn(tests)
+    parts, start = [], 0.0
+    for stream in streams:
+        of_rail, of_run, of_sensors = stream.spawn(3)
+        factor = math.exp(test.spread * np.random.default_rng(of_rail).standard_normal())
+        part = _one_test(test, factor, of_run, np.random.default_rng(of_sensors))
+        parts.append([part[0] + start, *part[1:]])
+        start += float(part[0][-1]) + _PAUSE
+    return RigLog(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _one_test(
+    test: RigTest, factor: float, of_run: np.random.SeedSequence, generator: np.random.Generator
+) -> list[Floats]:
+    vehicle = test.vehicle
+    longest = _BEGIN + 4.0 * vehicle.wheel_load * vehicle.wheel.radius / test.rate + 10.0  # the ramp beyond mu = 1
+    scenario = Scenario(
+        name="rig",
+        vehicle=vehicle.model_copy(update={"actuator": test.brake}),
+        adhesion=test.law if factor == 1.0 else test.law.weakened(factor),
+        rail=test.law.rail,
+        initial_speed=test.initial_speed,
+        final_speed=0.05 * test.initial_speed,
+        longest_time=longest,
+        disturbances=Disturbances(random_force=test.random_force, random_hold=test.interval),
+        measurement=Measurement(speed_noise=test.speed_noise, wheel_noise=test.wheel_noise),
+        step=_STEP,
+    )
+    procedure = RigProcedure(_BEGIN, test.rate, test.release_slip, test.interval)
+    run = Simulator(scenario, procedure).run(of_run, record_every=1)
+    released = run.controller_signals["released"] > 0
+    _check_release(test, run, bool(released.any()))
+    signals = run.signals
+    assert signals is not None, "the run was recorded"
+    end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
+    torque = signals.torque[:end] + test.torque_offset + test.torque_noise * generator.standard_normal(end)
+    load = np.full(end, vehicle.wheel_load)
+    time, speed, omega = signals.time[:end], signals.measured_speed[:end], signals.measured_wheel_speed[:end]
+    if test.encoder is None:
+        return [time, speed, omega, torque, load]
+    true = signals.wheel_speed[:end]
+    angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (true[1:] + true[:-1]) / 2)])
+    return [time[1:], speed[1:], test.encoder.speed(time, angle), torque[1:], load[1:]]
+
+
+def _check_release(test: RigTest, run: Run, released: bool) -> None:
+    """InputError where the run ended before the release, or in it."""
+    if run.outcome is Outcome.OUTSIDE_DOMAIN:
+        raise InputError(
+            f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
+            "a lower one, or a lower initial_speed"
+        )
+    if not released:
+        raise InputError(
+            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
+            "stopped; give a steeper ramp (N*m/s)"
+        )
+
+
+def published_tests(
+    law_name: str = "beam", *, vehicle: Vehicle = PARK2008, rail: Rail = Rail.DRY
+) -> tuple[RigTest, ...]:
+    """The four conditions of [Park2008] Table 1 with the published parameters of a law."""
+    return tuple(
+        RigTest(vehicle, published_law(law_name, rail, speed, vehicle.wheel_load), speed * KMH)
+        for speed in TEST_SPEEDS_KMH
+    )
+
+
+def write_log(log: RigLog, path: Path) -> None:
+    """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
+    columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".rig-") as scratch:
+        whole = Path(scratch) / "log.csv"
+        np.savetxt(whole, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
+        os.replace(whole, path)

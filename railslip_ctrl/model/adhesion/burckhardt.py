@@ -1,0 +1,73 @@
+"""Burckhardt's curve, static: a road tyre, to compare with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+from railslip_ctrl.core.units import quantity
+from railslip_ctrl.model.parameters import Rail
+
+from .base import AdhesionLaw, Statement
+
+SURFACES: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "dry asphalt": MappingProxyType({"c1": 1.2801, "c2": 23.99, "c3": 0.52}),
+        "wet asphalt": MappingProxyType({"c1": 0.86, "c2": 33.82, "c3": 0.35}),
+        "snow": MappingProxyType({"c1": 0.1946, "c2": 94.129, "c3": 0.0646}),
+    }
+)
+"""Published sets by road surface. Wet asphalt is rounded; it is printed with one more digit elsewhere."""
+
+
+class Burckhardt(AdhesionLaw):
+    """Fa = N mu, mu = c1 (1 - exp(-c2 lambda)) - c3 lambda for lambda >= 0, odd in lambda.
+
+    A law of tyre on road, not of wheel on rail: its published coefficients are some three times those of a rail. It
+    does not depend on the speed. The slope at 0 is c1 c2 - c3 from both sides: no kink.
+
+    Wet rail: dry and wet asphalt are two sets, not one scaled, so the first becomes the second. Of other dry
+    parameters `wet_factors` halve c1 and c3, and so mu, at every slip. The published sets are for any v0 and have no
+    reference slip.
+    """
+
+    name: ClassVar[str] = "burckhardt"
+    title: ClassVar[str] = "Burckhardt curve (road tyre), static"
+    source: ClassVar[str] = "M. Burckhardt: Fahrwerktechnik: Radschlupf-Regelsysteme. Vogel, Wuerzburg, 1993"
+    has_state: ClassVar[bool] = False
+    wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"c1": 0.5, "c3": 0.5})
+    published_sets: ClassVar[Mapping[Rail, Mapping[str, float]]] = MappingProxyType(
+        {Rail.DRY: SURFACES["dry asphalt"], Rail.WET: SURFACES["wet asphalt"]}
+    )
+
+    c1: float = quantity("1", "height the curve tends to, without its fall", gt=0)
+    c2: float = quantity("1", "rise by slip", gt=0)
+    c3: float = quantity("1", "fall by slip", ge=0)
+
+    def domain_limit(self, v: float) -> tuple[float, str]:
+        """Slip at which mu vanishes: beyond 1, and so no limit, with every published set."""
+        reason = "the adhesion coefficient is no longer positive"
+        if self.c3 == 0.0:
+            return math.inf, reason
+        from scipy.special import lambertw
+
+        zero = self.c1 / self.c3  # of the curve's asymptote; x = c2 (lambda - zero) solves x exp(x) = -c2 zero exp(...)
+        x = lambertw(-self.c2 * zero * math.exp(-self.c2 * zero)).real
+        return max(0.0, float(zero + x / self.c2)), reason
+
+    @classmethod
+    def statement(cls) -> Statement:
+        """The curve without `sign`, whose derivative at 0 would be lost, and without an exponential that overflows.
+
+        1 - exp(-x) = 2 t/(1 + t) with t = tanh(x/2), and |t| in the denominator makes it odd.
+        """
+        import sympy as sp
+
+        from railslip_ctrl.core.notation import symbol
+
+        c1, c2, c3 = cls.symbols()
+        slip = symbol("sigma") / symbol("v")
+        t = sp.tanh(c2 * slip / 2)
+        return Statement(force=symbol("N") * (c1 * 2 * t / (1 + sp.Abs(t)) - c3 * slip), parts={"t": t})

@@ -1,0 +1,137 @@
+"""Bristle curve, static: the force that the bristle model builds along a slip ramp ([Park2008] Fig. 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.model.parameters import Rail
+
+from .base import AdhesionLaw, Statement, check_published_range
+from .bristle import REFERENCE, published_coefficients
+
+SLIP_ACCELERATION = 2.93
+"""R, m/s^2, of the ramp: 10.55 km/h/s, which gives the published peak at v0 = 100 km/h."""
+
+
+class Curve(AdhesionLaw):
+    """Fa = F(lambda): dF/ds = alpha (1 - h F) s/R, F(0) = 0, along the ramp s = lambda v0 at slip acceleration R.
+
+    h = beta/(gamma - s). A function of the slip ratio alone, odd; defined for lambda v0 < gamma.
+    """
+
+    name: ClassVar[str] = "curve"
+    title: ClassVar[str] = "bristle curve, static"
+    source: ClassVar[str] = "[Park2008] (19)-(24), Fig. 17"
+    has_state: ClassVar[bool] = False
+    wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"beta": 2.0})
+
+    alpha: float = quantity("N/m", "stiffness of the bristles", gt=0)
+    beta: float = quantity("m/s/N", "slope of 1/h, vs/(Fs - Fc)", gt=0)
+    gamma: float = quantity("m/s", "slip velocity at which the adhesion vanishes, Fs vs/(Fs - Fc)", gt=0)
+    R: float = quantity("m/s^2", "slip acceleration of the ramp", gt=0, default=SLIP_ACCELERATION)
+    v0: float = quantity("m/s", "initial speed, which turns the slip ratio into the ramp's slip velocity", gt=0)
+
+    @classmethod
+    def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
+        """(30)-(32) and the ramp that gives the published peak; wheel load as in the bristle model."""
+        check_published_range(initial_speed_kmh, wheel_load)
+        alpha, beta, gamma = published_coefficients(initial_speed_kmh, wheel_load)
+        law = cls(alpha=alpha, beta=beta, gamma=gamma, v0=initial_speed_kmh * KMH, reference=REFERENCE)
+        return law.on(rail)
+
+    def domain_limit(self, v: float) -> tuple[float, str]:
+        """The ramp's slip velocity lambda v0 must stay below gamma."""
+        return self.gamma / self.v0, "the slip velocity of its ramp reaches gamma, where its adhesion vanishes"
+
+    @classmethod
+    def statement(cls) -> Statement:
+        """The curve as a SymPy function whose derivative is the right-hand side of its differential equation."""
+        from railslip_ctrl.core.notation import symbol
+
+        curve = _curve_function()
+        return Statement(
+            force=curve(symbol("sigma") / symbol("v"), *cls.symbols()),
+            functions={"BristleCurve": f"{__name__}:curve_force"},
+        )
+
+
+def _curve_function() -> Any:
+    import sympy as sp
+    from sympy.core.function import ArgumentIndexError
+
+    class BristleCurve(sp.Function):  # type: ignore[misc]
+        """F(lambda; alpha, beta, gamma, R, v0)."""
+
+        nargs = 6
+        is_real = True
+
+        def fdiff(self, argindex: int = 1) -> Any:
+            if argindex != 1:
+                raise ArgumentIndexError(self, argindex)
+            slip, alpha, beta, gamma, R, v0 = self.args
+            s = v0 * sp.Abs(slip)  # F is odd, so dF/dlambda is even
+            return v0 * alpha * (1 - beta * sp.Abs(self) / (gamma - s)) * s / R
+
+    return BristleCurve
+
+
+# The integrand decays by exp(-_DEPTH) over the range integrated, below rounding of the result; on such a range
+# Gauss-Legendre with this many nodes is exact to rounding (error of exp: (_DEPTH/2)^2n/(2n)! ~ 1e-25).
+_DEPTH = 42.0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(56)
+_BACK = 1.0 - _NODES  # how far a node lies before the end of the range, in halves of it
+_NEWTON_STEPS = 8
+
+
+def curve_force(
+    slip: ArrayLike, alpha: float, beta: float, gamma: float, R: float, v0: float
+) -> NDArray[np.float64] | np.float64:
+    """F of `Curve`, N, at slip ratios of any shape, to rounding; NaN where |slip| v0 >= gamma.
+
+    Variation of constants: with Phi' = (alpha beta/R) s/(gamma - s),
+    F(s) = (alpha/R) int_0^s t exp(Phi(t) - Phi(s)) dt, by Gauss-Legendre over the part of [0, s] that counts.
+    """
+    lam = np.asarray(slip, dtype=float)
+    s = np.abs(lam) * v0
+    s = np.where(s < gamma, s, np.nan)
+    c = alpha * beta / R
+    half = 0.5 * (s - _start_of_integration(s, c, gamma))
+    back = half[..., None] * _BACK  # s - t
+    # exp(Phi(t) - Phi(s)) as in `_phi_difference`; in place, as this is what takes the time
+    decayed = np.log1p(back / (gamma - s)[..., None])
+    decayed *= gamma
+    decayed -= back
+    decayed *= -c
+    np.exp(decayed, out=decayed)
+    decayed *= s[..., None] - back
+    decayed *= _WEIGHTS
+    integral = half * np.sum(decayed, axis=-1)
+    force = np.sign(lam) * (alpha / R) * integral
+    return force[()]  # type: ignore[no-any-return]
+
+
+def _phi_difference(s: NDArray[np.float64], back: NDArray[np.float64], c: float, gamma: float) -> NDArray[np.float64]:
+    """Phi(s) - Phi(s - back), without the cancellation of two large logarithms."""
+    result: NDArray[np.float64] = c * (gamma * np.log1p(back / (gamma - s)) - back)
+    return result
+
+
+def _start_of_integration(s: NDArray[np.float64], c: float, gamma: float) -> NDArray[np.float64]:
+    """Where, below s, the integrand has decayed by exp(-_DEPTH); 0 where it never has.
+
+    Phi is convex and rising, so Newton's iteration from s comes down to the root without passing it; an iterate
+    short of the root only integrates less of what is already negligible.
+    """
+    deep = _phi_difference(s, s, c, gamma) > _DEPTH
+    end = np.where(deep, s, 0.5 * gamma)  # where nothing is searched for, any value inside the domain
+    start = end
+    for _ in range(_NEWTON_STEPS):
+        missing = _DEPTH - _phi_difference(end, end - start, c, gamma)
+        start = np.where(deep, start - missing * (gamma - start) / (c * start), start)
+    return np.where(deep, np.maximum(start, 0.0), 0.0)

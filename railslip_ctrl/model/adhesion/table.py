@@ -1,0 +1,169 @@
+"""Lookup table, static: adhesion coefficients by slip ratio, smoothly between them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, field_validator, model_validator
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import to_unit
+from railslip_ctrl.model.parameters import Rail
+
+from .base import AdhesionLaw, Statement
+
+MOST_KNOTS = 1000
+"""Rows of a table; an adhesion curve has a few dozen."""
+
+WET_FACTOR = 0.5
+"""As of the other laws, the adhesion on wet rail is half of that on dry rail."""
+
+
+class Table(AdhesionLaw):
+    """Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP) of a table, odd in lambda.
+
+    `slip` rises strictly within 0 to 1; a first knot beyond 0 is preceded by (0, 0). `mu` is not negative. Between
+    knots the curve overshoots neither, its slope is continuous, and it ends with its last knot. In a file:
+
+        law = "table"
+        [parameters]
+        slip = [0.02, 0.05, 0.1, 0.2, 0.5]
+        mu = [0.12, 0.22, 0.25, 0.23, 0.19]
+
+    F. N. Fritsch, J. Butland: A method for constructing local monotone piecewise cubic interpolants. SIAM Journal on
+    Scientific and Statistical Computing 5(2), 1984, pp. 300-304.
+    """
+
+    name: ClassVar[str] = "table"
+    title: ClassVar[str] = "lookup table, static"
+    source: ClassVar[str] = "a table"
+    has_state: ClassVar[bool] = False
+
+    slip: tuple[float, ...] = Field(description="slip ratios, rising", min_length=2, max_length=MOST_KNOTS)
+    mu: tuple[float, ...] = Field(description="adhesion coefficients at them", min_length=2, max_length=MOST_KNOTS)
+
+    @field_validator("slip", "mu", mode="before")
+    @classmethod
+    def _numbers(cls, value: object) -> object:
+        if not isinstance(value, (list, tuple)):
+            return value
+        return tuple(to_unit(each, "1", text_needs_unit=True) for each in value)
+
+    @field_validator("slip")
+    @classmethod
+    def _rising(cls, slip: tuple[float, ...]) -> tuple[float, ...]:
+        for low, high in itertools.pairwise(slip):
+            if high <= low:
+                raise InputError(f"slip: {high:g} after {low:g} is not allowed; give slip ratios that rise strictly")
+        if slip[0] < 0.0 or slip[-1] > 1.0:
+            worst = slip[0] if slip[0] < 0.0 else slip[-1]
+            raise InputError(f"slip: {worst:g} is not allowed; give slip ratios from 0 to 1")
+        return slip
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        if len(self.slip) != len(self.mu):
+            raise InputError(f"mu: {len(self.mu)} values for {len(self.slip)} slip ratios; give one for each")
+        if min(self.mu) < 0.0:
+            raise InputError(f"mu: {min(self.mu):g} is not allowed; give adhesion coefficients >= 0")
+        if self.slip[0] == 0.0 and self.mu[0] != 0.0:
+            raise InputError(f"mu: {self.mu[0]:g} at slip 0 is not allowed; there is no adhesion without slip, give 0")
+        return self
+
+    @classmethod
+    def parameter_names(cls) -> tuple[str, ...]:
+        """The two columns."""
+        return ("slip", "mu")
+
+    @classmethod
+    def argument_names(cls) -> tuple[str, ...]:
+        """All of the table as one: its length is not fixed."""
+        return ("*table",)
+
+    @classmethod
+    def symbols(cls) -> tuple[Any, ...]:
+        """One symbol that stands for the whole table."""
+        import sympy as sp
+
+        return (sp.Symbol("table", real=True),)
+
+    def parameters(self) -> tuple[float, ...]:
+        """The slip ratios, then the coefficients."""
+        return (*self.slip, *self.mu)
+
+    def wet(self) -> Self:
+        """The coefficients times `WET_FACTOR`; a wet table is returned as it is."""
+        if self.rail is Rail.WET:
+            return self
+        return self.model_copy(update={"mu": tuple(WET_FACTOR * mu for mu in self.mu), "rail": Rail.WET})
+
+    def domain_limit(self, v: float) -> tuple[float, str]:
+        """Just beyond the last knot."""
+        limit = math.inf if self.slip[-1] == 1.0 else float(np.nextafter(self.slip[-1], 1.0))
+        return limit, "its table ends there"
+
+    @classmethod
+    def statement(cls) -> Statement:
+        """The table as a SymPy function whose derivative is another."""
+        from railslip_ctrl.core.notation import symbol
+
+        force = _table_force()
+        return Statement(
+            force=force(symbol("sigma") / symbol("v"), symbol("N"), *cls.symbols()),
+            functions={"TableForce": f"{__name__}:table_force", "TableSlope": f"{__name__}:table_slope"},
+        )
+
+
+def _table_force() -> Any:
+    import sympy as sp
+    from sympy.core.function import ArgumentIndexError
+
+    class TableSlope(sp.Function):  # type: ignore[misc]
+        """dF/dlambda (lambda; N, table)."""
+
+        nargs = 3
+        is_real = True
+
+    class TableForce(sp.Function):  # type: ignore[misc]
+        """F(lambda; N, table)."""
+
+        nargs = 3
+        is_real = True
+
+        def fdiff(self, argindex: int = 1) -> Any:
+            if argindex != 1:
+                raise ArgumentIndexError(self, argindex)
+            return TableSlope(*self.args)
+
+    return TableForce
+
+
+def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> NDArray[np.float64] | np.float64:
+    """F, N, at slip ratios of any shape, for a table as `Table.parameters` gives it; NaN beyond its last knot."""
+    ratio = np.asarray(slip, dtype=float)
+    value, _ = _interpolants(tuple(table))
+    return np.asarray(wheel_load * np.sign(ratio) * value(np.abs(ratio)), dtype=float)[()]
+
+
+def table_slope(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> NDArray[np.float64] | np.float64:
+    """dF/dlambda, N, as `table_force`; even in the slip ratio."""
+    _, slope = _interpolants(tuple(table))
+    return np.asarray(wheel_load * slope(np.abs(np.asarray(slip, dtype=float))), dtype=float)[()]
+
+
+@lru_cache(maxsize=256)
+def _interpolants(table: tuple[float, ...]) -> tuple[Any, Any]:
+    from scipy.interpolate import PchipInterpolator
+
+    count = len(table) // 2
+    slip, mu = table[:count], table[count:]
+    if slip[0] > 0.0:
+        slip, mu = (0.0, *slip), (0.0, *mu)
+    curve = PchipInterpolator(slip, mu, extrapolate=False)
+    return curve, curve.derivative()

@@ -1,0 +1,422 @@
+"""Operating points of constant slip, and the linear plant about them.
+
+Braking at constant slip is not an equilibrium, as v falls all the time. An operating point is (v, lambda, rail,
+law) with the adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
+The plant is linearised there with the speed frozen (v a parameter) or with v as a state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import DomainError, InputError, KinkError
+from railslip_ctrl.core.units import KMH
+
+from .adhesion import AdhesionLaw
+from .numeric import NumericPlant, numeric_plant, plant_parameters
+from .parameters import Rail, Vehicle
+
+if TYPE_CHECKING:
+    import control
+
+INPUTS = ("brake_torque",)
+OUTPUTS = ("sigma", "lambda", "error")
+
+# The residual is a difference of accelerations that cancel, relative to their size: a few roundings.
+_LARGEST_RESIDUAL = 1e-12
+
+# A slip this near to a kink cannot be told from it: the kink's own slip is computed, and a slip that comes as
+# decimal text or as sigma/v carries roundings of a few 1e-16; 1e-9 leaves room for both and is no slip anyone holds.
+_KINK_TOLERANCE = 1e-9
+
+_SAME_LOAD = 1e-6  # relative: rounding of a load that went through text or a factor
+
+# Slip next to 0 from which the Jacobian's limit at 0 is extrapolated (to order slip^2, so far below the tolerance).
+_NEXT_TO_ZERO = 1e-7
+_LIMIT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A point of constant slip.
+
+    Attributes
+    ----------
+    law, vehicle, rail : AdhesionLaw, Vehicle, Rail
+        What the point belongs to.
+    speed : float
+        v, m/s.
+    slip : float
+        lambda, slip ratio, 0 <= lambda < 1.
+    adhesion_state : float or None
+        z at rest, m; None for a static law.
+    adhesion_force : float
+        Fa, N.
+    brake_torque : float
+        Tb with lambda' = 0, N*m; Td = Tr = 0.
+    initial_speed_kmh : float or None
+        v0 the law's parameters were made for, km/h; None where they do not depend on it.
+    residual : float
+        Larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
+    """
+
+    law: AdhesionLaw
+    vehicle: Vehicle
+    rail: Rail
+    speed: float
+    slip: float
+    adhesion_state: float | None
+    adhesion_force: float
+    brake_torque: float
+    residual: float
+    initial_speed_kmh: float | None = None
+
+    @property
+    def adhesion(self) -> str:
+        """Name of the adhesion law."""
+        return self.law.name
+
+    @property
+    def speed_kmh(self) -> float:
+        """v, km/h."""
+        return self.speed / KMH
+
+    @property
+    def words(self) -> str:
+        """The point as text names it: law, rail, speed, slip, mass."""
+        return f"{self.adhesion}, {self.place}"
+
+    @property
+    def place(self) -> str:
+        """Its `words` without the law."""
+        return f"{self.rail} rail, {self.speed_kmh:g} km/h, slip {self.slip:g}, M {self.vehicle.mass:g} kg"
+
+    @property
+    def sigma(self) -> float:
+        """Slip velocity, m/s."""
+        return self.slip * self.speed
+
+    @property
+    def adhesion_coefficient(self) -> float:
+        """mu = Fa/N."""
+        return self.adhesion_force / self.vehicle.wheel_load
+
+
+@checked
+def operating_point(
+    law: AdhesionLaw,
+    vehicle: Vehicle,
+    speed: float,
+    slip: float,
+    *,
+    rail: Rail | None = None,
+    initial_speed_kmh: float | None = None,
+) -> OperatingPoint:
+    """The operating point of a law at a speed and a slip: what is at rest there, and the brake torque that keeps it.
+
+    Parameters
+    ----------
+    law : AdhesionLaw
+        With parameters for the rail meant.
+    vehicle : Vehicle
+        Quarter car, SI: its wheel radius, wheel load, masses and friction.
+    speed : float
+        v, m/s, > 0.
+    slip : float
+        lambda, a ratio, 0 <= slip < 1; positive in braking.
+    rail : Rail, optional
+        A label; left out, the law's own.
+    initial_speed_kmh : float, optional
+        A label: v0 the law's parameters were made for, km/h.
+
+    Returns
+    -------
+    OperatingPoint
+        The state at rest in numbers: speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the
+        wheel, N*m.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a published law made for another wheel load.
+    DomainError
+        The speed is not finite and positive, the slip is outside 0 <= lambda < 1, or the law does not hold there.
+    KinkError
+        Slip 0 with a dynamic law, whose rest state is undefined there.
+    """
+    if initial_speed_kmh is not None:
+        number("initial_speed_kmh", initial_speed_kmh, "km/h", gt=0)
+    if not (math.isfinite(slip) and 0.0 <= slip < 1.0):
+        reason = "a locked wheel does not roll, so there is no torque that holds it; " if slip == 1.0 else ""
+        raise DomainError(f"slip: {slip:g} is not allowed; {reason}give 0 <= slip < 1")
+    sigma = slip * speed
+    law.check_domain(speed, sigma)
+    _check_wheel_load(law, vehicle)
+    if law.has_state and sigma == 0.0:
+        raise KinkError(
+            f"slip: 0 has no operating point with adhesion {law.name!r}: {_reason_at_rest(law, vehicle, speed)}"
+        )
+    functions = numeric_plant(type(law))
+    p = plant_parameters(law, vehicle)
+    z = float(functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p))
+    force = float(functions.force(speed, sigma, z, 0.0, 0.0, 0.0, p))
+    torque = float(functions.trim_torque(speed, sigma, z, 0.0, 0.0, 0.0, p))
+    residual = _residual(functions, (speed, sigma, z, torque), p)
+    if not residual <= _LARGEST_RESIDUAL:
+        raise DomainError(
+            f"operating point at slip {slip:g}, {speed / KMH:g} km/h: adhesion {law.name!r} is not at rest (residual "
+            f"{residual:.1e}, at most {_LARGEST_RESIDUAL:.0e}); its steady_state does not solve its state_rate"
+        )
+    state = z if law.has_state else None
+    return OperatingPoint(
+        law, vehicle, rail or law.rail, speed, slip, state, force, torque, residual, initial_speed_kmh
+    )
+
+
+def _check_wheel_load(law: AdhesionLaw, vehicle: Vehicle) -> None:
+    """Refuse a law whose forces are those of another wheel load: mu would be another."""
+    of = law.of_wheel_load
+    if of is not None and not math.isclose(of, vehicle.wheel_load, rel_tol=_SAME_LOAD):
+        raise InputError(
+            f"adhesion {law.name!r}: its forces are for a wheel load of {of:g} N, and the vehicle has "
+            f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
+        )
+
+
+def _reason_at_rest(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> str:
+    reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
+    return reasons[0] if reasons else "its rest state is undefined there"
+
+
+def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
+    v, sigma, z, torque = state
+    v_rate, sigma_rate, z_rate = (float(rate) for rate in functions.rates(v, sigma, z, torque, 0.0, 0.0, p))
+    force = float(functions.force(v, sigma, z, 0.0, 0.0, 0.0, p))
+    _, J, B, r = p[:4]
+    size = r / J * (abs(torque) + r * abs(force) + B * v / r) + abs(v_rate)
+    slip_residual = abs(sigma_rate - sigma / v * v_rate) / size if size > 0.0 else 0.0
+    return max(slip_residual, abs(z_rate) / sigma if sigma > 0.0 else 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPlant:
+    """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
+
+    Attributes
+    ----------
+    point : OperatingPoint
+        Where.
+    A, B, C, D : ndarray, (n, n), (n, 1), (3, n), (3, 1)
+        SI; deviations from the operating point.
+    states : tuple of str
+        "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
+    inputs, outputs : tuple of str
+        "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as lambda_d.
+    """
+
+    point: OperatingPoint
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    C: NDArray[np.float64]
+    D: NDArray[np.float64]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...] = INPUTS
+    outputs: tuple[str, ...] = OUTPUTS
+
+    @property
+    def speed_state(self) -> bool:
+        """Whether the speed is a state."""
+        return "v" in self.states
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Eigenvalues of A, rad/s, rightmost first."""
+        return _sorted_roots(self.A)
+
+    @property
+    def zeros(self) -> NDArray[np.complex128]:
+        """Zeros of brake torque to sigma, rad/s, rightmost first.
+
+        The torque enters the equation of sigma alone, and sigma is the output: holding it at zero leaves the other
+        states to themselves, so the zeros are the eigenvalues of their block of A.
+        """
+        others = [index for index, name in enumerate(self.states) if name != "sigma"]
+        return _sorted_roots(self.A[np.ix_(others, others)])
+
+    @property
+    def gain(self) -> float:
+        """Leading coefficient of the numerator of torque to sigma, (m/s^2)/(N*m): r/J."""
+        return float(self.B[self.states.index("sigma"), 0])
+
+    def transfer_function(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Numerator and denominator of brake torque to sigma, highest power first, denominator monic."""
+        return self.gain * _polynomial(self.zeros), _polynomial(self.poles)
+
+    def to_control(self) -> control.StateSpace:
+        """The plant as a python-control system with these state, input and output names."""
+        import control
+
+        return control.ss(
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            states=list(self.states),
+            inputs=list(self.inputs),
+            outputs=list(self.outputs),
+            name=f"{self.point.adhesion}_{self.point.rail.value}",
+        )
+
+
+def _sorted_roots(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
+    roots = np.linalg.eigvals(matrix).astype(np.complex128)
+    return roots[np.lexsort((roots.imag, -roots.real))]
+
+
+def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.atleast_1d(np.real(np.poly(roots))).astype(np.float64)  # roots come in conjugate pairs
+
+
+@checked
+def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
+    """Linearise at an operating point, by the analytic Jacobian of the statement.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+        From `operating_point`.
+    speed_state : bool
+        Keep v as the first state; by default it is frozen.
+
+    Returns
+    -------
+    LinearPlant
+        A, B, C, D from brake torque at the wheel (N*m) to sigma (m/s), lambda and the tracking error (m/s), of shapes
+        (n, n), (n, 1), (3, n), (3, 1) with n states.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind.
+    KinkError
+        The law has no unique derivative there (within 1e-9 of the slip).
+    """
+    law = point.law
+    for kink in law.kinks(point.speed, point.vehicle.wheel_load):
+        if abs(point.slip - kink.slip) <= _KINK_TOLERANCE * max(kink.slip, point.slip):
+            raise KinkError(
+                f"slip: {point.slip:.10g} at {point.speed_kmh:g} km/h is a kink of adhesion {law.name!r}: "
+                f"{kink.reason}; linearise on one side of it"
+            )
+    functions = numeric_plant(type(law))
+    z = point.adhesion_state or 0.0
+    p = plant_parameters(law, point.vehicle)
+
+    def jacobian_at(sigma: float) -> NDArray[np.float64]:
+        rows = functions.jacobian(point.speed, sigma, z, point.brake_torque, 0.0, 0.0, p)
+        return np.array([[float(entry) for entry in row] for row in rows])
+
+    full = jacobian_at(point.sigma)
+    if point.slip == 0.0:
+        step = _NEXT_TO_ZERO * point.speed
+        _check_derivative_at_zero(full, 2.0 * jacobian_at(step) - jacobian_at(2.0 * step), point)
+    indices = [*([0] if speed_state else []), 1, *([2] if law.has_state else [])]
+    states = tuple(("v", "sigma", "z")[index] for index in indices)
+    v, slip = point.speed, point.slip
+    outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
+    return LinearPlant(
+        point=point,
+        A=full[np.ix_(indices, indices)],
+        B=full[np.ix_(indices, [3])],
+        C=outputs[:, indices],
+        D=np.zeros((3, 1)),
+        states=states,
+    )
+
+
+def _check_derivative_at_zero(at_zero: NDArray[np.float64], limit: NDArray[np.float64], point: OperatingPoint) -> None:
+    """Refuse slip 0 where the Jacobian differs from its limit there, as of a law stated with sign(sigma)."""
+    if not np.allclose(at_zero, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
+        raise KinkError(
+            f"slip: 0 at {point.speed_kmh:g} km/h is a kink of adhesion {point.law.name!r} as it is stated; "
+            "linearise at a slip > 0"
+        )
+
+
+# --- the nonlinear plant as a python-control system ----------------------------------------------------------------
+
+NONLINEAR_INPUTS = ("brake_torque", "disturbance_torque", "random_adhesion_torque")
+NONLINEAR_OUTPUTS = (*OUTPUTS, "v", "omega")
+
+
+@checked
+def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float) -> control.NonlinearIOSystem:
+    """The plant as a python-control system with states v (m/s), sigma (m/s) and, for a dynamic law, z (m); v > 0.
+
+    Parameters
+    ----------
+    law : AdhesionLaw
+        With parameters for the rail meant.
+    vehicle : Vehicle
+        Quarter car, SI.
+    reference_slip : float
+        lambda_d, a ratio, 0 <= reference_slip < 1, of the output error = reference_slip v - sigma.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+        Inputs: brake, disturbance and random adhesion torque, N*m. Outputs: sigma (m/s), lambda, error (m/s), v (m/s),
+        omega (rad/s). [Park2008] (1)-(4).
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a reference slip out of its range.
+    """
+    return _io_system(law, vehicle, None, reference_slip)
+
+
+@checked
+def frozen_speed_plant(
+    law: AdhesionLaw, vehicle: Vehicle, speed: float, *, reference_slip: float
+) -> control.NonlinearIOSystem:
+    """As `nonlinear_plant`, with v held at `speed` (m/s) wherever it appears: no state v."""
+    return _io_system(law, vehicle, number("speed", speed, "m/s", gt=0), reference_slip)
+
+
+def _io_system(law: AdhesionLaw, vehicle: Vehicle, speed: float | None, reference_slip: float) -> Any:
+    import control
+
+    reference_slip = number("reference_slip", reference_slip, ge=0, lt=1)
+    functions = numeric_plant(type(law))
+    p = plant_parameters(law, vehicle)
+    radius = vehicle.wheel.radius
+    first = 0 if speed is None else 1
+    last = 3 if law.has_state else 2
+
+    def full_state(x: NDArray[np.float64]) -> tuple[float, float, float]:
+        values = [*([] if speed is None else [speed]), *x, *([] if law.has_state else [0.0])]
+        return values[0], values[1], values[2]
+
+    def update(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+        rates = functions.rates(*full_state(x), u[0], u[1], u[2], p)
+        return np.array([float(rate) for rate in rates[first:last]])
+
+    def output(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
+        v, sigma, _ = full_state(x)
+        return np.array([sigma, sigma / v, reference_slip * v - sigma, v, (v - sigma) / radius])
+
+    return control.nlsys(
+        update,
+        output,
+        states=list(("v", "sigma", "z")[first:last]),
+        inputs=list(NONLINEAR_INPUTS),
+        outputs=list(NONLINEAR_OUTPUTS),
+        name=f"{law.name}_plant",
+    )

@@ -1,0 +1,217 @@
+"""A vehicle from the user's file: TOML, alone or beside a railtoolkit YAML, or a railtoolkit YAML alone.
+
+Keys of the TOML, plain numbers in SI, strings with a unit ("34.5 kN"): see `VehicleKeys`. What the TOML gives
+wins over the YAML; what neither gives is the published wheel and brake, and `Vehicle.notes` says so.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+from railslip_ctrl.core.errors import InputError
+
+from .published import PARK2008
+from .railtoolkit import RESISTANCE_COEFFICIENTS, RollingStock, read_rolling_stock
+from .records import GRAVITY, Actuator, Record, Resistance, Vehicle, Wheel
+from .validation import file_name, given_path, read_toml, validated
+
+DEFAULT_AXLES = 4
+"""Axles of a railtoolkit vehicle whose number nobody gives: two bogies of two, as in [Park2008] Fig. 2."""
+
+
+def _optional(record: type[BaseModel], name: str) -> Any:
+    """The field `name` of `record` with its unit and bounds, but not required."""
+    field = copy(record.model_fields[name])
+    field.default = None
+    return field
+
+
+class WheelKeys(Record):
+    """Table `[wheel]`."""
+
+    radius: float | None = _optional(Wheel, "radius")
+    inertia: float | None = _optional(Wheel, "inertia")
+    viscous_friction: float | None = _optional(Wheel, "viscous_friction")
+
+
+class ResistanceKeys(Record):
+    """Table `[resistance]`."""
+
+    constant: float | None = _optional(Resistance, "constant")
+    linear: float | None = _optional(Resistance, "linear")
+    quadratic: float | None = _optional(Resistance, "quadratic")
+
+
+class ActuatorKeys(Record):
+    """Table `[actuator]`."""
+
+    dead_time: float | None = _optional(Actuator, "dead_time")
+    lag: float | None = _optional(Actuator, "lag")
+
+
+class VehicleKeys(Record):
+    """The keys of a vehicle's TOML file, each optional; one of `mass` and `rolling_stock` must be there.
+
+    `axles` and `vehicle_id` belong to `rolling_stock`: the YAML has the mass of the whole vehicle, while `mass`
+    and `wheel_load` are those of the quarter car, the part carried by one wheelset.
+    """
+
+    name: str | None = None
+    mass: float | None = _optional(Vehicle, "mass")
+    mass_loaded: float | None = _optional(Vehicle, "mass_loaded")
+    wheel_load: float | None = _optional(Vehicle, "wheel_load")
+    wheel_load_loaded: float | None = _optional(Vehicle, "wheel_load_loaded")
+    rolling_stock: str | None = None
+    vehicle_id: str | None = None
+    axles: int | None = Field(None, ge=1, le=100, strict=True, description="axles of the whole vehicle")
+    inertia_scale: float | None = _optional(Vehicle, "inertia_scale")
+    wheel: WheelKeys = WheelKeys()
+    resistance: ResistanceKeys = ResistanceKeys()
+    actuator: ActuatorKeys = ActuatorKeys()
+    envelope: dict[str, Any] = Field({}, description="what its designs must hold; see `design.envelope`")
+
+
+def load_vehicle(path: str | Path) -> Vehicle:
+    """Return the quarter car described by a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        `.toml` with the keys of `VehicleKeys`, or `.yaml`/`.yml` in the railtoolkit rolling-stock schema with one
+        vehicle, which takes the published wheel and brake and four axles.
+
+    Returns
+    -------
+    Vehicle
+        SI. Its `notes` hold one sentence for each thing that was assumed.
+
+    Raises
+    ------
+    InputError
+        One line with the file, the key, the value and what is allowed.
+    """
+    path = given_path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        return _from_toml(path)
+    if suffix in {".yaml", ".yml"}:
+        stock = read_rolling_stock(path)
+        return _vehicle(VehicleKeys(), stock, where=file_name(path), source=f"{path.name} [railtoolkit]")
+    raise InputError(f"{file_name(path)}: the file's name must end in .toml, .yaml or .yml")
+
+
+def _from_toml(path: Path) -> Vehicle:
+    return vehicle_from_keys(read_toml(path), path, where=file_name(path))
+
+
+def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
+    """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
+    keys = validated(VehicleKeys, content, where)
+    if keys.rolling_stock is None:
+        _refuse_incomplete(keys, where)
+        return _vehicle(keys, None, where=where, source=path.name)
+    beside = path.parent / keys.rolling_stock  # relative to the TOML, not to the working directory
+    stock = read_rolling_stock(beside, vehicle_id=keys.vehicle_id, where=f"{where}: rolling_stock: {file_name(beside)}")
+    return _vehicle(keys, stock, where=where, source=f"{path.name} with {beside.name} [railtoolkit]")
+
+
+def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
+    if keys.mass is None:
+        raise InputError(f"{where}: mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)")
+    for name in ("axles", "vehicle_id"):
+        if getattr(keys, name) is not None:
+            raise InputError(
+                f"{where}: {name}: only read with rolling_stock; remove it (mass is the quarter car's already)"
+            )
+
+
+def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
+    """Put together what the file gives, what the rolling stock gives and the published rest."""
+    notes: list[str] = []
+    mass, mass_loaded = _masses(keys, stock, notes)
+    wheel_load = _first(keys.wheel_load, mass * GRAVITY)
+    wheel = validated(Wheel, _or_published("wheel", keys.wheel, PARK2008.wheel, notes), where)
+    resistance = validated(Resistance, _resistance(keys.resistance, stock, mass, notes), where)
+    actuator = validated(Actuator, _or_published("actuator", keys.actuator, PARK2008.actuator, notes), where)
+    if stock is not None and stock.rotation_mass is not None:
+        notes.append(_rotation_note(stock.rotation_mass, mass, wheel))
+    values = {
+        "name": " ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
+        "mass": mass,
+        "mass_loaded": mass_loaded,
+        "wheel_load": wheel_load,
+        # a load presses on the rail in proportion to the mass, unless the file says otherwise
+        "wheel_load_loaded": _first(keys.wheel_load_loaded, wheel_load * (mass_loaded / mass)),
+        "wheel": wheel,
+        "resistance": resistance,
+        "actuator": actuator,
+        "inertia_scale": _first(keys.inertia_scale, 1.0),
+        "source": source,
+        "notes": tuple(notes),
+    }
+    return validated(Vehicle, values, where)
+
+
+def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> tuple[float, float]:
+    """Return the quarter car's mass, empty and loaded, kg."""
+    if stock is None:
+        assert keys.mass is not None  # _refuse_incomplete
+        mass, load = keys.mass, None
+    else:
+        axles = keys.axles or DEFAULT_AXLES
+        if keys.axles is None and keys.mass is None:
+            notes.append(f"{DEFAULT_AXLES} axles are assumed, as none are given: M is a quarter of the vehicle's mass.")
+        mass = _first(keys.mass, stock.mass * 1000.0 / axles)
+        load = None if stock.load_limit is None else stock.load_limit * 1000.0 / axles
+    if keys.mass_loaded is not None:
+        return mass, keys.mass_loaded
+    if load is None:
+        notes.append("No load is given: the loaded vehicle has the mass of the empty one.")
+    return mass, mass + (load or 0.0)
+
+
+def _resistance(keys: ResistanceKeys, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
+    given: dict[str, float] = keys.model_dump(exclude_none=True)
+    if stock is None:
+        if not given:
+            notes.append("No travelling resistance is given: it is taken as 0.")
+        return given
+    if len(given) < len(ResistanceKeys.model_fields):
+        notes.append("The running resistance per weight is that of the empty mass, also when loaded.")
+    of_key = dict(zip(ResistanceKeys.model_fields, RESISTANCE_COEFFICIENTS, strict=True))
+    absent = [name for key, name in of_key.items() if getattr(stock, name) is None and key not in given]
+    if absent:
+        notes.append(f"{' and '.join(absent)} of the running resistance not given: taken as 0.")
+    return {**stock.resistance(mass).model_dump(), **given}
+
+
+def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:
+    """Return the table's values, the published ones for those it lacks, with a note of the latter."""
+    given: dict[str, float] = keys.model_dump(exclude_none=True)
+    values: dict[str, float] = published.model_dump()
+    lacking = [f"{name} = {values[name]:g} {_unit(published, name)}" for name in values if name not in given]
+    if lacking:
+        notes.append(f"Published {table} ([Park2008] Tables 1 and 2, p. 55), as none is given: {', '.join(lacking)}.")
+    return {**values, **given}
+
+
+def _unit(record: Record, name: str) -> str:
+    extra = type(record).model_fields[name].json_schema_extra
+    return str(extra["unit"]) if isinstance(extra, dict) else ""
+
+
+def _rotation_note(rotation_mass: float, mass: float, wheel: Wheel) -> str:
+    # the factor stands for the inertia of everything that turns; the quarter car has J as a state of its own
+    implied = (rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
+    return (
+        f"rotation_mass = {rotation_mass:g} is not applied to M, as the wheel's inertia stands by itself; it implies "
+        f"J = {implied:.4g} kg*m^2 per axle, and {wheel.inertia:.4g} kg*m^2 is used."
+    )
+
+
+def _first(given: float | None, otherwise: float) -> float:
+    return otherwise if given is None else given

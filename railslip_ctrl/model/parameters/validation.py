@@ -1,0 +1,238 @@
+"""Reading the user's files: text, TOML, and the checker's complaints as one line.
+
+A message reads `file: key: value is not allowed; remedy`, whatever was wrong with the file.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import shown
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+_M = TypeVar("_M", bound=BaseModel)
+
+LARGEST_FILE = 1_000_000
+"""Bytes; a parameter file has a few thousand, and a parser should not be handed a disk image."""
+
+# pydantic's names of the range violations: (sign, key of the bound in the error's context)
+_RANGES = {
+    "greater_than": (">", "gt"),
+    "greater_than_equal": (">=", "ge"),
+    "less_than": ("<", "lt"),
+    "less_than_equal": ("<=", "le"),
+}
+_KINDS = {
+    "string_type": "text in quotes",
+    "int_type": "an integer",
+    "int_from_float": "an integer",
+    "int_parsing": "an integer",
+    "model_type": "a table of keys",
+    "model_attributes_type": "a table of keys",
+    "dict_type": "a table of keys",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "bool_type": "true or false",
+}
+
+
+def given_path(value: object, name: str = "path") -> Path:
+    """Return a path given as text or as a `Path`; InputError, which begins with `name`, for anything else."""
+    if isinstance(value, (str, os.PathLike)) and value:
+        return Path(value)
+    raise InputError(f"{name}: {shown(value)} is not a path; give the name of a file, as text or a Path")
+
+
+def read_text(path: Path, *, where: str = "") -> str:
+    """Return the text of a parameter file.
+
+    Parameters
+    ----------
+    path : Path
+        A regular file, UTF-8 with or without a byte-order mark, at most `LARGEST_FILE` bytes.
+    where : str
+        What an error begins with; left out, the path.
+
+    Raises
+    ------
+    InputError
+        Missing, a directory or device, unreadable, too large, empty, or not UTF-8.
+    """
+    where = where or file_name(path)
+    content = _read_bytes(path, where)
+    if len(content) > LARGEST_FILE:
+        raise InputError(f"{where}: is larger than {LARGEST_FILE} bytes; give a parameter file")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: byte {error.start + 1} is not UTF-8; save the file as UTF-8 text") from None
+    if not text.strip():
+        raise InputError(f"{where}: the file is empty; give at least one key")
+    return text
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the keys of a TOML file; an `InputError` names the line of a syntax error.
+
+    Raises
+    ------
+    InputError
+        As `read_text`, or the text is not TOML.
+    """
+    import tomllib
+
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{file_name(path)}: is nested too deeply; give plain tables of keys") from None
+    except ValueError as error:  # TOMLDecodeError is one; so is an integer of more digits than Python reads
+        raise InputError(f"{file_name(path)}: not valid TOML: {_flat(error)}") from None
+
+
+def validated(model: type[_M], values: object, where: str) -> _M:
+    """Return the record that `values` make.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+        The record's class.
+    values : mapping
+        Its keys, or a record of the class.
+    where : str
+        What an error begins with: the file (and, in a file of several things, the thing).
+
+    Raises
+    ------
+    InputError
+        What the record refuses, as `one_line` says it.
+    """
+    try:
+        # not model_validate, in which a record calls itself by the name of its class
+        return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
+    except ValidationError as error:
+        raise InputError(one_line(error, where, model=model)) from None
+
+
+def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
+    """Return a pydantic error as one line for the user: `where: key: value is not allowed; remedy`.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Its first complaint is told, with the number of further ones.
+    where : str
+        The file (and, in a file of several things, the thing).
+    model : type of BaseModel, optional
+        The record that refused; with it the line gives the unit of a number and the allowed keys.
+    """
+    complaints = error.errors(include_url=False)
+    first = complaints[0]
+    owner, field = _locate(model, first["loc"])
+    key = ".".join(_key(part) for part in first["loc"])
+    start = f"{where}: {key}: " if key else f"{where}: "
+    more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
+    reason = _reason(first, owner, field).removeprefix(f"{key}: ")  # a check may name its key itself
+    return f"{start}{reason}{more}"
+
+
+def unknown_key(key: str, owner: type[BaseModel] | None) -> str:
+    """Return the complaint about a key that its record, where that is known, does not have."""
+    if owner is None:
+        return "unknown key; remove it"
+    return f"unknown key; {close_match(key, owner.model_fields)}allowed: {', '.join(owner.model_fields)}"
+
+
+def close_match(given: str, allowed: Iterable[str]) -> str:
+    """Return "did you mean 'x'? " for the nearest of `allowed`, or nothing when none is near."""
+    import difflib
+
+    near = difflib.get_close_matches(given[:60], list(allowed), n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
+
+
+def file_name(path: Path) -> str:
+    """Return a path for an error: as given, quoted if it could break the line."""
+    text = str(path)
+    return text if text.isprintable() else repr(text)
+
+
+def _read_bytes(path: Path, where: str) -> bytes:
+    try:
+        if path.is_dir():
+            remedy = "is a directory; give a file"
+        elif path.exists() and not path.is_file():  # a pipe or device may never end
+            remedy = "is not a regular file; give a file"
+        else:
+            with path.open("rb") as file:
+                return file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        remedy = "no such file; check the path"
+    except PermissionError:
+        remedy = "cannot be read; check the file's permissions"
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        remedy = f"cannot be read ({getattr(error, 'strerror', None) or _flat(error)}); check the path"
+    raise InputError(f"{where}: {remedy}")
+
+
+def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) -> str:
+    kind, value, context = complaint["type"], complaint["input"], complaint.get("ctx", {})
+    extra = getattr(field, "json_schema_extra", None)
+    unit = extra.get("unit", "1") if isinstance(extra, dict) else "1"
+    in_unit = "" if unit == "1" else f" ({unit})"
+    if kind in _RANGES:
+        sign, bound = _RANGES[kind]
+        return f"{_number(value)} is not allowed; give a value {sign} {context[bound]:g}{in_unit}"
+    if kind == "value_error":
+        return _flat(context["error"])
+    if kind == "missing":
+        meaning = getattr(field, "description", None)
+        return f"missing; give it{in_unit}" + (f": {meaning}" if meaning else "")
+    if kind == "extra_forbidden":
+        return unknown_key(str(complaint["loc"][-1]), owner)
+    if kind == "is_instance_of":
+        return f"{shown(value)} is not allowed; give an instance of {context['class']}"
+    if kind in _KINDS:
+        return f"{shown(value)} is not allowed; give {_KINDS[kind]}"
+    return f"{shown(value)} is not allowed; {_flat(complaint['msg'])}"
+
+
+def _number(value: object) -> str:
+    """A number as a user writes it: converted already, it is a float, and 0 should not read 0.0."""
+    return f"{value:g}" if isinstance(value, float) else shown(value)
+
+
+def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
+    """Return the record that holds the last key of `loc`, and its field there, each None where there is none."""
+    owner, field = model, None
+    names = [part for part in loc if isinstance(part, str)]  # a number is a place in a list of records
+    for depth, part in enumerate(names):
+        field = owner.model_fields.get(part) if owner is not None else None
+        if depth < len(names) - 1:
+            owner = _record_of(field.annotation) if field is not None else None
+    return owner, field
+
+
+def _record_of(annotation: Any) -> type[BaseModel] | None:
+    """The record in an annotation: Wheel of `Wheel`, and of `Wheel | None`."""
+    for candidate in (annotation, *get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return None
+
+
+def _key(part: int | str) -> str:
+    return str(part) if isinstance(part, int) or part.isidentifier() else shown(part)
+
+
+def _flat(error: object) -> str:
+    """A foreign message as one line."""
+    return " ".join(str(error).split())

@@ -1,0 +1,151 @@
+"""The quarter-car plant and its actuator, stated once: [Park2008] (1)-(4) and p. 55, in SymPy.
+
+Everything else about the plant (numeric right-hand sides, Jacobians, trim torque) is derived from the expressions
+here, by the functions here. Symbols are those of `notation`; the adhesion force enters as the symbol Fa until
+`close` puts a law's statement in its place.
+
+Sign conventions: sigma = v - r omega and Fa are positive in braking. The random adhesion torque Tr is r times a
+random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import sympy as sp
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import symbol
+
+from .adhesion import AdhesionLaw
+
+ARGUMENTS = ("v", "sigma", "z", "Tb", "Td", "Tr")
+"""Arguments of every derived function, in order: m/s, m/s, m, N*m, N*m, N*m."""
+
+VEHICLE_PARAMETERS = ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2", "N")
+"""Vehicle parameters, in order; a law's own follow them."""
+
+STATES = ("v", "sigma", "z")
+"""States, in order. A static law has no z; its z' is 0."""
+
+JACOBIAN_COLUMNS = ("v", "sigma", "z", "Tb")
+"""What the rates are differentiated by, in order."""
+
+v, omega, sigma, slip, z = (symbol(name) for name in ("v", "omega", "sigma", "slip", "z"))
+Fa, Ta, Tb, Td, Tr, Fr = (symbol(name) for name in ("Fa", "Ta", "Tb", "Td", "Tr", "Fr"))
+M, J, B, r, Fr0, Fr1, Fr2 = (symbol(name) for name in ("M", "J", "B", "r", "Fr0", "Fr1", "Fr2"))
+v_rate, omega_rate = symbol("v_rate"), symbol("omega_rate")
+
+# --- the statement -------------------------------------------------------------------------------------------------
+
+SLIP_VELOCITY = sp.Eq(sigma, v - r * omega)
+SLIP_RATIO = sp.Eq(slip, sigma / v)  # (2)
+ADHESION_TORQUE = sp.Eq(Ta, r * Fa)
+RESISTANCE = sp.Eq(Fr, Fr0 + Fr1 * v + Fr2 * v**2)
+WHEEL = sp.Eq(J * omega_rate, -B * omega + Ta - Tb - Td + Tr)  # (3)
+TRAIN = sp.Eq(M * v_rate, -Fa - Fr - Tr / r)  # (4)
+
+
+def actuator_transfer() -> sp.Expr:
+    """Ga(s) = exp(-tau s)/(T s + 1), commanded to acting brake torque ([Park2008] p. 55)."""
+    s, tau, T = symbol("s"), symbol("tau"), symbol("T")
+    return sp.exp(-tau * s) / (T * s + 1)
+
+
+def actuator_lag_rate() -> sp.Expr:
+    """Tb', N*m/s: the lag of Ga as a state equation; Tc is the command after the dead time."""
+    return (symbol("Tc") - Tb) / symbol("T")
+
+
+# --- what follows from it ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rates in (v, sigma, Fa, Tb, Td, Tr), solved from the statement: m/s^2, rad/s^2, m/s^2, 1/s."""
+
+    v_rate: sp.Expr
+    omega_rate: sp.Expr
+    sigma_rate: sp.Expr
+    slip_rate: sp.Expr
+
+
+@cache
+def motion() -> Motion:
+    """(3) and (4) solved for the accelerations, and the rates of sigma and lambda from their definitions."""
+    wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
+    known = {ADHESION_TORQUE.lhs: ADHESION_TORQUE.rhs, RESISTANCE.lhs: RESISTANCE.rhs}
+    train = sp.expand(sp.solve(TRAIN, v_rate)[0].subs(known))
+    wheel = sp.expand(sp.solve(WHEEL, omega_rate)[0].subs(known).subs(omega, wheel_speed))
+    definition = SLIP_VELOCITY.rhs
+    sigma_rate = sp.expand(sp.diff(definition, v) * train + sp.diff(definition, omega) * wheel)
+    ratio = SLIP_RATIO.rhs
+    slip_rate = sp.expand(sp.diff(ratio, v) * train + sp.diff(ratio, sigma) * sigma_rate)
+    return Motion(train, wheel, sigma_rate, slip_rate)
+
+
+@cache
+def trim_torque() -> sp.Expr:
+    """The brake torque Tb, N*m, at which lambda' = 0; travelling resistance included."""
+    return sp.expand(sp.solve(motion().slip_rate, Tb)[0])
+
+
+@dataclass(frozen=True)
+class ClosedPlant:
+    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters.
+
+    Attributes
+    ----------
+    force : Expr
+        Adhesion force, N.
+    force_gradient : tuple of Expr
+        Its derivatives with respect to `STATES`.
+    rest_state : Expr
+        z at which z' = 0, m (0 for a static law).
+    rates : tuple of Expr
+        v', sigma', z'.
+    jacobian : tuple of tuples of Expr, 3 by 4
+        Derivatives of `rates` with respect to `JACOBIAN_COLUMNS`.
+    trim_torque : Expr
+        Tb with lambda' = 0, N*m.
+    functions : mapping
+        See `adhesion.Statement`.
+    """
+
+    force: sp.Expr
+    force_gradient: tuple[sp.Expr, ...]
+    rest_state: sp.Expr
+    rates: tuple[sp.Expr, ...]
+    jacobian: tuple[tuple[sp.Expr, ...], ...]
+    trim_torque: sp.Expr
+    functions: Mapping[str, str]
+
+
+def close(law: type[AdhesionLaw]) -> ClosedPlant:
+    """Put a law's statement into the plant; InputError for a parameter named like a symbol of the plant."""
+    taken = {*ARGUMENTS, *VEHICLE_PARAMETERS} & set(law.parameter_names())
+    if taken:
+        raise InputError(f"adhesion {law.name!r}: parameter {min(taken)!r} is the name of a plant symbol; rename it")
+    statement = law.statement()
+    general = motion()
+    zero = sp.Integer(0)
+    state_rate = zero if statement.state_rate is None else statement.state_rate
+    force = statement.force
+    rates = (general.v_rate.subs(Fa, force), general.sigma_rate.subs(Fa, force), state_rate)
+    columns = tuple(symbol(name) for name in JACOBIAN_COLUMNS)
+    return ClosedPlant(
+        force=force,
+        force_gradient=tuple(_derivative(force, symbol(name)) for name in STATES),
+        rest_state=zero if statement.steady_state is None else statement.steady_state,
+        rates=rates,
+        jacobian=tuple(tuple(_derivative(rate, column) for column in columns) for rate in rates),
+        trim_torque=trim_torque().subs(Fa, force),
+        functions=statement.functions,
+    )
+
+
+def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
+    """The derivative where there is one: a jump's Dirac term is nought beside it, and at it the law has a kink."""
+    return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))

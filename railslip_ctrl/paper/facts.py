@@ -1,0 +1,234 @@
+"""What else the published runs show, each statement decided by a run or a computation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.assessment import Assessment, assess
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import peak
+from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
+from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, published_scenario, simulate
+from railslip_ctrl.simulation.published import COLUMNS, Column, published_controller
+from railslip_ctrl.verification.lyapunov_runs import judge_run
+from railslip_ctrl.verification.switching import largest_adaptation
+from railslip_ctrl.verification.switching.effects import published_loop
+
+from .runs import CASES, Progress
+
+SLIDING_SHARES = (0.65, 0.85)
+"""Share of the time with s s' < 0 that counts as about three quarters: neither sliding (1) nor chance (1/2)."""
+
+SLOW = 3.0
+"""A stop so many times longer than without the adaptation counts as lost: no stopping distance allows for it."""
+
+LATE_SHARE = 0.5
+"""Locking in this last share of the stop's time counts as late."""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One finding about the published runs.
+
+    Attributes
+    ----------
+    name : str
+    statement, found : str
+        What is said, and what was found.
+    holds : bool
+        Whether the statement holds.
+    how : str
+        How that was decided.
+    """
+
+    name: str
+    statement: str
+    found: str
+    holds: bool
+    how: str
+
+
+def published_facts(*, seed: int = 0, progress: Progress | None = None) -> tuple[Fact, ...]:
+    """What else the published runs show; takes some seconds.
+
+    Parameters
+    ----------
+    seed : int
+        Of the runs with noise.
+    progress : callable, optional
+        Told each fact's name when it is decided.
+    """
+    decisions: tuple[Callable[[], Fact], ...] = (
+        pi_margins,
+        no_sliding,
+        partial(reaching_fails, seed),
+        partial(wet_rail_unknown, seed),
+        partial(adaptation_unstable, seed),
+        partial(si_stops_early, seed),
+    )
+    facts = []
+    for decide in decisions:
+        facts.append(decide())
+        if progress is not None:
+            progress(f"facts: {facts[-1].name}")
+    return tuple(facts)
+
+
+def pi_loop(column: Column, inertia_scale: float) -> Assessment:
+    """A column's PI on the dry bristle model at 100 km/h and the column's reference slip, through the actuator."""
+    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    controller = published_controller("pi", column)
+    law = published_law("bristle", Rail.DRY)
+    plant = linearize(operating_point(law, vehicle, INITIAL_SPEED_KMH * KMH, controller.reference.dry, rail=Rail.DRY))
+    return assess(plant, PIController(TABLE4_PI[column]), vehicle.actuator)
+
+
+def pi_margins() -> Fact:
+    """Barely stable as published, unstable in SI."""
+    scale = AS_PUBLISHED_INERTIA_SCALE
+    published = {column: pi_loop(column, scale) for column in COLUMNS}
+    si = {column: pi_loop(column, 1.0) for column in COLUMNS}
+    margins = {column: one.margins.phase_deg for column, one in published.items() if one.margins is not None}
+    found = ", ".join(f"{column} {phase:.2f} deg" for column, phase in margins.items())
+    poles = ", ".join(f"{column} {one.unstable_poles:g}" for column, one in si.items())
+    return Fact(
+        "PI loops barely stable",
+        f"On the dry bristle model at 100 km/h both PI loops are stable at inertia scale {scale:g} with a phase margin "
+        "below 30 deg, and unstable at 1.",
+        f"phase margin at {scale:g}: {found or 'none'}; unstable closed-loop poles at 1: {poles}",
+        len(margins) == len(COLUMNS)
+        and all(phase < 30.0 for phase in margins.values())
+        and not any(one.stable for one in si.values()),
+        "linearised loop at the column's reference slip, dead time exact",
+    )
+
+
+def no_sliding() -> Fact:
+    """s s' < 0 only part of the time, though nothing random acts."""
+    shares = {}
+    for column in COLUMNS:
+        judged = judge_run(published_scenario(), _asmc(column), seed=None)
+        shares[column] = judged.condition("sliding").share
+    low, high = SLIDING_SHARES
+    return Fact(
+        "no sliding",
+        "Without noise s s' < 0 holds about three quarters of the time, and not always.",
+        ", ".join(f"{column} {100 * share:.1f} %" for column, share in shares.items()) + " of the time",
+        all(low < share < high for share in shares.values()),
+        "run without noise, s' from the plant's equations",
+    )
+
+
+def reaching_fails(seed: int) -> Fact:
+    """(40) with Table 4's gains and the published noise."""
+    shares = {}
+    for column in COLUMNS:
+        shares[column] = judge_run(published_scenario(), _asmc(column), seed=seed).condition("reaching (40)").share
+    return Fact(
+        "(40) fails",
+        "With Table 4's gains the condition (40) fails under the published disturbances.",
+        "it holds " + ", ".join(f"{column} {100 * share:.1f} %" for column, share in shares.items()) + " of the time",
+        all(share < 1.0 for share in shares.values()),
+        f"run with noise, seed {seed}",
+    )
+
+
+def wet_rail_unknown(seed: int) -> Fact:
+    """The ASMC that keeps the dry curve after 25 s."""
+    scenario, found, holds = published_scenario(), [], True
+    for column in COLUMNS:
+        run = simulate(scenario, _asmc(column, knows_rail=False), seed=seed)
+        known = simulate(scenario, _asmc(column), seed=seed, record_every=None)
+        signals = _recorded(run)
+        wet = signals.slip[signals.time > _rail_change(scenario)]
+        found.append(
+            f"{column}: mean slip {wet.mean():.2f} after {_rail_change(scenario):g} s, {_locking(run)}; "
+            f"{run.braking_distance:.0f} m, {_end(run)} (known: {known.braking_distance:.0f} m, no lock)"
+        )
+        holds = holds and run.locked_fraction > 0 and known.locked_fraction == 0
+    return Fact(
+        "wet rail unknown",
+        "With the dry curve kept after the rail turns wet the ASMC's wheel slides and locks; told of it, it does not.",
+        "; ".join(found),
+        holds,
+        f"runs with noise, seed {seed}",
+    )
+
+
+def adaptation_unstable(seed: int) -> Fact:
+    """The printed k behind the printed actuator."""
+    loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
+    ratio = largest_adaptation(loop) / loop.gains.k
+    scenario, found, holds = published_scenario(), [], ratio < 1.0
+    for column in COLUMNS:
+        adaptive, plain = (
+            simulate(scenario, _asmc(column, adaptive=on), seed=seed, record_every=None) for on in (True, False)
+        )
+        found.append(f"{column}: {_end(adaptive)} (k = 0: {plain.braking_time:.1f} s)")
+        holds = holds and (not adaptive.stopped or adaptive.braking_time > SLOW * plain.braking_time)
+    return Fact(
+        "printed adaptation unstable",
+        f"With k = 2.1e-8 behind the actuator the loop is unstable and the stop takes over {SLOW:g} times as long, "
+        f"or does not end within {scenario.longest_time:g} s.",
+        f"largest stable k on the dry curve: {ratio:.2f} times the printed; " + "; ".join(found),
+        holds,
+        f"root count of the linearised loop (bristle column); runs with noise, seed {seed}",
+    )
+
+
+def si_stops_early(seed: int) -> Fact:
+    """The same run with SI inertias."""
+    scenario = published_scenario(as_published=False)
+    end = _rail_change(scenario)
+    highest = peak(scenario.law(Rail.DRY), scenario.initial_speed, scenario.vehicle.wheel_load).slip
+    found, holds = [], True
+    for case in CASES:
+        run = simulate(scenario, published_controller(case.kind, case.gains), seed=seed)
+        holds = holds and run.stopped and run.braking_time < end
+        if case.kind == "asmc":
+            over = np.flatnonzero(_recorded(run).slip > highest)
+            holds = holds and over.size > 0 and run.first_lock > (1.0 - LATE_SHARE) * run.braking_time
+            found.append(f"{case.name}: {_end(run)}, {_locking(run)}, highest slip {run.max_slip:.2f}")
+        else:
+            found.append(f"{case.name}: {_end(run)}, highest slip {run.max_slip:.2f}")
+    return Fact(
+        "SI stops before the rail turns wet",
+        f"At inertia scale 1 every stop ends before {end:g} s; the ASMC wheel passes the peak and locks in the second "
+        "half of the stop.",
+        "; ".join(found) + f" (peak at slip {highest:.3f})",
+        holds,
+        f"runs with noise, seed {seed}",
+    )
+
+
+def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) -> SlidingControl:
+    controller = published_controller("asmc", column, knows_rail=knows_rail, adaptive=adaptive)
+    assert isinstance(controller, SlidingControl), "the ASMC is the sliding-mode law"
+    return controller
+
+
+def _rail_change(scenario: Scenario) -> float:
+    """When the rail turns wet, s."""
+    return next(event.time for event in scenario.events if event.rail is Rail.WET and event.time is not None)
+
+
+def _recorded(run: Run) -> Signals:
+    assert run.signals is not None, "the run was recorded"
+    return run.signals
+
+
+def _end(run: Run) -> str:
+    return f"{run.braking_time:.1f} s" if run.stopped else f"{run.outcome} by {run.braking_time:.0f} s"
+
+
+def _locking(run: Run) -> str:
+    if np.isnan(run.first_lock):
+        return "never locked"
+    return f"locked from {run.first_lock:.1f} s for {100 * run.locked_fraction:.1f} % of the time"

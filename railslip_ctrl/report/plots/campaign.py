@@ -1,0 +1,142 @@
+"""Pictures of a campaign: distributions, what they depend on, a run again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from railslip_ctrl.simulation.campaign.execution import Replay
+from railslip_ctrl.simulation.campaign.rows import measured
+from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
+
+from .style import (
+    PAGE_WIDTH,
+    SMALL,
+    TEXT,
+    folded,
+    legend_beside,
+    legend_of_figure,
+    line_style,
+    mark_style,
+    new_figure,
+    panels,
+)
+
+SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
+"""Measures drawn, if none are named."""
+
+# where a controller's label stands beside its worst run: each has its own corner, as two may lie in one place
+_CORNERS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+
+
+def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHOWN) -> Figure | None:
+    """Histogram and distribution function of some measures, over the runs that stopped; None where none did."""
+    if not summary.any_stopped:
+        return None
+    figure = new_figure(0.9 + 1.5 * len(measures), _title(summary))
+    axes = panels(figure, len(measures), 2, sharex="row")
+    for (density_axes, share), name in zip(axes, measures, strict=True):
+        for i, found in enumerate(summary.controllers.values()):
+            measure, scale = found.measures[name], measured(name).scale
+            if not measure.moments.count:
+                density_axes.plot([], [], label=f"{found.name} (none)", **line_style(i))
+                continue
+            edges, counts = measure.histogram
+            shape = measure.histogram.merged()
+            density = shape.counts / counts.sum() / np.diff(scale * shape.edges)
+            label = f"{found.name} ({measure.moments.count})"
+            density_axes.stairs(density, scale * shape.edges, label=label, **line_style(i))
+            upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
+            share.plot(scale * edges, upto, **line_style(i))
+        density_axes.set_yticks([])
+        for ax in (density_axes, share):
+            ax.set_xlabel(_dotted(measured(name).head))
+    axes[0, 0].set_title("density of runs", fontsize=TEXT)
+    axes[0, 1].set_title("share of runs up to here (-)", fontsize=TEXT)
+    legend_of_figure(figure, axes[0, 0], columns=4)
+    return figure
+
+
+def scatter_figure(summary: CampaignSummary) -> Figure | None:
+    """The measure by which the worst are chosen, over each varied quantity, with the worst runs numbered.
+
+    None where nothing is varied or no run stopped.
+    """
+    heads, measure = summary.campaign.quantity_heads, measured(summary.worst_by)
+    if not heads or not summary.any_stopped:
+        return None
+    columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
+    rows = -(-len(heads) // columns)
+    told = "rings: the worst runs of each controller, with the number of the worst"
+    figure = new_figure(0.8 + 2.5 * rows, f"{_title(summary)}; {told}")
+    axes = panels(figure, rows, columns, sharey=True)
+    for ax, (quantity, head) in zip(axes.flat, heads.items(), strict=False):
+        for i, (name, found) in enumerate(summary.controllers.items()):
+            sample, color = summary.sample[name], line_style(i)["color"]
+            fill = (
+                "none" if i % 2 else "full"
+            )  # in grey, marks of one size differ by what is in them before their shape
+            stopped = sample["stopped"].astype(bool)
+            values, results = sample[quantity], measure.scale * sample[measure.name]
+            look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **mark_style(i)}
+            ax.plot(values[stopped], results[stopped], label=name, **look)
+            for row in found.worst:
+                ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
+            for row in found.worst[:1]:
+                place, (right, up) = (row[quantity], measure.scale * row[measure.name]), _CORNERS[i % len(_CORNERS)]
+                ax.annotate(
+                    f"{row['run']}",
+                    place,
+                    (6 * right, 6 * up),
+                    textcoords="offset points",
+                    ha="left" if right > 0 else "right",
+                    va="bottom" if up > 0 else "top",
+                    fontsize=SMALL,
+                    color=color,
+                    path_effects=[withStroke(linewidth=1.2, foreground="white")],  # legible over marks
+                )
+        ax.margins(x=0.12, y=0.15)  # a label beside the outermost mark stays inside
+        ax.set_xlabel(folded(_dotted(head), 0.9 * PAGE_WIDTH / columns))
+    for ax in axes.flat[len(heads) :]:
+        ax.set_visible(False)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(_dotted(measure.head))
+    legend_of_figure(figure, axes[0, 0], columns=4, markerscale=3)
+    return figure
+
+
+def replay_figure(replayed: Replay) -> Figure:
+    """Speeds, slip and torque of a run, each controller."""
+    figure = new_figure(6.0, f"Run {replayed.number} again")
+    axes = panels(figure, 3, len(replayed.runs), sharex="col", sharey="row")
+    for column, (name, run) in zip(axes.T, replayed.runs.items(), strict=True):
+        signals = run.signals
+        assert signals is not None, "a replay records them"
+        radius = run.scenario.vehicle.wheel.radius
+        column[0].plot(signals.time, 3.6 * signals.speed, label="train", **line_style(0))
+        column[0].plot(signals.time, 3.6 * radius * signals.wheel_speed, label="wheel", **line_style(1))
+        column[1].plot(signals.time, signals.slip, label="slip", **line_style(0))
+        column[1].plot(signals.time, signals.reference, label="reference", **line_style(1))
+        column[2].plot(signals.time, signals.command / 1e3, label="commanded", color="0.65", linewidth=0.7)
+        column[2].plot(signals.time, signals.torque / 1e3, label="acting", **line_style(0))
+        ended = f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s"
+        column[0].set_title(folded(ended, 0.9 * PAGE_WIDTH / len(replayed.runs)), fontsize=TEXT)
+        column[2].set_xlabel("time (s)")
+    for ax, label in zip(axes[:, 0], ("speed (km/h)", "slip ratio λ (-)", "torque (kN·m)"), strict=True):
+        ax.set_ylabel(label)
+    for ax in axes[:, -1]:
+        legend_beside(ax)
+    return figure
+
+
+def _title(summary: CampaignSummary) -> str:
+    return f"{summary.runs} runs of {summary.campaign.scenario.name}; those that stopped"
+
+
+def _dotted(head: str) -> str:
+    """A column's name and unit as on an axis."""
+    words = head.replace("_", " ").replace("*", "·")
+    return words if "(" in head else f"{words} (-)"

@@ -1,0 +1,175 @@
+"""Pictures of an identification: mu over slip with the models fitted, the peak over speed, parameters over v0."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification.course import course_of
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE
+from railslip_ctrl.identification.identify import Campaign, Identification
+from railslip_ctrl.identification.models import parameter_unit
+from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.model.adhesion.envelope import curtius_kniffler
+
+from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style
+
+_MARKS = (("most", "^", "maximum"), ("mean", "o", "mean"), ("least", "x", "minimum"))
+_MODELS_SHOWN = 4
+
+
+def adhesion_figure(found: Sequence[Identification]) -> Figure:
+    """mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
+    columns = min(len(found), 2)
+    rows = -(-len(found) // columns)
+    title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
+    figure = new_figure(0.4 + (4.4 if columns == 1 else 3.6) * rows, title)
+    axes = panels(figure, rows, columns, sharey=True).ravel()
+    bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
+    for ax, each in zip(axes, found, strict=False):
+        _adhesion(ax, each, columns)
+    for ax in axes[::columns]:
+        ax.set_ylabel("adhesion coefficient μ (-)")
+    axes[0].set_ylim(bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0))  # a mark is seen whole
+    for ax in axes[len(found) :]:
+        ax.set_axis_off()
+    return figure
+
+
+def _adhesion(ax: Any, found: Identification, columns: int) -> None:
+    bins = found.curve.bins
+    for name, mark, label in _MARKS:
+        ax.plot(bins.slip, getattr(bins, name), mark, color="0.45", markersize=4, fillstyle="none", label=label)
+    chosen = found.chosen.fit.model.name
+    errors = {score.fit.model.name: score.mean_abs_error for score in found.scores}
+    # bristles stay wound up while the slip swings: their mean over the slip follows the log, and is no smooth curve
+    along = {score.fit.model.name for score in found.scores if score.fit.followed is not None}
+    lines = sorted(found.lines, key=lambda line: line.name != chosen)[:_MODELS_SHOWN]
+    for i, line in enumerate(lines):
+        mean = "\nmean along the log's slip" if line.name in along else ""
+        taken = ", chosen" if line.name == chosen else ""
+        label = f"{line.name} (mean |error| {errors[line.name]:.2g}{taken}){mean}"
+        ax.plot(line.slip, line.mu, label=label, linewidth=2.0 if i == 0 else 1.1, **line_style(i))
+    ax.axvline(found.regimes.boundary, color="0.7", linewidth=0.8)
+    ax.set_xlim(left=0.0)
+    late = found.regimes.boundary > 0.7 * ax.get_xlim()[1]
+    where = {"ha": "right" if late else "left", "transform": ax.get_xaxis_transform()}
+    ax.text(found.regimes.boundary, 0.02, "sliding " if late else " sliding", fontsize=SMALL, color="0.4", **where)
+    ax.set_title(
+        f"{found.curve.name.rsplit('/', 1)[-1]}, v0 = {found.setting.initial_speed / KMH:.4g} km/h", fontsize=TEXT
+    )
+    ax.set_xlabel("slip ratio λ (-)")
+    legend_below(ax, 0.16, columns=1 if columns > 1 else 2)
+
+
+def drift_figure(found: Identification) -> Figure:
+    """Slip and height of the peak over speed with their 99 % intervals, and the reference slip, by rail condition.
+
+    What the log does not show is hollow: the model at other initial speeds, and, without intervals, wet rail by rule.
+    Beside the height the envelope of Curtius and Kniffler, what locomotives had on dry rail.
+    """
+    title = f"Peak of {found.chosen.fit.model.name} over speed: {found.curve.name.rsplit('/', 1)[-1]}"
+    figure = new_figure(4.2, title)
+    slip, height = panels(figure, 1, 2)[0]
+    for rail in dict.fromkeys(peak.rail for peak in found.peaks):
+        _drift(slip, height, [peak for peak in found.peaks if peak.rail is rail])
+    shown = [peak.speed / KMH for peak in found.peaks]
+    speeds = np.linspace(min(shown), max(shown), 50)
+    height.plot(speeds, curtius_kniffler(speeds * KMH), ":", color="0.4", label="Curtius-Kniffler, dry rail")
+    slip.set_ylabel("slip ratio λ (-)")
+    height.set_ylabel("highest adhesion coefficient μ (-)")
+    for ax in (slip, height):
+        ax.set_xlabel("train speed (km/h)")
+    for ax, most in ((slip, 1.0), (height, math.inf)):  # an interval may go beyond any slip
+        if math.isfinite(ax.dataLim.ymax):  # a model without a peak has none to show
+            ax.set_ylim(0.0, min(1.08 * ax.dataLim.ymax, most))
+        legend_below(ax, 0.17)
+    return figure
+
+
+def _drift(slip: Any, height: Any, peaks: Sequence[PeakSlip]) -> None:
+    """The peaks on one rail, all of the log or all by rule."""
+    rail = peaks[0].rail
+    style, where = rail_style(rail), f"{rail} rail, by rule" if peaks[0].by_rule else f"{rail} rail"
+    speed, values, errors, mu, mu_errors, reference = (
+        np.array([getattr(peak, name) for peak in peaks])
+        for name in ("speed", "slip", "slip_stderr", "coefficient", "coefficient_stderr", "reference")
+    )
+    speed = speed / KMH
+    _peaks(slip, (speed, values, errors), peaks, f"peak, {where}", style)
+    size = (
+        9.0 if peaks[0].by_rule else 5.0
+    )  # a law's rule may leave the slip as it is: each mark is seen about the other
+    mark = {"marker": "s", "linestyle": "", "fillstyle": "none", "markersize": size, "color": style["color"]}
+    slip.plot(speed, reference, label=f"reference, {where}", **mark)
+    _peaks(height, (speed, mu, mu_errors), peaks, where, style)
+
+
+def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label: str, style: dict[str, Any]) -> None:
+    """A line through values over speed; marks on it, with bars where the log tells them."""
+    speed, values, errors = data
+    if peaks[0].by_rule:
+        ax.plot(speed, values, marker="D", markersize=4, fillstyle="none", label=label, **style)
+        return
+    ax.plot(speed, values, **style)
+    beyond = np.array([peak.extrapolated for peak in peaks])
+    for at, fill, suffix in ((~beyond, "full", "99 %"), (beyond, "none", "99 %, extrapolated")):
+        if at.any():
+            bars = NORMAL_QUANTILE * np.nan_to_num(errors[at])
+            marks = {"fmt": "o", "capsize": 3.0, "markersize": 4.5, "fillstyle": fill, "color": style["color"]}
+            ax.errorbar(speed[at], values[at], bars, label=f"{label}, {suffix}", **marks)
+
+
+def braking_figure(found: Identification) -> Figure:
+    """The log's longest braking over time: speeds, brake torque and observed adhesion torque, slip."""
+    course = course_of(found.curve.record, found.vehicle, found.curve.time_constant)
+    figure = new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
+    speed, torque, slip = panels(figure, 3, 1, sharex=True)[:, 0]
+    if course is not None:
+        speed.plot(course.time, course.train_speed / KMH, label="train", **line_style(0))
+        speed.plot(course.time, course.wheel_speed / KMH, label="wheel's circumference", **line_style(1))
+        torque.plot(course.time, course.brake_torque / 1e3, label="brake torque", **line_style(0))
+        label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
+        torque.plot(course.time, course.adhesion_torque / 1e3, label=label, **line_style(1))
+        slip.plot(course.time, course.slip, **line_style(0))
+        for ax in (speed, torque):
+            ax.legend(fontsize=SMALL)
+    speed.set_ylabel("speed (km/h)")
+    torque.set_ylabel("torque at the\nwheel (kN·m)")
+    slip.set_ylabel("slip ratio λ (-)")
+    slip.set_xlabel("time from the brake's application (s)")
+    return figure
+
+
+def coefficients_figure(
+    found: Campaign, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
+) -> Figure:
+    """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
+
+    `beside` is a label and other values of all parameters at a speed in km/h, for a second line.
+    """
+    count, first = len(found.polynomials), found.logs[0].chosen.fit
+    columns = min(count, 3)
+    rows = -(-count // columns)
+    figure = new_figure(0.8 + 2.3 * rows, f"Parameters of {first.model.name} over the initial speed v0")
+    axes = panels(figure, rows, columns).ravel()
+    for ax in axes[count:]:
+        ax.set_axis_off()
+    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=False)):
+        intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
+        reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
+        ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
+        speeds = np.linspace(p.speeds_kmh.min(), p.speeds_kmh.max(), 100)
+        ax.plot(speeds, [p.at(speed) for speed in speeds], label="polynomial of v0", **line_style(0))
+        if beside is not None:
+            ax.plot(speeds, [beside[1](speed)[k] for speed in speeds], label=beside[0], **line_style(1))
+        unit = parameter_unit(p.name)
+        ax.set_ylabel(f"{p.name} (-)" if unit == "1" else f"{p.name} ({unit})")
+        ax.set_xlabel("initial speed v0 (km/h)")
+    legend_of_figure(figure, axes[0], columns=3)
+    return figure

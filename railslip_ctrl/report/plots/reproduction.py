@@ -1,0 +1,243 @@
+"""The figures of [Park2008] redrawn: adhesion models (13 to 15, 17) and braking runs (18 to 21)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.paper import QUANTITIES, TABLE5, AdhesionCurve, Table5
+from railslip_ctrl.simulation import Run, Signals
+from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
+
+from .style import (
+    PAGE_WIDTH,
+    SMALL,
+    TEXT,
+    folded,
+    legend_below,
+    legend_of_figure,
+    line_style,
+    mark_style,
+    new_figure,
+    panels,
+)
+
+_QUANTITIES = dict(
+    zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
+)
+_LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, at rest"}
+_SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
+
+
+def model_figures(curves: Sequence[AdhesionCurve]) -> dict[str, Figure]:
+    """Figs. 13, and 14 with 15 (dry, by initial speed), by file name."""
+    return {"fig_13": _models_by_speed(curves), "figs_14_15": _speeds_by_model(curves)}
+
+
+def run_figures(runs: Mapping[str, Run]) -> dict[str, Figure]:
+    """Figs. 18 to 21 of the four columns' recorded runs, by file name."""
+    return {
+        "fig_18": _speeds(18, {name: run for name, run in runs.items() if name.startswith("PI")}),
+        "fig_19": _speeds(19, {name: run for name, run in runs.items() if name.startswith("ASMC")}),
+        "fig_20": _torques(runs),
+        "fig_21": _slips(runs),
+    }
+
+
+def _models_by_speed(curves: Sequence[AdhesionCurve]) -> Figure:
+    speeds = list(dict.fromkeys(curve.initial_speed_kmh for curve in curves))
+    title = "[Park2008] Fig. 13: adhesion models on dry rail by initial speed (without the rig's marks)"
+    figure = new_figure(5.6, title)
+    axes = panels(figure, 2, (len(speeds) + 1) // 2, sharex=True, sharey=True).ravel()
+    for ax, speed in zip(axes, speeds, strict=True):
+        chosen = [curve for curve in curves if curve.initial_speed_kmh == speed]
+        for i, curve in enumerate(chosen):
+            ax.plot(curve.slip, curve.coefficient, label=_LAWS[curve.law], **line_style(i))
+        peaks = ", ".join(
+            f"{c.law.replace('curve', 'ramp')} {c.peak.coefficient:.3f} at {c.peak.slip:.3f}" for c in chosen if c.rises
+        )
+        ax.set_title(folded(f"v0 = {speed:g} km/h\npeaks: {peaks}", 0.45 * PAGE_WIDTH, SMALL), fontsize=SMALL)
+        _adhesion_axes(ax)
+    legend_of_figure(figure, axes[0], columns=3)
+    return figure
+
+
+def _speeds_by_model(curves: Sequence[AdhesionCurve]) -> Figure:
+    laws = list(dict.fromkeys(curve.law for curve in curves))
+    title = "[Park2008] Figs. 14 and 15: adhesion models on dry rail, by initial speed"
+    figure = new_figure(4.4, title)
+    for ax, law in zip(panels(figure, 1, len(laws), sharey=True)[0], laws, strict=True):
+        chosen = [curve for curve in curves if curve.law == law]
+        for i, curve in enumerate(chosen):
+            style = line_style(i)
+            ax.plot(curve.slip, curve.coefficient, label=f"{curve.initial_speed_kmh:g} km/h", **style)
+        for curve in chosen:  # last, so that the legend keeps the speeds together
+            if curve.reference is not None:
+                label = f"reference {curve.reference:g} for {curve.initial_speed_kmh:g} km/h"
+                ax.axvline(curve.reference, color="0.5", linewidth=0.8, label=label)
+        ax.set_title(_LAWS[law], fontsize=TEXT)
+        _adhesion_axes(ax)
+        legend_below(ax, 0.15)
+    return figure
+
+
+def wet_and_dry_figure(curves: Sequence[AdhesionCurve]) -> Figure:
+    """Fig. 17: adhesion dry and wet, with the published references."""
+    speeds = " and ".join(f"{speed:g}" for speed in dict.fromkeys(curve.initial_speed_kmh for curve in curves))
+    figure = new_figure(4.8, f"[Park2008] Fig. 17: adhesion dry and wet, v0 = {speeds} km/h")
+    ax = panels(figure)[0, 0]
+    for i, curve in enumerate(curves):
+        style = line_style(i)
+        peak = f"peak {curve.peak.coefficient:.3f} at slip {curve.peak.slip:.3f}"
+        ax.plot(curve.slip, curve.coefficient, label=f"{_LAWS[curve.law]}, {curve.rail}: {peak}", **style)
+        if curve.reference is not None:
+            ax.axvline(curve.reference, color=style["color"], linewidth=0.8, linestyle=style["linestyle"], alpha=0.7)
+            ax.annotate(
+                f"{curve.reference:g}, {_SHORT[curve.law]} {curve.rail}", (curve.reference, 1.0),
+                xycoords=("data", "axes fraction"), fontsize=SMALL, rotation=90, xytext=(1, -2),
+                textcoords="offset points", va="top",
+            )  # fmt: skip
+    ax.plot([], [], color="0.4", linewidth=0.8, label="vertical: published reference slips")
+    _adhesion_axes(ax)
+    ax.set_ylim(0.0, 1.4 * max(curve.peak.coefficient for curve in curves))  # the references' names stand above
+    legend_below(ax, 0.14, columns=2)
+    return figure
+
+
+def _adhesion_axes(ax: Any) -> None:
+    ax.set_xlabel("slip ratio λ (-)")
+    ax.set_ylabel("adhesion coefficient μ (-)")
+    ax.set_xlim(0.0, max(line.get_xdata()[-1] for line in ax.lines if len(line.get_xdata()) > 2))
+    ax.set_ylim(bottom=0.0)
+    ax.label_outer()
+
+
+def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
+    figure = new_figure(1.0 + 2.2 * len(runs), f"[Park2008] Fig. {number}: train and wheel speed{_seeded(runs)}")
+    axes = panels(figure, len(runs), sharex=True, sharey=True)[:, 0]
+    for ax, (name, run) in zip(axes, runs.items(), strict=True):
+        signals = _recorded(run)
+        rim = signals.wheel_speed * run.scenario.vehicle.wheel.radius
+        ax.plot(signals.time, rim / KMH, color="0.55", linewidth=0.8, label="wheel, r ω")
+        ax.plot(signals.time, signals.speed / KMH, color="black", label="train, v")
+        time, distance = (TABLE5[name][QUANTITIES.index(q)] for q in ("braking_time_s", "braking_distance_m"))
+        ax.set_title(
+            f"{name}: {run.braking_time:.1f} s, {run.braking_distance:.0f} m (Table 5: {time:g} s, {distance:g} m)",
+            fontsize=TEXT,
+        )
+        ax.set_ylabel("speed (km/h)")
+        ax.legend(fontsize=SMALL, frameon=False)
+    _time_axes(axes)
+    return figure
+
+
+def _torques(runs: Mapping[str, Run]) -> Figure:
+    figure = new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
+    axes = _by_controller(figure, runs)
+    for ax, i, name, run in axes:
+        signals = _recorded(run)
+        energy = run.scenario.vehicle.inertia_scale * run.brake_energy
+        printed = TABLE5[name][QUANTITIES.index("brake_energy_published_reading")]
+        label = f"{name}: energy in the printed reading {energy / 1e7:.2f}·10⁷ N·m (Table 5: {printed / 1e7:.2f}·10⁷)"
+        ax.plot(signals.time, signals.torque / 1e3, label=label, **_pair_style(i))
+        ax.set_ylabel("acting torque Tb (kN·m)")
+    _finish(axes)
+    return figure
+
+
+def _slips(runs: Mapping[str, Run]) -> Figure:
+    against = "/".join(f"{slip:g}" for slip in PUBLISHED_REFERENCE.values())
+    title = f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}"
+    figure = new_figure(5.6, title)
+    axes = _by_controller(figure, runs)
+    for ax, i, name, run in axes:
+        signals = _recorded(run)
+        printed = TABLE5[name][QUANTITIES.index("mean_abs_slip_error")]
+        label = f"{name}: mean error {run.mean_abs_slip_error_published:.4f} (Table 5: {printed:.4f})"
+        ax.plot(signals.time, signals.slip, label=label, **_pair_style(i))
+        ax.plot(signals.time, signals.reference, label=f"{name}: reference", linewidth=1.0, **_reference_style(i))
+        ax.set_ylabel("slip ratio λ (-)")
+    _finish(axes)
+    return figure
+
+
+def _by_controller(figure: Figure, runs: Mapping[str, Run]) -> list[tuple[Any, int, str, Run]]:
+    """Axes, number of the line in them, name and run: a panel a kind of controller."""
+    kinds = list(dict.fromkeys(name.split()[0] for name in runs))
+    by_kind = dict(zip(kinds, panels(figure, len(kinds), sharex=True, sharey=True)[:, 0], strict=True))
+    numbers = dict.fromkeys(kinds, -1)
+    result = []
+    for name, run in runs.items():
+        kind = name.split()[0]
+        numbers[kind] += 1
+        result.append((by_kind[kind], numbers[kind], name, run))
+    return result
+
+
+def _finish(axes: Sequence[tuple[Any, int, str, Run]]) -> None:
+    each = list(dict.fromkeys(ax for ax, *_ in axes))
+    for ax in each:
+        count = len(ax.get_legend_handles_labels()[0])
+        ax.legend(fontsize=SMALL, frameon=False, loc="upper left", ncols=2 if count > 2 else 1)
+        ax.margins(y=0.35)
+    _time_axes(each)
+
+
+def _time_axes(axes: Any) -> None:
+    for ax in axes:
+        ax.set_xlim(left=0.0)
+        ax.set_ylim(bottom=0.0)
+    axes[-1].set_xlabel("time (s)")
+
+
+def _pair_style(i: int) -> dict[str, Any]:
+    """Two noisy lines told apart in grey: light under dark."""
+    return ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})[i]
+
+
+def _reference_style(i: int) -> dict[str, Any]:
+    return ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})[i]
+
+
+def _seeded(runs: Mapping[str, Run]) -> str:
+    seeds = ", ".join(sorted({"without noise" if run.seed is None else f"seed {run.seed}" for run in runs.values()}))
+    return f"; one run each, {seeds}"
+
+
+def _recorded(run: Run) -> Signals:
+    assert run.signals is not None, "the run was recorded"
+    return run.signals
+
+
+def deviations_figure(comparison: Table5) -> Figure:
+    """Deviation from Table 5 by column and quantity, with two standard errors."""
+    groups: dict[str, list[tuple[str, float, float]]] = {}
+    for row in comparison.rows:
+        _, column, quantity = row.item.split(" / ")
+        error = 100 * row.standard_error / row.published
+        groups.setdefault(quantity, []).append((column, row.deviation_percent, error))
+    figure = new_figure(3.4, f"Table 5: deviation of the mean of {comparison.seeds} runs, bars: 2 std. errors")
+    ax = panels(figure)[0, 0]
+    for i, (quantity, found) in enumerate(groups.items()):
+        names, deviations, errors = zip(*found, strict=True)
+        places = np.arange(len(names)) + 0.16 * (i - 1.5)
+        ax.errorbar(
+            places,
+            deviations,
+            yerr=2 * np.array(errors),
+            **mark_style(i),
+            markersize=4.5,
+            capsize=3,
+            label=_QUANTITIES[quantity],
+        )
+    ax.set_xticks(range(len(names)), names)
+    ax.axhspan(-comparison.rows[0].tolerance_percent, comparison.rows[0].tolerance_percent, color="0.93", zorder=0)
+    ax.axhline(0.0, color="black", linewidth=0.8)
+    ax.set_ylabel("deviation (%); grey: tolerance")
+    ax.grid(visible=False, axis="x")
+    legend_below(ax, 0.12, columns=4)
+    return figure

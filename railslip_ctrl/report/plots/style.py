@@ -1,0 +1,153 @@
+"""What all figures share: one width and one size of letters, line styles that survive a grey print, saving."""
+
+from __future__ import annotations
+
+import textwrap
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+
+from railslip_ctrl.model.parameters import Rail
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+PAGE_WIDTH = 6.7
+"""Inches, 17 cm: the text of an A4 page. Every figure is that wide, so that its letters are printed at their size."""
+
+SMALL, TEXT, TITLE = 7.0, 8.0, 8.5
+"""Points: ticks and legends, axis labels and panel titles, the figure's title."""
+
+GRID = {"color": "0.88", "linewidth": 0.6}
+"""Of lines that help the eye and mean nothing."""
+
+_LETTER = 0.56  # mean width of a letter over its height: DejaVu Sans, text of figures
+_DPI = 200  # of a PNG
+_PLAIN_SPAN = 2000.0  # of a logarithmic axis whose ticks are plain numbers
+_FEW = 5.0  # of one with fewer than three of the ticks 1, 2, 5
+_HANDLE = 3.6  # letters: a legend's line shows two periods of the longest dash
+
+# no two equally light in grey, all of them dark enough on white; a dash each besides
+_COLORS = ("#08306b", "#d9500a", "#6a3d9a", "#47a747", "#7f1d2d", "#2b7a8c")
+_DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)))
+_MARKERS = "os^Dv"
+
+
+def line_style(i: int) -> dict[str, Any]:
+    """Colour and dash of line number i: six of each, 36 pairs before one comes again."""
+    count = len(_COLORS)
+    return {"color": _COLORS[i % count], "linestyle": _DASHES[(i + i // count) % count]}
+
+
+def rail_style(rail: Rail) -> dict[str, Any]:
+    """Colour and dash of a rail condition, where there is one line of each: as dry before wet."""
+    return line_style(list(Rail).index(rail))
+
+
+def mark_style(i: int) -> dict[str, Any]:
+    """Colour and mark, without a line, of point number i."""
+    return {"color": line_style(i)["color"], "marker": _MARKERS[i % len(_MARKERS)], "linestyle": "none"}
+
+
+def new_figure(height: float, title: str) -> Figure:
+    """A figure of the page's width, `height` in inches, without a window."""
+    figure = Figure(figsize=(PAGE_WIDTH, height), dpi=_DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(folded(title, PAGE_WIDTH - 0.1, TITLE), fontsize=TITLE)
+    return figure
+
+
+def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> NDArray[Any]:
+    """Axes with letters of the sizes above, shape (rows, columns); `options` are those of `Figure.subplots`."""
+    axes: NDArray[Any] = figure.subplots(rows, columns, squeeze=False, **options)
+    for ax in axes.flat:
+        ax.tick_params(which="both", labelsize=SMALL)
+        for label in (ax.xaxis.label, ax.yaxis.label):
+            label.set_fontsize(TEXT)
+        ax.grid(visible=True, which="major", **GRID)
+        ax.set_axisbelow(True)
+    return axes
+
+
+def folded(text: str, inches: float, size: float = TEXT) -> str:
+    """A text in lines not wider than so many inches at a size in points; its own line ends stay."""
+    width = max(int(72 * inches / (_LETTER * size)), 8)
+    return "\n".join("\n".join(textwrap.wrap(line, width, break_long_words=False)) for line in text.split("\n"))
+
+
+def legend_below(ax: Any, drop: float = 0.2, columns: int = 1, **options: Any) -> None:
+    """A legend under the axes, where it hides nothing; `drop` is how far, in heights of the axes."""
+    ax.legend(
+        fontsize=SMALL,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -drop),
+        frameon=False,
+        ncols=columns,
+        handlelength=_HANDLE,
+        **options,
+    )
+
+
+def legend_beside(ax: Any) -> None:
+    """A legend on the right of the axes, where it hides nothing."""
+    ax.legend(fontsize=SMALL, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=2.4)
+
+
+def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) -> None:
+    """One legend under all panels, with the lines of `ax`."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        fontsize=SMALL,
+        loc="outside lower center",
+        frameon=False,
+        ncols=max(min(columns, len(labels)), 1),
+        handlelength=_HANDLE,
+        **options,
+    )
+
+
+def plain_log_ticks(axis: Any) -> None:
+    """Numbers 0.2, 0.5, 1 in place of powers of ten where what is drawn spans few decades, also between these."""
+    low, high = axis.get_view_interval()
+    if high > _PLAIN_SPAN * low:
+        return
+    few = high < _FEW * low
+    axis.set_major_locator(MaxNLocator(5) if few else LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def sparse_log_ticks(axis: Any) -> None:
+    """Small ticks at 2 and 5 of every decade: nine are not told apart in print, and take half of the drawing."""
+    axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; the format follows the path's suffix, and the same record drawn again gives the same PNG."""
+    path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
+
+
+def figure_files(figure: Figure) -> dict[str, bytes]:
+    """A figure as PNG and SVG, by suffix; its layout is found once, and both have it."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine(None)  # with any, even one that does nothing, each file is drawn twice
+    return {form: figure_bytes(figure, form) for form in ("png", "svg")}
+
+
+def figure_bytes(figure: Figure, form: str) -> bytes:
+    """A figure as the content of a file, "png" or "svg"; see `save_figure`."""
+    stream = BytesIO()
+    metadata = {"Date": None} if form == "svg" else {"Software": None}
+    with rc_context({"svg.hashsalt": "railslip"}):  # the same figure gives the same file
+        figure.savefig(stream, format=form, dpi="figure", metadata=metadata)
+    return stream.getvalue()

@@ -1,0 +1,269 @@
+"""V, V', s s', the bound of (40) and theta_hat along a nonlinear braking run, and how long each condition holds.
+
+The nonlinear half of the verification: the conditions of `sliding` are judged on what the simulated wheel does, with
+the actuator and without. s' is that of the true state, from the plant's own rates; nothing of the closed form under the
+law is assumed, as behind an actuator the torque is not what the law asks for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import Actuator, Rail
+from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+TAIL = 1.0 / 3.0
+"""Share of a stage, at its end, over which the ultimate bound of |s| is taken."""
+
+
+@dataclass(frozen=True)
+class LyapunovSignals:
+    """Along a run, arrays over its samples but the last, which has no next one for V' to be taken to.
+
+    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, + theta_tilde' Gamma^-1 theta_tilde/2
+    (46), (m/s)^2 and (m/s)^2/s; V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add;
+    asked and available: |d| of (40) and K + D|s| in its place, both as torque at the wheel,
+    (J/r) times (40), N*m; theta_hat, theta: (n, 2), 1/(kg m) and m/s.
+    """
+
+    time: Floats
+    s: Floats
+    s_rate: Floats
+    V: Floats
+    V_rate: Floats
+    V_rate_constant: Floats
+    asked: Floats
+    available: Floats
+    theta_hat: Floats
+    theta: Floats
+
+
+@dataclass(frozen=True)
+class AlongRun:
+    """How a condition fared: share of the time it held, and when it was first violated, s (NaN: never)."""
+
+    name: str
+    statement: str
+    share: float
+    first_violation: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it held all the time."""
+        return math.isnan(self.first_violation)
+
+
+@dataclass(frozen=True)
+class UltimateBound:
+    """Largest |s|, m/s, and slip error over the last third of a stage from `start` to `end`, s."""
+
+    start: float
+    end: float
+    s: float
+    slip_error: float
+
+
+@dataclass(frozen=True)
+class LyapunovRun:
+    """A run judged; `actuator` tells whether lag and dead time were in it."""
+
+    run: Run
+    actuator: bool
+    signals: LyapunovSignals
+    conditions: tuple[AlongRun, ...]
+    ultimate: tuple[UltimateBound, ...]
+
+    def condition(self, name: str) -> AlongRun:
+        """One of the conditions by name; KeyError for another."""
+        found = {condition.name: condition for condition in self.conditions}
+        return found[name]
+
+
+def judge_run(
+    scenario: Scenario, controller: SlidingControl, *, actuator: bool = True, seed: int | None = 0
+) -> LyapunovRun:
+    """Simulate the scenario and judge the conditions along it.
+
+    Parameters
+    ----------
+    scenario, controller
+        As of `simulation.simulate`; the adhesion state of a dynamic law counts as the run has it.
+    actuator : bool
+        False takes lag and dead time away: the torque acts at once, as the proof assumes.
+    seed : int or None
+        Of the noise; None without it.
+    """
+    if not actuator:
+        ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
+        scenario = scenario.model_copy(update={"vehicle": ideal})
+    run = simulate(scenario, controller, seed=seed)
+    signals = lyapunov_signals(run)
+    return LyapunovRun(run, actuator, signals, _conditions(signals), _ultimate(run))
+
+
+def lyapunov_signals(run: Run) -> LyapunovSignals:
+    """V and what belongs to it along a run of a `SlidingControl` that was recorded at every sample."""
+    controller, signals = run.controller, run.signals
+    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
+    assert signals is not None, "the run must be recorded"
+    vehicle, gains = run.scenario.vehicle, controller.gains
+    J, r = vehicle.effective_inertia, vehicle.wheel.radius
+    s = run.controller_signals["s"]
+    s_rate, undisturbed_rate = (_surface_rate(run, signals, disturbed=flag) for flag in (True, False))
+    theta_hat = np.column_stack([run.controller_signals[f"theta{i}_hat"] for i in (1, 2)])
+    theta = _theta(run, signals)
+    V, V_rate, V_rate_constant = 0.5 * s**2, s * s_rate, s * s_rate
+    for i, gain in enumerate((gains.k1, gains.k2)):
+        if gain > 0:
+            error = theta[:, i] - theta_hat[:, i]
+            V = V + error**2 / (2 * gain)
+            V_rate = V_rate + error * _forward_rate(signals.time, error) / gain
+            V_rate_constant = V_rate_constant - error * _forward_rate(signals.time, theta_hat[:, i]) / gain
+    kept = slice(0, -2)  # the last row is the stop itself, between samples
+    return LyapunovSignals(
+        time=signals.time[kept],
+        s=s[kept],
+        s_rate=s_rate[kept],
+        V=V[kept],
+        V_rate=V_rate[kept],
+        V_rate_constant=V_rate_constant[kept],
+        asked=(J / r) * np.abs(s_rate - undisturbed_rate)[kept],
+        available=(gains.K + gains.D * np.abs(s))[kept],
+        theta_hat=theta_hat[kept],
+        theta=theta[kept],
+    )
+
+
+def _surface_rate(run: Run, signals: Signals, *, disturbed: bool) -> Floats:
+    """s' = lambda_d v' - sigma' + rho e, m/s^2, from the plant's rates; without Tr, Td and Fr if not `disturbed`."""
+    scenario, controller = run.scenario, run.controller
+    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
+    rate = np.empty(signals.time.size)
+    for rail, factor, part in _stages(run, signals):
+        law = scenario.law(rail, factor)
+        p: list[Any] = list(plant_parameters(law, scenario.vehicle))
+        p[0] = signals.mass[part]
+        p[2] = _viscous(scenario, signals.time[part])
+        if not disturbed:
+            p[4] = p[5] = p[6] = 0.0
+        Tr = scenario.vehicle.wheel.radius * signals.random_force[part] * disturbed
+        Td = signals.disturbance[part] * disturbed
+        v, sigma = signals.speed[part], signals.slip_velocity[part]
+        rates = numeric_plant(type(law)).rates(
+            v, sigma, signals.adhesion_state[part], signals.torque[part], Td, Tr, tuple(p)
+        )
+        reference = signals.reference[part]
+        rate[part] = reference * rates[0] - rates[1] + controller.gains.rho * (reference * v - sigma)
+    return rate
+
+
+def _viscous(scenario: Scenario, time: Floats) -> Floats:
+    """B(t), effective, N m s."""
+    own = scenario.vehicle.wheel.viscous_friction + scenario.viscous_rate * time
+    least = -math.inf if scenario.viscous_least is None else scenario.viscous_least
+    return np.asarray(scenario.vehicle.inertia_scale * np.maximum(own, least))
+
+
+def _stages(run: Run, signals: Signals) -> list[tuple[Rail, float, slice]]:
+    """Rail, adhesion factor and the samples of each stretch between events that change the rail."""
+    scenario = run.scenario
+    changes: list[tuple[int, Rail, float]] = [(0, scenario.rail, scenario.adhesion_factor)]
+    for event in sorted(scenario.events, key=lambda event: _first_sample(event, signals)):
+        if event.rail is not None or event.adhesion_factor is not None:
+            _, rail, factor = changes[-1]
+            factor = factor if event.adhesion_factor is None else event.adhesion_factor
+            changes.append((_first_sample(event, signals), event.rail or rail, factor))
+    ends = [start for start, _, _ in changes[1:]] + [signals.time.size]
+    return [(rail, factor, slice(start, end)) for (start, rail, factor), end in zip(changes, ends, strict=True)]
+
+
+def _first_sample(event: Any, signals: Signals) -> int:
+    """Number of the first sample at which an event is in force."""
+    place, axis = (event.time, signals.time) if event.time is not None else (event.distance, signals.distance)
+    return int(np.searchsorted(axis, place - 1e-9 * max(1.0, place)))
+
+
+@cache
+def _theta_function() -> Any:
+    """theta of (44), corrected, as a function of (M, B, Mn, Bn, J, r)."""
+    import sympy as sp
+
+    from railslip_ctrl.model import plant
+    from railslip_ctrl.sliding.derivation import derive
+
+    derivation = derive()
+    symbols = {symbol.name: symbol for expression in derivation.theta for symbol in expression.free_symbols}
+    M, B, Mn, Bn = sp.symbols("M_true B_true M_nominal B_nominal")
+    values = {"Mp": M - Mn, "Bp": B - Bn, "Mn": Mn, "Bn": Bn}
+    known = {symbols[name]: value for name, value in values.items() if name in symbols}
+    arguments = (M, B, Mn, Bn, plant.J, plant.r)
+    return sp.lambdify(arguments, [expression.subs(known) for expression in derivation.theta])
+
+
+def _theta(run: Run, signals: Signals) -> Floats:
+    """The true theta along the run, (n, 2): it steps with the mass and drifts with B(t)."""
+    scenario, controller = run.scenario, run.controller
+    assert isinstance(controller, SlidingControl), "the law must be the sliding-mode law"
+    vehicle, scale = scenario.vehicle, scenario.vehicle.inertia_scale
+    Mn = scale * (vehicle.mass if controller.nominal_mass is None else controller.nominal_mass)
+    given = controller.nominal_viscous_friction
+    Bn = scale * (vehicle.wheel.viscous_friction if given is None else given)
+    B = _viscous(scenario, signals.time)
+    theta = _theta_function()(signals.mass, B, Mn, Bn, vehicle.effective_inertia, vehicle.wheel.radius)
+    return np.column_stack([np.broadcast_to(component, signals.time.shape) for component in theta])
+
+
+def _forward_rate(time: Floats, values: Floats) -> Floats:
+    """Rate over the coming sample; the last has none and is NaN."""
+    return np.append(np.diff(values) / np.diff(time), math.nan)
+
+
+def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
+    """Shares of the time, each sample weighted with the time to the next."""
+    weight = np.append(np.diff(signals.time), 0.0)
+    # a sampled relay cannot do better than to carry s across 0 within the sample
+    crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)
+    judged = (
+        ("sliding", "s s' < 0, or s crosses 0 within the sample", (signals.s * signals.s_rate < 0) | crosses),
+        ("Lyapunov", "V' <= 0, or s crosses 0 within the sample", (signals.V_rate <= 0) | crosses),
+        (
+            "Lyapunov, theta constant",
+            "the same without what the changes of the true theta add to V'",
+            (signals.V_rate_constant <= 0) | crosses,
+        ),
+        ("reaching (40)", "K + D|s| exceeds (J/r)|d| of the disturbances acting", signals.available > signals.asked),
+    )
+    return tuple(_along(name, statement, held, weight, signals.time) for name, statement, held in judged)
+
+
+def _along(name: str, statement: str, held: NDArray[np.bool_], weight: Floats, time: Floats) -> AlongRun:
+    broken = np.flatnonzero(~held)
+    share = float(weight[held].sum() / weight.sum())
+    return AlongRun(name, statement, share, float(time[broken[0]]) if broken.size else math.nan)
+
+
+def _ultimate(run: Run) -> tuple[UltimateBound, ...]:
+    signals, s = run.signals, run.controller_signals["s"]
+    assert signals is not None, "the run must be recorded"
+    bounds = []
+    for _, _, part in _stages(run, signals):
+        time = signals.time[part]
+        if time.size < 2:  # an event after the end
+            continue
+        late = time >= time[-1] - TAIL * (time[-1] - time[0])
+        error = np.abs(signals.slip[part] - signals.reference[part])
+        bounds.append(
+            UltimateBound(float(time[0]), float(time[-1]), float(np.abs(s[part][late]).max()), float(error[late].max()))
+        )
+    return tuple(bounds)

@@ -1,0 +1,115 @@
+"""The adhesion that the layered law is verified for: a law on each rail, and the slip held there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from railslip_ctrl.core.arguments import check_fields, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
+from railslip_ctrl.model.linearization import LinearPlant, linearize, operating_point
+from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+
+
+@dataclass(frozen=True)
+class RailAdhesion:
+    """An adhesion law, the rails it is taken on, and the reference slip.
+
+    Parameters
+    ----------
+    law : str or AdhesionLaw
+        A published law by name, whose parameters follow rail, wheel load and initial speed and, as a change of units
+        demands, the inertia scale (the stiffness of a dynamic law). Or a law with parameters of its own, which are
+        taken as they are, on wet rail by `AdhesionLaw.wet`.
+    rails : tuple of Rail
+        One or both, in any order.
+    slip : float, optional
+        Reference slip ratio on every rail, 0 < slip < 1; left out, the law's own.
+    initial_speed_kmh : float
+        v0 of a published law, km/h, 30 to 140.
+
+    Raises
+    ------
+    InputError
+        A value outside its range, no rail, a name that is no law, or dry rail asked of parameters for wet rail.
+    """
+
+    law: AdhesionLaw | str = "bristle"
+    rails: tuple[Rail, ...] = tuple(Rail)
+    slip: float | None = None
+    initial_speed_kmh: float = INITIAL_SPEED_KMH
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not self.rails:
+            raise InputError("rail: none is given; give dry, wet or both")
+        object.__setattr__(self, "rails", tuple(rail for rail in Rail if rail in self.rails))
+        if self.slip is not None:
+            number("slip", self.slip, gt=0, lt=1)
+        if isinstance(self.law, str):
+            object.__setattr__(self, "law", law_class(self.law).name)
+        else:
+            for rail in self.rails:
+                self.law.on(rail)  # refuses dry rail for a wet rail's parameters
+
+    def on(self, rail: Rail, vehicle: Vehicle) -> AdhesionLaw:
+        """The law on a rail under a vehicle's wheel."""
+        if isinstance(self.law, AdhesionLaw):
+            return self.law.on(rail)
+        law = published_law(self.law, rail, self.initial_speed_kmh, vehicle.wheel_load)
+        stiffness = getattr(law, "alpha", None)
+        if law.has_state and stiffness is not None:
+            return law.model_copy(update={"alpha": vehicle.inertia_scale * stiffness})
+        return law
+
+    def reference(self, rail: Rail, vehicle: Vehicle) -> float:
+        """Slip ratio held on a rail; InputError where there is none."""
+        slip = self.slip if self.slip is not None else self.on(rail, vehicle).reference_slip(rail)
+        if slip is None:
+            remedy = "--slip X" if isinstance(self.law, str) else "[reference_slip] in its file, or --slip X"
+            raise InputError(f"slip: adhesion {self.name!r} has no reference slip; give {remedy}")
+        return slip
+
+    def plants(self, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> dict[Rail, LinearPlant]:
+        """The linear plants at the reference slip on each rail, speed frozen."""
+        found = {}
+        for rail in self.rails:
+            slip = self.reference(rail, vehicle)
+            found[rail] = linearize(operating_point(self.on(rail, vehicle), vehicle, speed_kmh * KMH, slip, rail=rail))
+        return found
+
+    @property
+    def name(self) -> str:
+        """The law's name."""
+        return self.law if isinstance(self.law, str) else self.law.name
+
+    @property
+    def text(self) -> str:
+        """The law in words."""
+        if isinstance(self.law, AdhesionLaw):
+            return f"{self.name} law as given"
+        return f"{self.name} model" if self.name == "bristle" else f"published {self.name} law"
+
+    @property
+    def rails_text(self) -> str:
+        """The rails in words: "dry and wet"."""
+        return " and ".join(self.rails)
+
+    def tells_rails_apart(self, vehicle: Vehicle) -> bool:
+        """Whether there are two rails, and the law or its reference slip differs between them."""
+        if len(self.rails) < len(Rail):
+            return False
+        return len({(self.on(rail, vehicle).parameters(), self.reference(rail, vehicle)) for rail in self.rails}) > 1
+
+
+PUBLISHED_ADHESION = RailAdhesion()
+"""The published bristle model at its reference slips, on both rails."""
+
+
+def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
+    """The vehicle empty and loaded, by these words; where both are one, that one by its mass."""
+    loaded = vehicle.loaded()
+    if (loaded.mass, loaded.wheel_load) == (vehicle.mass, vehicle.wheel_load):
+        return {f"{vehicle.mass:g} kg": vehicle}
+    return {"empty": vehicle, "loaded": loaded}

@@ -1,0 +1,246 @@
+"""The adaptive law about s = 0, and the gains of the sliding-mode law that survive the actuator.
+
+theta_hat' = k s phi ([Park2008] (49)) with a constant regressor phi adds (J/r) w int s dt to the torque, with
+w = k (Ta^2 + 12.96 omega^2) in SI (published k, units of `law`). With an ideal actuator and exact feed-forward
+s'' + (r/J) D s' + w s = 0: an oscillator that only D damps. With the actuator the integral path costs phase the loop
+does not have. The relay enters as a gain N: 0 for excursions far above its height, larger for smaller ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.model.parameters import Actuator
+
+from .limit_cycle import critical_gains, largest_relay_gain, linear_limit_cycle
+from .nonlinear_cycle import linearisation_change
+from .surface_loop import SurfaceLoop
+
+_RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
+_STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
+_TOLERANCE = 1e-9  # relative, of the bisection: far above the rounding of the root count
+_FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation with a period of 10 minutes
+_RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
+
+
+@dataclass(frozen=True)
+class IdealAdaptation:
+    """s'' + damping s' + stiffness s = 0 of the adaptive loop with an ideal actuator: (r/J) D and k |phi|^2.
+
+    damping in 1/s, stiffness in 1/s^2.
+    """
+
+    damping: float
+    stiffness: float
+
+    @property
+    def frequency(self) -> float:
+        """Undamped frequency, rad/s."""
+        return math.sqrt(self.stiffness)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping; inf without adaptation."""
+        return self.damping / (2 * self.frequency) if self.stiffness > 0 else math.inf
+
+
+def ideal_adaptation(loop: SurfaceLoop) -> IdealAdaptation:
+    """The oscillator that the adaptation makes of s with an ideal actuator; k of the loop's gains."""
+    return IdealAdaptation(loop.plant.gain * loop.gains.D, loop.gains.k * loop.regressor_power)
+
+
+def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
+    """The same loop with an ideal actuator."""
+    return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
+
+
+def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
+    """Poles in the closed right half plane of the loop with its adaptation k, exactly counted."""
+    return loop.linear_loop(relay_gain=relay_gain, adaptation=loop.gains.k).unstable_closed_loop_poles
+
+
+def first_limit(stable: Callable[[float], bool], start: float) -> float:
+    """Smallest value above `start` (> 0) at which `stable` is lost, bisected to 1e-9; inf beyond 1e6 start.
+
+    Raised in steps of 20 %: an unstable interval narrower than that may be passed over.
+
+    Raises
+    ------
+    InputError
+        `start` is not positive.
+    UnstableLoopError
+        The loop is not stable at `start`.
+    """
+    if not (math.isfinite(start) and start > 0):
+        raise InputError(f"start: {start} is not allowed; give a finite value > 0")
+    if not stable(start):
+        raise UnstableLoopError(
+            f"largest gain: the loop is unstable at {start:.6g}, where the search starts; start where it is stable",
+            unstable_poles=math.nan,
+            stabilizing_gain_range=None,
+        )
+    low = start
+    for _ in range(_STEPS):
+        high = low * _RATIO
+        if not stable(high):
+            break
+        low = high
+    else:
+        return math.inf
+    while high - low > _TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
+    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    relay_gain : float
+        What stands for the relay, N*m/(m/s), >= 0.
+
+    Returns
+    -------
+    float
+        0 where the loop is unstable without adaptation.
+    """
+    start = _FIRST / loop.regressor_power
+    if not loop.is_stable(relay_gain=relay_gain, adaptation=start):
+        return 0.0
+    return first_limit(lambda k: loop.is_stable(relay_gain=relay_gain, adaptation=k), start)
+
+
+def most_favourable_adaptation(loop: SurfaceLoop) -> tuple[float, float]:
+    """Largest k over all relay gains, and the relay gain that allows it; sampled between 0 and the limit cycle's.
+
+    Above this k the adaptive loop is unstable however large the excursion, so it has no resting place at all.
+    """
+    top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
+    best, at = largest_adaptation(loop), 0.0
+    for n in np.linspace(0.0, top, _RELAY_SAMPLES).tolist()[1:]:
+        if math.isinf(best):  # as with an ideal actuator: nothing to better
+            break
+        if best == 0.0 or loop.is_stable(relay_gain=n, adaptation=best * (1 + _TOLERANCE)):  # else no better
+            best, at = max((best, at), (largest_adaptation(loop, relay_gain=n), n))
+    return best, at
+
+
+def survivable_excursion(loop: SurfaceLoop) -> float:
+    """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back, by the describing function.
+
+    inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
+    """
+    k = loop.gains.k
+    if loop.is_stable(adaptation=k):
+        return math.inf
+    top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
+    tried: list[float] = np.linspace(0.0, top, _RELAY_SAMPLES).tolist()
+    helped = [n for n in tried if loop.is_stable(relay_gain=n, adaptation=k)]
+    if not helped:
+        return 0.0
+    low, high = 0.0, helped[0]
+    while high - low > _TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if loop.is_stable(relay_gain=middle, adaptation=k) else (middle, high)
+    return 4 * loop.gains.K / (math.pi * high)
+
+
+def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
+    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude; a load makes it smaller.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        Half of the slip's swing, a ratio, > 0.
+
+    Raises
+    ------
+    InputError
+        The amplitude is not positive.
+    DomainError
+        The relay does not oscillate.
+    """
+    if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
+        raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
+    return slip_amplitude / linear_limit_cycle(loop, K=1.0).slip_amplitude
+
+
+@dataclass(frozen=True)
+class Survivors:
+    """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
+
+    Attributes
+    ----------
+    stable : bool
+        Whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0.
+    k, k_any_relay, relay_gain_for_k : float
+        Largest k; over all relay gains; and that relay gain, N*m/(m/s).
+    K, slip_amplitude : float
+        Largest K, N*m, for a limit cycle within this slip amplitude, linearised; 0 where no K gives a stable cycle,
+        inf where none oscillates.
+    linear_change : float
+        `linearisation_change` over that amplitude, a ratio; beyond `LINEAR_CHANGE` the K is no more than a hint.
+    rho, D : float
+        1/s, N*m/(m/s); inf without bound.
+    relay_gain : float
+        Largest gain that may replace the relay, N*m/(m/s).
+        0 where none makes the loop stable.
+    layer : float
+        Smallest boundary layer without limit cycle at the gains' own K, m/s: K/relay_gain; inf where there is none.
+    excursion : float
+        Amplitude of s, m/s, from which the loop with the gains' own k and K comes back; see `survivable_excursion`.
+    """
+
+    stable: bool
+    k: float
+    k_any_relay: float
+    relay_gain_for_k: float
+    K: float
+    slip_amplitude: float
+    linear_change: float
+    rho: float
+    D: float
+    relay_gain: float
+    layer: float
+    excursion: float
+
+
+def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
+    """Bisect each gain on exact stability; K by the linearised limit cycle.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        What K may make of the slip, a ratio, > 0; see `largest_relay`.
+    """
+    gains = loop.gains
+    k_any, relay_for_k = most_favourable_adaptation(loop)
+    stable = loop.is_stable()
+    gain = largest_relay_gain(loop)
+    # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
+    relay = largest_relay(loop, slip_amplitude) if 0.0 < gain < math.inf else gain
+    finite = 0.0 < relay < math.inf
+    return Survivors(
+        stable=stable,
+        k=largest_adaptation(loop),
+        k_any_relay=k_any,
+        relay_gain_for_k=relay_for_k,
+        K=relay,
+        slip_amplitude=slip_amplitude,
+        linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)) if finite else 0.0,
+        rho=first_limit(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
+        D=first_limit(lambda D: loop.with_gains(D=D).is_stable(), gains.D) if stable else 0.0,
+        relay_gain=gain,
+        layer=gains.K / gain if gain > 0 else math.inf,
+        excursion=survivable_excursion(loop),
+    )

@@ -1,0 +1,354 @@
+"""What the actuator does to the sliding-mode proof, in records, a table and one paragraph made from their numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.adhesion.bristle import Bristle
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.parameters import PARK2008, Rail, Vehicle
+
+from .adaptation import (
+    IdealAdaptation,
+    Survivors,
+    adaptive_unstable_poles,
+    ideal_adaptation,
+    survivors,
+    without_actuator,
+)
+from .advice import JointAdvice, advice_text
+from .law import TABLE4_SLIDING, FeedForward, SlidingGains
+from .limit_cycle import LimitCycle, linear_limit_cycle, predict_limit_cycle
+from .nonlinear_cycle import LINEAR_CHANGE, linearisation_change, nonlinear_limit_cycle
+from .simulated_cycle import simulated_limit_cycle
+from .surface_loop import SlidingExistence, SurfaceLoop
+
+COMPARED_RELAYS = (70.0, 200.0, 400.0)
+"""K, N*m: Table 4's, and what it takes to carry disturbances of the size the paper simulates."""
+
+
+def published_loop(
+    rail: Rail,
+    *,
+    inertia_scale: float = 1.0,
+    adhesion: str = "bristle",
+    speed: float = 100 * KMH,
+    vehicle: Vehicle = PARK2008,
+    gains: SlidingGains | None = None,
+    feed_forward: FeedForward = FeedForward.MODEL,
+) -> SurfaceLoop:
+    """The published law's loop on a rail, at the law's reference slip.
+
+    Parameters
+    ----------
+    rail : Rail
+    inertia_scale : float
+        Factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
+    adhesion : str
+        bristle, curve or beam.
+    speed : float
+        m/s, > 0.
+    vehicle : Vehicle
+    gains : SlidingGains, optional
+        Left out, Table 4's of the bristle column (beam for the beam law).
+    feed_forward : FeedForward
+        Where the law takes its adhesion torque from.
+
+    Raises
+    ------
+    InputError
+        A law that has no published parameters or no reference slip.
+    """
+    scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
+    law = published_law(adhesion, rail, wheel_load=vehicle.wheel_load)
+    if isinstance(law, Bristle):
+        law = law.model_copy(update={"alpha": inertia_scale * law.alpha})
+    slip = law.reference_slip(rail)
+    if slip is None:
+        raise InputError(f"adhesion: {adhesion!r} has no reference slip; choose bristle, curve or beam")
+    column = TABLE4_SLIDING["beam" if law.name == "beam" else "bristle"]
+    plant = linearize(operating_point(law, scaled, speed, slip, rail=rail))
+    return SurfaceLoop(plant, gains or column, scaled.actuator, feed_forward)
+
+
+@dataclass(frozen=True)
+class RelayCycle:
+    """The limit cycle for one K, with the load the law leaves out.
+
+    Attributes
+    ----------
+    predicted, linear : LimitCycle
+        Of the linearised loop: by describing function, and with every harmonic.
+    linear_change : float
+        Change of the wheel's response over the swing of `linear`, a ratio; see `linearisation_change`.
+    actual : LimitCycle or None
+        Of the wheel with its adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated;
+        None where the wheel then locks or leaves the model: it is lost.
+    """
+
+    predicted: LimitCycle
+    linear: LimitCycle
+    linear_change: float
+    actual: LimitCycle | None
+
+    @property
+    def linear_holds(self) -> bool:
+        """Whether the linearisation holds over the swing."""
+        return self.linear_change <= LINEAR_CHANGE
+
+    @property
+    def period_error(self) -> float:
+        """Describing function over actual, less 1; NaN where the wheel is lost."""
+        return math.nan if self.actual is None else self.predicted.period / self.actual.period - 1
+
+    @property
+    def amplitude_error(self) -> float:
+        """Of the amplitude of s: describing function over actual, less 1; NaN where the wheel is lost."""
+        actual = self.actual
+        return math.nan if actual is None else self.predicted.surface_amplitude / actual.surface_amplitude - 1
+
+
+@dataclass(frozen=True)
+class ActuatorEffect:
+    """What lag and dead time do to the published law at one operating point.
+
+    Attributes
+    ----------
+    loop : SurfaceLoop
+    existence : SlidingExistence
+        Whether an ideal sliding mode exists.
+    cycles : tuple of RelayCycle
+        One for each K compared that has one, ascending.
+    no_cycle : str
+        Why the gains' own K has none; empty where it has.
+    ideal : IdealAdaptation
+        What the adaptation would do with an ideal actuator.
+    unstable_ideal, unstable_actual : float
+        Number of right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0.
+    unstable_linear : float
+        Number of those with actuator and without adaptation.
+    survivors : Survivors
+        The largest gains that survive the actuator.
+    """
+
+    loop: SurfaceLoop
+    existence: SlidingExistence
+    cycles: tuple[RelayCycle, ...]
+    no_cycle: str
+    ideal: IdealAdaptation
+    unstable_ideal: float
+    unstable_actual: float
+    unstable_linear: float
+    survivors: Survivors
+
+    @property
+    def name(self) -> str:
+        """For tables: adhesion, rail and inertia scale."""
+        point = self.loop.plant.point
+        return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
+
+    @property
+    def holds_the_wheel(self) -> bool:
+        """Whether the cycle with the gains' own K, adaptation off, keeps the slip between 0 and twice the reference.
+
+        Without a cycle: whether the loop is stable about its rest.
+        """
+        if self.no_cycle:
+            return self.unstable_linear == 0
+        actual = self.cycles[0].actual
+        if actual is None:
+            return False
+        return actual.sigma_range[0] > 0.0 and actual.sigma_range[1] < 2 * self.loop.plant.point.sigma
+
+    @property
+    def cycle_text(self) -> str:
+        """The cycle with the gains' own K in words, with the slip's range."""
+        if self.no_cycle:
+            return self.no_cycle
+        cycle = self.cycles[0]
+        actual, K, speed = cycle.actual, cycle.linear.K, self.loop.plant.point.speed
+        if actual is None:
+            return f"with K = {K:g} N*m the wheel locks or leaves the adhesion model in the simulation: it is lost"
+        low, high = (sigma / speed for sigma in actual.sigma_range)
+        held = "" if high < 2 * self.loop.plant.point.slip else ", beyond twice the reference"
+        held += "" if low > 0 else ", releasing the wheel once a period"
+        beyond = "" if cycle.linear_holds else f"; the linearised loop would say {cycle.linear.slip_amplitude:.4f}"
+        return (
+            f"K = {K:g} N*m cycles with {actual.period:.2f} s and a slip amplitude of {actual.slip_amplitude:.4f} "
+            f"({low:.3f} to {high:.3f}{held}{beyond})"
+        )
+
+    @property
+    def adaptation_hopeless(self) -> bool:
+        """Whether the printed k is unstable at every relay gain."""
+        return self.survivors.excursion == 0
+
+
+def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
+    """Analyse one loop.
+
+    Parameters
+    ----------
+    loop : SurfaceLoop
+    slip_amplitude : float
+        What K may make of the slip, a ratio, > 0; see `largest_relay`.
+
+    """
+    relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
+    unstable = adaptive_unstable_poles(loop.with_gains(k=0.0))
+    cycles = _relay_cycles(loop, relays)
+    own = bool(cycles) and cycles[0].linear.K == loop.gains.K
+    return ActuatorEffect(
+        loop=loop,
+        existence=loop.sliding_existence(),
+        cycles=cycles,
+        no_cycle="" if own else _why_no_cycle(loop, unstable),
+        ideal=ideal_adaptation(loop),
+        unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
+        unstable_actual=adaptive_unstable_poles(loop),
+        unstable_linear=unstable,
+        survivors=survivors(loop, slip_amplitude=slip_amplitude),
+    )
+
+
+def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycle, ...]:
+    """For relays in ascending order, those that have a cycle; where one loses the wheel a higher one does."""
+    cycles: list[RelayCycle] = []
+    for K in relays:
+        try:
+            linear = linear_limit_cycle(loop, K=K, load=loop.load)
+            predicted = predict_limit_cycle(loop, K=K, load=loop.load)
+            lost = bool(cycles) and cycles[-1].actual is None
+            actual = None if lost else nonlinear_limit_cycle(loop, K=K) or simulated_limit_cycle(loop, K=K)
+        except DomainError:  # no stable cycle, or a relay that rests on one side: the caller says which
+            continue
+        cycles.append(RelayCycle(predicted, linear, linearisation_change(loop, linear), actual))
+    return tuple(cycles)
+
+
+def _why_no_cycle(loop: SurfaceLoop, unstable: float) -> str:
+    """For the gains' own K, from the poles without relay and adaptation."""
+    K, gains = loop.gains.K, f"D = {loop.gains.D:.4g} N*m/(m/s) and rho = {loop.gains.rho:.4g} 1/s"
+    if unstable:
+        return (
+            f"no stable cycle: {gains} leave {unstable:.0f} unstable poles whatever the relay does, so that small "
+            "swings grow"
+        )
+    if loop.load >= K:
+        return (
+            f"K = {K:g} N*m does not carry the {loop.load:.1f} N*m of travelling resistance: the relay rests on one "
+            f"side, D s carries the rest, and nothing cycles ({gains} are stable by themselves)"
+        )
+    if loop.sliding_existence().exists:
+        return f"no cycle: the relay acts at once, K = {K:g} N*m"
+    return f"K = {K:g} N*m has no cycle with two switches a period ({gains} are stable by themselves)"
+
+
+def cycle_table(effects: Sequence[ActuatorEffect]) -> str:
+    """Limit cycles of some `effects` as text.
+
+    For each K the wheel's, then the linearised loop's and the describing function's error.
+    """
+    lines = [
+        f"{'case':28} {'K':>5} {'period s':>9} {'s m/s':>7} {'slip':>7} {'torque N*m':>10} "
+        f"{'lin. T':>7} {'lin. slip':>10} {'DF T':>6} {'DF s':>6}"
+    ]
+    for effect in effects:
+        if effect.no_cycle:
+            lines.append(f"{effect.name:28} {effect.loop.gains.K:5.0f} {'--':>9}")
+        lines += [f"{effect.name:28} {cycle.linear.K:5.0f} {_row(cycle)}" for cycle in effect.cycles]
+    return "\n".join(
+        [
+            *lines,
+            "Adaptation off, speed frozen. lost: the wheel locks; --: no stable cycle; DF: describing function against "
+            "the wheel.",
+            f"*: beyond the linearisation: over the swing the wheel's response changes by over {LINEAR_CHANGE:.0%}, or "
+            "the slip leaves the model.",
+        ]
+    )
+
+
+def _row(cycle: RelayCycle) -> str:
+    c, linear = cycle.actual, cycle.linear
+    own = f"{'lost':>9} {'-':>7} {'-':>7} {'-':>10}"
+    errors = f"{'-':>6} {'-':>6}"
+    if c is not None:
+        own = f"{c.period:9.3f} {c.surface_amplitude:7.3f} {c.slip_amplitude:7.4f} {c.torque_amplitude:10.1f}"
+        errors = f"{100 * cycle.period_error:+5.1f}% {100 * cycle.amplitude_error:+5.1f}%"
+    mark = " " if cycle.linear_holds else "*"
+    return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
+
+
+def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: str) -> str:
+    """One paragraph for an engineer, from the numbers of some `effects`, closed by the joint `advice`.
+
+    `points` says in words over which operating points the advice was decided.
+
+    Raises
+    ------
+    DomainError
+        No effect to conclude from.
+    """
+    if not effects:
+        raise DomainError("conclusion: no operating point was analysed; give at least one")
+    first = effects[0]
+    if first.existence.exists:
+        return "This actuator acts at once: sliding exists, nothing cycles, and it sets no limit to K, D, rho and k."
+    small = [cycle for effect in effects for cycle in effect.cycles if cycle.actual is not None and cycle.linear_holds]
+    opening = f"With the actuator no ideal sliding mode exists: {first.existence.reason}."
+    if any(effect.cycles for effect in effects):
+        opening += (
+            " What takes its place is a limit cycle whose period depends little on K and whose amplitude grows with K"
+            f"{_accuracy(small)}. Alone, with the adaptation off and the speed frozen:"
+        )
+    cases = (_of_case(effect) for effect in effects)
+    return " ".join([opening, *cases, advice_text(advice, points)])
+
+
+def _accuracy(cycles: Sequence[RelayCycle]) -> str:
+    """How good the describing function is for cycles over which the linearisation holds; nothing of none."""
+    if not cycles:
+        return ""
+    period = 100 * max(abs(cycle.period_error) for cycle in cycles)
+    amplitude = 100 * max(abs(cycle.amplitude_error) for cycle in cycles)
+    return (
+        f" (describing function within {period:.1f} % of the period and {amplitude:.1f} % of the amplitude of s, where "
+        "the swing is small enough for the linearisation)"
+    )
+
+
+def _of_case(effect: ActuatorEffect) -> str:
+    left, k = effect.survivors, effect.loop.gains.k
+    short = "" if effect.loop.load < left.K else f", less than the {effect.loop.load:.1f} N*m of travelling resistance"
+    hint = "" if left.linear_change <= LINEAR_CHANGE else " (linearised beyond its range)"
+    if k == 0:
+        adaptation = f"adaptation would be stable up to k = {left.k:.3g}"
+    elif effect.adaptation_hopeless:
+        adaptation = (
+            f"the adaptation with k = {k:.3g} is unstable whatever the relay does ({effect.unstable_actual:.0f} poles; "
+            f"ideal actuator: {effect.unstable_ideal:.0f}), k <= {left.k:.3g} survives"
+        )
+    elif effect.unstable_actual:
+        adaptation = (
+            f"the adaptation with k = {k:.3g} is unstable once s exceeds {left.excursion:.2g} m/s, for then the relay "
+            f"is too small to damp it; k <= {left.k:.3g} survives"
+        )
+    else:
+        adaptation = f"k = {k:.3g} is stable, {left.k / k:.2f} times as much is not"
+    if not left.stable:
+        return f"{effect.name}: {effect.cycle_text}; no layer and no k makes it stable."
+    return (
+        f"{effect.name}: {effect.cycle_text}. One at a time, the others as they are, the limits here are: "
+        f"{_at_most('K', left.K, '.1f', 'N*m')}{hint}{short} for a slip amplitude of {left.slip_amplitude:g}; a "
+        f"boundary layer of {left.layer:.3f} m/s at K = {effect.loop.gains.K:g} N*m; "
+        f"{_at_most('rho', left.rho, '.3g', '1/s')}; {_at_most('D', left.D, '.4g', 'N*m/(m/s)')}; {adaptation}."
+    )
+
+
+def _at_most(name: str, limit: float, form: str, unit: str) -> str:
+    return f"{name} without limit" if math.isinf(limit) else f"{name} <= {limit:{form}} {unit}"

@@ -1,0 +1,232 @@
+"""A fine simulation of a slip controller, the brake actuator and the nonlinear wheel, to check predictions by.
+
+Fixed steps that divide the dead time: classical Runge-Kutta for wheel and lag between samples, the command a list that
+is read one dead time later. A relay's switch is seen at the next sample, so that instants are good to one step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.kernels.compilation import module_of
+from railslip_ctrl.model.kernels.text import module_text, plain
+from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.scalar_code import adhesion_table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+_State = tuple[float, float, float, float]  # v, sigma, z, acting torque
+_Stepped = tuple[float, float, float, float, float]  # and v'
+
+_LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
+
+
+class Controller(Protocol):
+    """What the simulation asks for a command."""
+
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """Torque commanded now, N*m, and s, m/s, from speed (m/s), slip velocity (m/s), v' (m/s^2); advances by
+        `step`, s."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Signals of a run, arrays of one shape: s, m/s, m/s, m/s, N*m (commanded), N*m (acting)."""
+
+    time: Floats
+    speed: Floats
+    sigma: Floats
+    surface: Floats
+    command: Floats
+    torque: Floats
+
+    def after(self, start: float) -> Run:
+        """The part from a time, s, on."""
+        kept = self.time >= start
+        return Run(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+
+
+def holding_torque(point: OperatingPoint) -> float:
+    """Torque, N*m, at which sigma' = 0 with the speed frozen; `point.brake_torque` has lambda' = 0 instead."""
+    p = plant_parameters(point.law, point.vehicle)
+    state = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque)
+    sigma_rate = float(numeric_plant(type(point.law)).rates(*state, 0.0, 0.0, p)[1])
+    return point.brake_torque - sigma_rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius
+
+
+def slip_velocity_limit(law: AdhesionLaw, speed: float) -> float:
+    """Slip velocity, m/s, at which the wheel locks or the adhesion law's domain ends; both signs."""
+    return min(1.0, law.domain_limit(speed)[0]) * speed
+
+
+def simulate(
+    point: OperatingPoint,
+    controller: Controller,
+    actuator: Actuator,
+    *,
+    duration: float,
+    step: float = 1e-3,
+    disturbance: Callable[[float], float] | None = None,
+    offset: float = 0.0,
+    frozen: bool = True,
+    end_speed: float = 0.0,
+) -> Run:
+    """Run from an operating point, held until t = 0 by its own torque.
+
+    Parameters
+    ----------
+    controller : Controller
+        Called once a step; holds its own state.
+    duration, step : float
+        s; the step is made smaller so that it divides the dead time.
+    disturbance : callable
+        Torque at the wheel, N*m, as a function of time, s; adds to the brake's.
+    offset : float
+        Initial slip velocity above the point's, m/s.
+    frozen : bool
+        Whether the speed is held; else it falls as it brakes.
+    end_speed : float
+        m/s; the run ends where the speed has fallen to it.
+
+    Raises
+    ------
+    InputError
+        A duration or step that is not positive and finite.
+    DomainError
+        The wheel locked, or left the adhesion law's domain on either side (or is not a number), with the time. Slip
+        below 0, a wheel released, is within it.
+    """
+    if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
+        raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
+    delay = math.ceil(actuator.dead_time / step - 1e-9)
+    h = actuator.dead_time / delay if delay else step
+    count = math.ceil(duration / h)
+    hold = holding_torque(point) if frozen else point.brake_torque
+    advance, load = _stepping(point, actuator, frozen), disturbance or _nothing
+    state = (point.speed, point.sigma + offset, point.adhesion_state or 0.0, float(hold))
+    *_, v_rate = advance(state, hold, (load(0.0),) * 3, 0.0)
+    log = np.empty((count, 6))
+    commands = [hold] * delay
+    for n in range(count):
+        t = n * h
+        v, sigma, _, torque = state
+        if v <= end_speed:
+            return Run(*log[:n].T)
+        limit = slip_velocity_limit(point.law, v)
+        if not -limit < sigma < limit:
+            raise DomainError(
+                f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
+                f"outside +-{limit:.4g} m/s"
+            )
+        command, surface = controller.command(v, sigma, v_rate, h)
+        commands.append(command)
+        acting = torque if actuator.lag > 0 else commands[n]
+        log[n] = (t, v, sigma, surface, command, acting)
+        # the delayed command over the step: both its ends are known if there is a dead time
+        now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
+        *after, v_rate = advance(state, float(now), (load(t), load(t + 0.5 * h), load(t + h)), h)
+        state = (after[0], after[1], after[2], after[3])
+    return Run(*log.T)
+
+
+def _nothing(_t: float) -> float:
+    return 0.0
+
+
+@cache
+def _kernel(law: type[AdhesionLaw]) -> ModuleType:
+    return module_of(kernel_text(law))
+
+
+def kernel_text(law: type[AdhesionLaw], *, compiled: bool = True) -> str:
+    """The step's module for a law."""
+    own = Path(__file__).with_name("step_kernel.py").read_text("utf-8")
+    return module_text(law, plain(own), compiled=compiled)
+
+
+def _stepping(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callable[..., _Stepped]:
+    """The step of (state, command, loads, h)."""
+    p = np.array(plant_parameters(point.law, point.vehicle))
+    table, lag = adhesion_table(point.law, point.vehicle.wheel_load), float(actuator.lag)
+    run = _kernel(type(point.law)).run
+
+    def advance(state: _State, command: float, loads: tuple[float, float, float], h: float) -> _Stepped:
+        stepped: _Stepped = run(*state, command, *loads, h, lag, frozen, p, table)
+        return stepped
+
+    return advance
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """Measured cycle: period, s; half of peak to peak of s and sigma, m/s, and of the acting torque, N*m; mean of s.
+
+    `drift` is the relative change of the amplitude of s over the two halves measured: near 0 once it has settled.
+    """
+
+    period: float
+    surface_amplitude: float
+    sigma_amplitude: float
+    torque_amplitude: float
+    surface_mean: float
+    drift: float
+
+
+def whole_periods(run: Run) -> tuple[float, Run]:
+    """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
+
+    DomainError where s does not cross zero upwards at least three times.
+    """
+    instants, up = _upward_crossings(run)
+    period = float((instants[-1] - instants[0]) / (up.size - 1))
+    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
+
+
+def _upward_crossings(run: Run) -> tuple[Floats, NDArray[np.intp]]:
+    """Instants, s, and the samples before them."""
+    s = run.surface
+    up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
+    if up.size < _LEAST_CROSSINGS:
+        raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
+    share = -s[up] / (s[up + 1] - s[up])
+    return run.time[up] + share * (run.time[up + 1] - run.time[up]), up
+
+
+def measure_oscillation(run: Run) -> Oscillation:
+    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
+
+    DomainError where s does not cross zero upwards at least three times.
+    """
+    instants, up = _upward_crossings(run)
+    s = run.surface
+    whole = slice(int(up[0]), int(up[-1]))
+    middle = int(up[up.size // 2])
+    first, last = _half_range(s[up[0] : middle]), _half_range(s[middle : up[-1]])
+    return Oscillation(
+        period=float((instants[-1] - instants[0]) / (up.size - 1)),
+        surface_amplitude=_half_range(s[whole]),
+        sigma_amplitude=_half_range(run.sigma[whole]),
+        torque_amplitude=_half_range(run.torque[whole]),
+        surface_mean=float(s[whole].mean()),
+        drift=last / first - 1.0,
+    )
+
+
+def _half_range(values: Floats) -> float:
+    return float(0.5 * (values.max() - values.min()))
