@@ -34,7 +34,8 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, load_vehicle
+from railslip_ctrl.model.vehicle import PARK2008
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.layout import WIDTH
 from railslip_ctrl.simulation.controller_files import load_controller

@@ -24,7 +24,7 @@ from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

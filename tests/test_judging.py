@@ -14,7 +14,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # for the coach

@@ -26,7 +26,7 @@ from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 ACTUATOR = PARK2008.actuator
 LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)

@@ -17,7 +17,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import operating_point
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
 from railslip_ctrl.simulation.campaign.specification import Campaign

@@ -20,7 +20,7 @@ from railslip_ctrl.loop.deadtime import MOST_POLES
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.loop.sampled_system import MOST_PERIODS
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import LinearController, linear_controller
 from .limits import Limits, fundamental_limits

@@ -15,12 +15,12 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import failure
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
-from railslip_ctrl.model.parameters import Actuator, PIGains
-from railslip_ctrl.model.parameters.modules import failure
+from railslip_ctrl.model.vehicle import Actuator, PIGains
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints

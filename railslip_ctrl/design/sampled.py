@@ -20,7 +20,7 @@ from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.loop.sampled_system import check_period
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import (
     LinearController,

@@ -23,13 +23,13 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
+from railslip_ctrl.core.user_files import failure, place
 from railslip_ctrl.design.controllers import PIController, linear_controller, step_alone
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import Vehicle
-from railslip_ctrl.model.parameters.modules import failure, place
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .controllers import Controller, LinearControl, Situation
 from .designed import full_brake_torque, tuned_control
@@ -162,7 +162,7 @@ class StepControl:
 
     def source(self) -> str:
         """Text of its `command`."""
-        return "from railslip_ctrl.model.kernels.calls import call_step\n\n\n" + step_text("called")
+        return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
         """Room for the address, which each run has its own of."""
@@ -208,7 +208,7 @@ class PythonCall(Call):
     """Calls back into the interpreter, once a sample."""
 
     def __init__(self, control: StepControl, v: float, omega: float) -> None:
-        from railslip_ctrl.model.kernels.calls import STEP, address_of
+        from .step_calls import STEP, address_of
 
         super().__init__(control)
         self._error: tuple[BaseException, float] | None = None
