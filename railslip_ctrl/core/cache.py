@@ -11,7 +11,6 @@ import hashlib
 import os
 import pickle
 import sys
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -19,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .folders import cache_folder
+from .folders import cache_folder, staged
 
 T = TypeVar("T")
 
@@ -80,9 +79,8 @@ def _keep(path: Path, content: bytes) -> None:
     """Write in one step; a folder that cannot be written to costs the next report some time, and this one nothing."""
     content = hashlib.sha256(content).hexdigest().encode() + b"\n" + content
     with suppress(OSError):
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-            file.write(content)
-        os.replace(file.name, path)
+        with staged(path.parent) as new:
+            (new / path.name).write_bytes(content)
         for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
             old.unlink()
 

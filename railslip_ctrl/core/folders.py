@@ -1,4 +1,4 @@
-"""Folders: the cache, and those to write into, by one process at a time."""
+"""Folders: the cache, and those to write into, whole files alone and by one process at a time."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ from functools import cache
 from pathlib import Path
 
 from .errors import InputError
+from .processes import undisturbed
 
 LOCK = ".lock"
+
+INCOMPLETE = ".incomplete-"
+"""What the name of a folder of unfinished files begins with."""
 
 CACHE_VARIABLE = "RAILSLIP_CACHE"
 """Environment variable that names another folder for compiled kernels, and for results that are kept."""
@@ -49,6 +53,19 @@ def claimed(folder: Path) -> Iterator[None]:
         for one in made:
             with suppress(OSError):
                 one.rmdir()
+
+
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder inside `folder` to write files to: they are moved out of it, each in one step, at the end.
+
+    After an error none is moved; an interruption waits until all are.
+    """
+    with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=folder) as staging:
+        yield Path(staging)
+        with undisturbed():
+            for path in sorted(Path(staging).iterdir()):
+                os.replace(path, folder / path.name)
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:

@@ -8,8 +8,6 @@ The random adhesion force and the sensors scatter the results; the rail of a tes
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -17,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
@@ -231,7 +230,6 @@ def published_tests(
 def write_log(log: RigLog, path: Path) -> None:
     """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
     columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".rig-") as scratch:
-        whole = Path(scratch) / "log.csv"
-        np.savetxt(whole, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
-        os.replace(whole, path)
+    header = ",".join(COLUMNS)
+    with staged(path.parent) as new:
+        np.savetxt(new / path.name, np.column_stack(columns), fmt="%.10g", delimiter=",", header=header, comments="")

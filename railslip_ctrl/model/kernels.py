@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import logging
-import os
 import re
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from railslip_ctrl.core.folders import cache_folder
+from railslip_ctrl.core.folders import cache_folder, staged
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.scalar_code import scalar_source
 
@@ -168,7 +166,6 @@ def _tell_of_compiling(folder: Path) -> None:
 def _stored(name: str, text: str) -> Path:
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, path)  # another process may be doing the same: whichever comes last wins, both are equal
+        with staged(path.parent) as new:  # another process may be doing the same: the last wins, both are equal
+            (new / path.name).write_text(text, encoding="utf-8")
     return path
