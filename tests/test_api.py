@@ -20,7 +20,7 @@ from railslip_ctrl.core import errors
 from railslip_ctrl.core.sources import SOURCES
 from railslip_ctrl.identification.observer import AdhesionObserver
 from railslip_ctrl.model.vehicle import Record
-from railslip_ctrl.simulation.campaign.sampling import Distribution
+from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent

@@ -46,7 +46,9 @@ def check_file(path: Path, option: str) -> None:
         raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
 
 
-def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]], *, option: str = "--out") -> list[Path]:
+def write_files(
+    directory: Path, writers: Mapping[str, Callable[[Path], object]], *, option: str = "--out"
+) -> list[Path]:
     """Write files into `directory` (made if missing), all or none.
 
     Parameters
