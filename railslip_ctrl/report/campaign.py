@@ -178,7 +178,7 @@ def _controller_json(found: ControllerSummary) -> dict[str, Any]:
 
 
 def _estimate_json(found: Estimate) -> dict[str, float | None]:
-    return {"value": number(found.value), "low": number(found.low), "high": number(found.high)}
+    return {name: number(value) for name, value in found._asdict().items()}
 
 
 # --- text -----------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import asyncio
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -137,10 +137,6 @@ class Part(NamedTuple):
     start: int
     stop: int
 
-    @property
-    def file_name(self) -> str:
-        return f"runs-{self.start:010d}-{self.stop - 1:010d}.parquet"
-
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
     """The rows of a part; what a worker does. InputError where the worker's package has another version."""
@@ -240,34 +236,30 @@ class Store:
 
     def path(self, part: Part) -> Path:
         """Where a part is, or will be."""
-        return self.folder / PARTS / part.file_name
+        return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
 
     def finished(self) -> Iterator[Part]:
         """The parts that are there, in order."""
         return (part for part in self.parts() if self.path(part).is_file())
 
-    def missing(self) -> Iterator[Part]:
-        """The parts still to be run, in order."""
-        return (part for part in self.parts() if not self.path(part).is_file())
-
     @property
     def complete(self) -> bool:
         """Whether every part is there."""
-        return next(self.missing(), None) is None
+        return all(self.path(part).is_file() for part in self.parts())
 
-    def write(self, part: Part, rows: Sequence[dict[str, Any]]) -> None:
+    def write(self, part: Part, rows: Rows) -> None:
         """Write the `rows` of a part, all or nothing. InputError where the folder cannot be written to."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        table = pa.Table.from_pylist(list(rows), schema=self.schema())
+        table = pa.Table.from_pylist(rows, schema=self.schema())
         try:
             with staged(self.folder / PARTS) as new:
-                pq.write_table(table, new / part.file_name, compression="zstd")
+                pq.write_table(table, new / self.path(part).name, compression="zstd")
         except OSError as error:
             raise unwritable(self.folder, error) from None
 
-    def read(self, part: Part, columns: Sequence[str] | None = None) -> pa.Table:
+    def read(self, part: Part, columns: list[str] | None = None) -> pa.Table:
         """The rows of a part, in order of run and controller; all or some `columns`.
 
         InputError for a file that is damaged.
@@ -277,7 +269,7 @@ class Store:
 
         path = self.path(part)
         try:
-            table = pq.ParquetFile(path).read(columns=None if columns is None else list(columns))
+            table = pq.ParquetFile(path).read(columns)
         except (OSError, pa.ArrowInvalid) as error:
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); delete it and resume") from None
         expected = (part.stop - part.start) * len(self.campaign.controllers)
@@ -352,7 +344,7 @@ def execute(
         tell(sum(part.stop - part.start for part in store.finished()))
         _warm_up(campaign)  # while the workers start
         waiting: dict[Future[Rows], Part] = {}
-        parts = store.missing()
+        parts = (part for part in store.parts() if not store.path(part).is_file())
         while True:
             for part in islice(parts, ahead - len(waiting)):
                 waiting[submit(part)] = part

@@ -93,7 +93,8 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
     path = given_path(path)
     where = file_name(path)
     keys = validated(CampaignKeys, read_toml(path), where)
-    scenario = _located(f"{where}: scenario", lambda: _scenario(keys.scenario, path.parent))
+    named = path.parent / keys.scenario if keys.scenario.lower().endswith(".toml") else keys.scenario
+    scenario = _located(f"{where}: scenario", lambda: load_scenario(named))
     if controllers:
         tables = [("--controller", ControllerKeys(controller=text), Path()) for text in controllers]
     else:
@@ -113,10 +114,6 @@ def _located(where: str, make: Callable[[], T]) -> T:
     except InputError as error:
         table = where.rpartition(": ")[2].partition(" ")[0]  # "quantity" of "file: quantity 0"
         raise InputError(f"{where}: {str(error).removeprefix(f'{table}: ')}") from None
-
-
-def _scenario(name: str, beside: Path) -> Scenario:
-    return load_scenario(beside / name if name.lower().endswith(".toml") else name)
 
 
 def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Controller:
