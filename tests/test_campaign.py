@@ -149,6 +149,11 @@ def test_quantile_functions_are_scipys(ours, theirs):
     assert ours.ends == pytest.approx(ends)
 
 
+def test_a_choice_begins_where_the_one_before_ends():
+    assert [Choice((7.0, 8.0, 9.0), (1.0, 2.0, 1.0)).at(u) for u in (0.2499, 0.25, 0.7499, 0.75)] == [7, 8, 8, 9]
+    assert [Choice((7.0, 8.0)).at(u) for u in (0.4999, 0.5)] == [7, 8]
+
+
 def test_a_run_is_a_function_of_its_number_alone():
     """The same number gives the same values, whatever was asked for before, in a campaign of any length."""
     forward = [short().values(i) for i in range(24)]
@@ -164,6 +169,8 @@ def test_designs_fill_the_cube_evenly(sampling, even):
     campaign = short(64, sampling=Sampling(sampling))
     masses = np.array([campaign.values(i)["vehicle.mass"] for i in range(64)])
     assert (sorted(np.floor((masses - 3000.0) / 1000.0 * 64)) == list(range(64))) is even
+    longer = short(128, sampling=Sampling(sampling))  # of which a Latin hypercube alone is laid out anew
+    assert (longer.values(5) == campaign.values(5)) is (sampling != "latin-hypercube")
 
 
 def test_grids_are_combined_and_the_rest_is_drawn_anew():
@@ -312,7 +319,7 @@ def test_a_dask_cluster_gives_the_same_rows(tmp_path):
 
     path = write_campaign(tmp_path, 24)
     here = execute(load_campaign(path), tmp_path / "here", workers=1)
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster:
         there = run_command(path, "--out", tmp_path / "there", "--scheduler", cluster.scheduler_address, "--json")
     assert there.returncode == 0, there.stderr
     assert json.loads(there.stdout) == campaign_json(summarise(here))
