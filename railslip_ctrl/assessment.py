@@ -15,14 +15,13 @@ from .arguments import checked, number
 from .design import actuated_plant, wheel_slip_loop
 from .design.controllers import LinearController, linear_controller
 from .design.limits import Limits, fundamental_limits
-from .design.sampled import sampled_loop
+from .design.sampled import loop_as_run
 from .design.specification import is_robust
 from .errors import InputError
 from .linearization import LinearPlant, OperatingPoint
 from .loop import DeadTimeLoop, Margins, SpectrumError
 from .loop.deadtime import MOST_POLES
 from .loop.sampled_loop import SampledLoop
-from .loop.sampled_system import MOST_PERIODS
 from .parameters import Actuator
 from .rounding import rounded_up
 
@@ -169,7 +168,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     loop = wheel_slip_loop(plant, design, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
-    run = None if isinstance(loop, SampledLoop) else _as_run(controller, plant, actuator)
+    run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
     return Assessment(
         label=label or design.structure,
         plant=plant,
@@ -185,14 +184,6 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         sampled=run.margins() if run is not None and run.is_stable() else None,
         **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
     )
-
-
-def _as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
-    """The sampled loop of a controller that says how it is run, unless its period is too short to make a difference."""
-    sampled = getattr(controller, "as_run", None)
-    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
-        return None
-    return sampled_loop(sampled, plant, actuator)
 
 
 def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:

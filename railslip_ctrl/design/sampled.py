@@ -19,7 +19,7 @@ from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.realisation import realise
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.loop.sampled_system import check_period
+from railslip_ctrl.loop.sampled_system import MOST_PERIODS, check_period
 from railslip_ctrl.parameters import Actuator
 
 from .controllers import (
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 _STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
 _WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e-8, are not moved by a hair
+# of `sampled_peak`: poles that ring, frequencies over the slowest feature, points, and times it looks closer
+_RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
 
@@ -341,6 +343,33 @@ def sampled_loop(
     return SampledLoop(
         controller.transfer_function, actuated_plant(plant, actuator), actuator.dead_time + extra, controller.period
     )
+
+
+def loop_as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+    """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
+    make a difference."""
+    sampled = getattr(controller, "as_run", None)
+    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
+        return None
+    return sampled_loop(sampled, plant, actuator)
+
+
+def sampled_peak(loop: SampledLoop) -> float:
+    """Ms of a sampled loop, inf where it is unstable, on a grid and not between bounds: `margins` is exact, and slower.
+
+    Peaks stand at the angles of the closed-loop poles near the circle; the highest is looked at ever more closely.
+    """
+    if not loop.is_stable():
+        return math.inf
+    poles = loop.closed_loop_poles
+    rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
+    low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
+    omega = np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0])
+    for _ in range(_CLOSER):
+        size = 1 / np.abs(1 + loop.frequency_response(omega))
+        top = int(np.argmax(size))
+        omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
+    return float(size.max())
 
 
 @checked
