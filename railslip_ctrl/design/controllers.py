@@ -240,16 +240,18 @@ def is_function(thing: Any) -> bool:
     return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
 
 
+def is_system(controller: Any) -> bool:
+    """Whether it is a linear system as it stands: python-control's and SciPy's have ports and a `dt`."""
+    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
+    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
+
+
 def has_step(controller: Any) -> bool:
     """Whether it is known by its step: a function, or an object with `step` that is no linear system.
 
-    Of a linear system of scipy.signal `step` is its response, and a step object may have a `dt`; ports it has not.
+    Of a linear system of scipy.signal `step` is its response, and a step object may have a `dt`.
     """
-    if is_function(controller):
-        return True
-    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")  # python-control's, SciPy's
-    system = (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
-    return hasattr(controller, "step") and not system
+    return is_function(controller) or (hasattr(controller, "step") and not is_system(controller))
 
 
 def step_alone(controller: Any) -> InputError:

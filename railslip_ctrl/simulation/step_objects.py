@@ -20,7 +20,14 @@ import numpy as np
 
 from railslip_ctrl.adhesion import ReferenceSlip
 from railslip_ctrl.arguments import check_fields
-from railslip_ctrl.design.controllers import PIController, has_step, is_function, linear_controller, step_alone
+from railslip_ctrl.design.controllers import (
+    PIController,
+    has_step,
+    is_function,
+    is_system,
+    linear_controller,
+    step_alone,
+)
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.errors import InputError
@@ -346,7 +353,7 @@ def as_control(
     """
     if isinstance(controller, EnvelopeDesign):
         return tuned_control(controller, reference, name=name)
-    if isinstance(controller, Controller):
+    if not is_system(controller) and isinstance(controller, Controller):  # whose `states` warn, of python-control's
         return controller
     held = getattr(controller, "reference", None) or reference
     if held is None:
