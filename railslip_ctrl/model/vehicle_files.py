@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_text, read_toml, validated
-from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
+
+from .vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
 
 DEFAULT_AXLES = 4
 """Axles of a railtoolkit vehicle whose number nobody gives: two bogies of two, as in [Park2008] Fig. 2."""
