@@ -153,7 +153,7 @@ EQUIVALENT = {
     r"low, x / \(|high, x \* \(": "how far the search goes out at once",
     r"n \+ \(2\), n\), dtype": "a row of zeros more",
     r"self.signs >= 0": "1 and -1",
-    r"1.0 - 0j": "the same",
+    r"1.0 - 0j|optimize=\(False\)": "the same",
     r"g\[0\] <= 1\)|\(low < 1 <= high": "no loop is at its limit to the last digit",
     r"step = \(1.000001\)|log_slope\(\(omega \+ step": "Newton's method in a bracket forgives it",
     r"np.pi / low\) \* np.log\(_CELL": "fewer cells at first are parted further",
