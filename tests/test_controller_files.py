@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
-from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.published import published_reference
+from railslip_ctrl.sliding.gains import LawGains
 
 S = ct.tf("s")
 HELD = ReferenceSlip(dry=0.1317, wet=0.0923)
@@ -51,6 +53,35 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
     assert load_controller(path) == CONTROLS[name]
 
 
+PUBLISHED = published_reference("bristle")
+IN_FEW_WORDS = {
+    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(
+        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None
+    ),
+    'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
+        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5
+    ),
+    'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
+        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01, tracking_time=None, rule="tustin"
+    ),
+    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
+    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
+        LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
+    ),
+    'kind = "slide-protection"': SlideProtection(PUBLISHED),
+    'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
+        PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5
+    ),
+}
+
+
+@pytest.mark.parametrize("text", IN_FEW_WORDS)
+def test_what_a_file_leaves_out_is_the_controller_s_own(tmp_path, text):
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    assert load_controller(path) == IN_FEW_WORDS[text]
+
+
 def test_a_run_from_the_file_is_the_run(tmp_path):
     scenario = built_in_scenario("park2008")
     own = LinearControl(ct.tf2ss(1210 * (1 + 1 / S) * (0.6 * S + 1) / (0.06 * S + 1)), HELD, "mine", 0.01, **ALL)
@@ -74,6 +105,8 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
+        ("kind = 3", "kind: 3 is not one"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_low = 1"),
         (
             'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_max = 1.0\ntorque_high = 2.0',
             "torque_max: torque_high is given too",

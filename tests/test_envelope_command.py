@@ -10,8 +10,9 @@ from sample_vehicles import COACH
 from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import tune
+from railslip_ctrl.design.envelope_tuning import held_slips, tune
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
 
@@ -151,6 +152,16 @@ def test_tune_judges_the_envelope_unless_points_are_named(railslip):
 def test_tune_says_that_no_speed_will_do():
     with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
         tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)
+    with pytest.raises(InfeasibleDesignError, match="from 60 km/h up it can"):
+        tune(Envelope(speeds=(20, 40, 60, 100), rails="dry", laws="curve"), "pi-lead", 1.15)
+
+
+def test_the_slips_held_are_those_of_every_law():
+    mine = published_law("bristle", "dry").model_copy(update={"reference": ReferenceSlip(dry=0.1, wet=0.08)})
+    for axes, held in (({}, (0.132, 0.092)), ({"rails": "wet"}, (0.092, 0.092)), ({"laws": [mine, "curve"]}, None)):
+        envelope = Envelope(speeds=60, **axes)
+        found = held_slips(envelope, envelope.points(nominal=True))
+        assert (found and (found.dry, found.wet)) == held
 
 
 def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):

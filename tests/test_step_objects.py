@@ -87,6 +87,7 @@ def test_the_interpreted_kernel_calls_steps_too():
 
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
+    assert as_run(PI()).reference == REFERENCE  # its own
     for function in (proportional, proportional.py_func):
         made = as_run(function)
         assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
@@ -180,7 +181,9 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
 
 
 @pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
-@pytest.mark.filterwarnings("ignore:Exception ignored in. <socket")  # Dask leaves one of its scheduler's to the collector
+@pytest.mark.filterwarnings(
+    "ignore:Exception ignored in. <socket"
+)  # Dask leaves one of its scheduler's to the collector
 def test_a_dask_cluster_runs_them(tmp_path, campaign):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
@@ -247,6 +250,7 @@ def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert f"{path}, {told}" in err
+    assert "Failed in" not in err  # the reason, not where Numba was
 
 
 def test_an_interruption_in_a_step_interrupts():

@@ -251,15 +251,15 @@ class _Search:
         if slowest is None:
             raise InfeasibleDesignError("no gains found that hold every loop, with tolerances, at the highest speed")
         looks = [self.held(time, few)[0] for time in times[1:]]
-        found = [one for one in looks if one is not None]
-        if not is_robust(slowest.ms) and not any(is_robust(one.ms) for one in found):
+        found = sorted((one for one in (slowest, *looks) if one is not None), key=lambda one: one.rank)
+        if not is_robust(found[0].ms):
             # the least Ms is had by next to no integral: a little more buys much of it
-            limit = _NEARLY * min(one.ms for one in (slowest, *found) if one.speed <= slowest.speed)
+            limit = _NEARLY * min(one.ms for one in found if one.speed <= slowest.speed)
             found = [one for one in found if one.speed <= slowest.speed and one.ms <= limit]
             found.sort(key=lambda one: -one.kp / one.integral_time)
-        for one in sorted(found, key=lambda one: one.rank) if is_robust(slowest.ms) else found:
-            if one.rank[:2] > slowest.rank[:2]:
-                continue
+        for one in found:
+            if one is slowest:
+                break
             # what the closer look left out may bind after all
             checked, _ = self.held(one.integral_time, hardest)
             if checked is not None and checked.rank[:2] <= slowest.rank[:2]:
