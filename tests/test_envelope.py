@@ -122,7 +122,8 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
     (tmp_path / "law.toml").write_text('law = "polach"\n[parameters]\n', "utf-8")
     path = tmp_path / "coach.toml"
     path.write_text(
-        'mass = 11000\n[envelope]\nlaws = ["law.toml", "curve"]\nspeeds = ["10 m/s"]\nreference = {dry = 0.1, wet = 0.07}',
+        'mass = 11000\n[envelope]\nlaws = ["law.toml", "curve"]\nspeeds = ["10 m/s"]\n'
+        "reference = {dry = 0.1, wet = 0.07}",
         "utf-8",
     )
     car = load_vehicle(path)

@@ -21,7 +21,6 @@ from .judging import Judgement, judge_points
 from .specification import Specification
 from .tuning_cases import TunedCases, tune_cases
 
-
 Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 
 

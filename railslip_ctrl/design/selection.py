@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 """Reference slips that are tried, over those of the envelope."""
 
-INITIAL_SHARE = 0.8
+SURE_SHARE = 0.8
 """Torque that a run begins with, over the least that any operating point holds: what every rail surely takes."""
 
 REACH_SHARE = 0.5
@@ -195,7 +195,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
     From a rolling wheel the error is the whole reference slip velocity; the run begins with what every rail takes.
     """
     operating = [plant.point for plant in operating_plants(points)]
-    start = INITIAL_SHARE * min(point.brake_torque for point in operating)
+    start = SURE_SHARE * min(point.brake_torque for point in operating)
     times = []
     for point in operating:
         error = point.slip * point.speed

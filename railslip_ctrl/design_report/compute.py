@@ -31,7 +31,7 @@ from railslip_ctrl.machine import cores, processes
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import Actuator, PIGains, Vehicle
 from railslip_ctrl.simulation import LinearControl
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.designed import hand_over_of, is_published
 from railslip_ctrl.sliding_verification import verify_with_actuator
 from railslip_ctrl.units import KMH
 
@@ -207,10 +207,11 @@ def _run_without_sliding(
     as it runs, with its stops: handed over above speeds at which it is not robust or the wheel slides in its stops."""
     robust = judgement.robust_from_kmh
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    begins = hand_over_of(judgement)
     speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
     first = None
     for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
-        control = as_run(design, judgement, speed if len(judgement.envelope.speeds) > 1 else 0.0)
+        control = as_run(design, judgement, speed if begins else 0.0)
         runs = stops(control, judgement)
         first = first or (control, runs)
         if not any(stop.slides for stop in runs):
@@ -221,8 +222,7 @@ def _run_without_sliding(
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     judgement = judge(controller, envelope, nominal=nominal)
-    low = judgement.usable_from_kmh or 0.0
-    control = as_run(controller, judgement, low if len(envelope.speeds) > 1 else 0.0, name)
+    control = as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
 
 
