@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ def _held(run: Run) -> float:
     return float(np.median(slip[slip.size // 2 :]))
 
 
+@lru_cache(64)
 def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
     """With this brake: dead time, and lag up to the largest torque."""
     limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None

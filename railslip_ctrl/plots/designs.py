@@ -17,6 +17,7 @@ from railslip_ctrl.design.judging import MsMap
 from railslip_ctrl.design.sweeps import MarginSweep
 from railslip_ctrl.loop.curves import GangOfFour
 from railslip_ctrl.loop.responses import TimeResponse
+from railslip_ctrl.rounding import rounded_up
 
 from .style import (
     PAGE_WIDTH,
@@ -295,5 +296,6 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
 
 
 def _three(value: float) -> str:
-    """Three digits, and no exponent: what fits into a cell."""
+    """Three digits, not below the value, and no exponent: what fits into a cell."""
+    value = rounded_up(value)
     return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}" if value < _FITS else f">{_FITS:g}"
