@@ -30,6 +30,7 @@ from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.machine import cores, processes
 from railslip_ctrl.numeric import adhesion_coefficient, peak
 from railslip_ctrl.parameters import Actuator, PIGains, Vehicle
+from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import hand_over_of, is_published
 from railslip_ctrl.sliding_verification import verify_with_actuator
 from railslip_ctrl.units import KMH
@@ -79,7 +80,7 @@ def design_report(
     nominal : bool
         Judge its operating points alone.
     given : dict, optional
-        Linear controllers of the user's by name, judged and run beside.
+        Linear controllers of the user's by name, judged and run beside; one of a file runs as that says.
     sliding : bool
         Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
     fresh : bool
@@ -225,7 +226,8 @@ def _trial(choice: Choice, nominal: bool) -> Trial:
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     judgement = judge(controller, envelope, nominal=nominal)
-    control = as_run(controller, judgement, hand_over_of(judgement), name)
+    runs = isinstance(controller, Controller)  # of a file: as that says
+    control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
 
 
