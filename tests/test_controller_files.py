@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import tomllib
@@ -11,12 +12,14 @@ import control as ct
 import numpy as np
 import pytest
 
+import railslip_ctrl as rs
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.report.recommendation.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
@@ -223,6 +226,35 @@ def test_a_tuned_controller_goes_on_as_a_file(railslip, tmp_path):
     status, _, _ = railslip("simulate", "--scenario", "park2008-si", "--controller", path, "--no-noise", "--json")
     assert status == 0
     assert "give FILE.toml" in railslip("tune", *CASE, *words, "--out", tmp_path / "tuned.json")[2]
+
+
+def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_path):
+    """Judged, run and counted alike; it starts and hands over as the report's design does."""
+    file = tmp_path / "best.toml"
+    case = ("--adhesion", "curve", "--speed", "60", "--speed", "100", "--slip", "0.1")
+    words = ("--structure", "pi-lead", "--ms-max", "2", "--envelope", "default", "--out", file, "--json")
+    tuned = json.loads(railslip("tune", *case, *words)[1])
+    judged = json.loads(railslip("margins", *case, "--envelope", "default", "--controller", file, "--json")[1])
+    assert judged["worst"] == tuned["worst"]
+
+    envelope = rs.Envelope(laws="curve", speeds=(60, 100), reference={"dry": 0.1, "wet": 0.1})
+    best = rs.tune(envelope, structure="pi-lead", ms_max=2.0)
+    as_reported = as_run(rs.PIController(best.gains, best.lead, best.lead_filter), best.judgement, 60.0, "best")
+    assert as_reported.toml == file.read_text("utf-8")
+    takes = [
+        rs.operating_point(rs.published_law("curve", rail), load, speed / 3.6, 0.1, rail=rail).brake_torque
+        for rail, speed in itertools.product(("dry", "wet"), (60, 100))
+        for load in (rs.PARK2008, rs.PARK2008.loaded())
+    ]
+    assert as_reported.initial_torque == as_reported.cut_out_torque == pytest.approx(0.8 * min(takes), rel=1e-12)
+
+    wet = rs.stop(rail="wet")
+    stop = ("--scenario", "stop", "--rail", "wet", "--seed", "3", "--controller", file, "--json")
+    expected = rs.simulate(wet, best, seed=3, record_every=None)
+    assert json.loads(railslip("simulate", *stop)[1])["braking_distance_m"] == expected.braking_distance
+    many = rs.campaign(wet, [best, rs.load_controller(file)], runs=3).controllers
+    tuned_runs, file_runs = (many[name].measures["braking_distance_m"].moments for name in ("pi-lead", "best"))
+    assert tuned_runs == file_runs
 
 
 def test_a_campaign_takes_the_same_words(railslip, tmp_path):
