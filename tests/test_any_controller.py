@@ -24,7 +24,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import operating_point
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import step_response
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.simulation import LinearControl

@@ -18,7 +18,7 @@ from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.parameters import Actuator, PIGains
 from railslip_ctrl.parameters.modules import failure
 

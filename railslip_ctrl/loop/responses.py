@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from railslip_ctrl.arguments import number
+from railslip_ctrl.arguments import number, reals
 from railslip_ctrl.errors import InputError
 
 from .rational import Rational
@@ -170,7 +170,7 @@ def closed_loop_response(
     accuracy relative to its size.
     """
     dead_time = number("dead time", dead_time, "s", ge=0)
-    times = _times(time, final_time)
+    times = given_times(time, final_time)
     steps = np.array([reference, disturbance, noise], dtype=float)
     if not np.isfinite(steps).all():
         raise InputError(f"steps: {steps.tolist()} hold a value that is not finite; give finite heights")
@@ -202,14 +202,13 @@ def _start(order: int, plant_order: int, given: ArrayLike | None) -> Floats:
     return start
 
 
-def _times(time: ArrayLike | None, final_time: float | None) -> Floats:
+def given_times(time: ArrayLike | None, final_time: float | None) -> Floats:
+    """The times of a response, s, from either of its arguments."""
     if (time is None) == (final_time is None):
         raise InputError("time: give either the times or the final time, one of the two")
     if time is None:
-        if not (final_time is not None and math.isfinite(final_time) and final_time > 0):
-            raise InputError(f"final time: {final_time} s is not allowed; give a finite value > 0")
-        return np.linspace(0.0, final_time, _DEFAULT_POINTS)
-    times = np.atleast_1d(np.asarray(time, dtype=float))
+        return np.linspace(0.0, number("final time", final_time or 0.0, "s", gt=0), _DEFAULT_POINTS)
+    times = np.atleast_1d(reals("time", time))
     allowed = times.ndim == 1 and times.size > 0 and bool(np.isfinite(times).all() and times[0] >= 0)
     if not allowed or np.any(np.diff(times) < 0):
         raise InputError("time: the times are not allowed; give a list of finite ascending values >= 0 (s)")

@@ -101,7 +101,7 @@ class Marcher:
                 f"time: {end:g} s is not allowed; dead time and time constants ask for pieces of {length:.3g} s, of "
                 f"which at most {_MOST_PIECES} are computed; give a time <= {_MOST_PIECES * length:.3g} s"
             )
-        where, inside = _locate(times, length)
+        where, inside = pieces_at(times, length)
         solution = self._solution(length)
         with np.errstate(over="ignore", invalid="ignore"):
             states, delayed = self._march(start / self._scale, int(where[-1]) + 1, back, *solution)
@@ -165,7 +165,7 @@ class Marcher:
         return values.T, x_rate @ eq.c[1] + eq.d[1] * w_rate
 
 
-def _locate(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
+def pieces_at(times: Floats, length: float) -> tuple[NDArray[np.intp], Floats]:
     """Piece of each time, and the place in it, 0 to 1; the end of a piece counts as the start of the next."""
     ratio = times / length
     near = np.round(ratio)
