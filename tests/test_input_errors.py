@@ -47,7 +47,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.parameters import Record, Wheel
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.files import load_scenario

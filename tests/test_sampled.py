@@ -24,7 +24,7 @@ from railslip_ctrl.design.sampled import (
 from railslip_ctrl.errors import InputError, UnstableLoopError
 from railslip_ctrl.linearization import linearize, operating_point
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.parameters import PARK2008, PIGains, Rail
 

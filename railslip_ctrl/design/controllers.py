@@ -17,7 +17,7 @@ from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.parameters import Actuator, PIGains
 from railslip_ctrl.parameters.modules import failure

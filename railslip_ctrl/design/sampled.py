@@ -17,7 +17,7 @@ from railslip_ctrl.arguments import check_fields, checked, number
 from railslip_ctrl.errors import InputError
 from railslip_ctrl.linearization import LinearPlant
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.sampled import SampledLoop, check_period
 from railslip_ctrl.parameters import Actuator
 

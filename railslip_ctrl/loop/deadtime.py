@@ -16,14 +16,12 @@ from railslip_ctrl.arguments import checked, complexes, number, numbers
 from railslip_ctrl.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
-from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
+from .crossings import SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
 from .exact import GAIN, REFINED_BITS
 from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .pade import pade
-from .rational import Rational
+from .rational import Rational, pade
 from .responses import TimeResponse, step_response
-from .spectrum import rightmost_poles
-from .stability import RootCount, count_right_of, root_count
+from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
 if TYPE_CHECKING:
     from control import FrequencyResponseData
@@ -52,14 +50,14 @@ class Loop(ABC):
     """
 
     __array_ufunc__ = None  # numpy's numbers leave the product to the loop
-    _period: float | None = None
+    _dt: float | None = None  # of python-control's record
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
         """Series connection with a SISO system of the loop's kind of time, without dead time, or a change of gain."""
 
     def __rmul__(self, other: Any) -> Self:
-        return self * other
+        return self.__mul__(other)
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
@@ -84,7 +82,7 @@ class Loop(ABC):
         """
         grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
         made: Any = import_module("control").FrequencyResponseData
-        return made(self.response(grid), grid, sysname="L", **({"dt": self._period} if self._period else {}))
+        return made(self.response(grid), grid, sysname="L", **({"dt": self._dt} if self._dt else {}))
 
     def sensitivity(self, omega: ArrayLike) -> Complexes:
         """S = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
@@ -339,7 +337,7 @@ class DeadTimeLoop(Loop):
     @cached_property
     def gain_crossovers(self) -> NDArray[np.float64]:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
-        return gain_crossovers(self._response)
+        return self._response.gain_crossovers
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
@@ -378,7 +376,7 @@ class DeadTimeLoop(Loop):
     @cached_property
     def _margins(self) -> Margins:
         response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
-        rest = crossover_phases(response)[1].copy()
+        rest = response.crossover_phases[1].copy()
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
             if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]

@@ -22,15 +22,14 @@ import numpy as np
 from railslip_ctrl.arguments import checked, complexes, number, numbers
 from railslip_ctrl.errors import InputError
 
+from .crossings import Response
 from .deadtime import Loop, unstable_error
 from .margins import RESPONSES, Margins
-from .rational import Rational
-from .realisation import realise
-from .responses import TimeResponse, given_times
+from .rational import Rational, realise
+from .responses import TimeResponse, given_times, pieces_at
 from .rootfinding import bracketed_roots
 from .sampled_delay import ROUNDING, BoxedResponse, added_delay
 from .stability import RootCount
-from .steps import pieces_at
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -115,6 +114,7 @@ class SampledLoop(Loop):
             raise InputError("sampled loop: a controller with gain 0 closes no loop; give one that is not 0")
         self._controller, self._plant = c, p
         self._dead_time, self._period = float(dead_time), float(period)
+        self._dt = self._period
 
     @property
     def controller(self) -> Rational:
@@ -249,7 +249,8 @@ class SampledLoop(Loop):
         omega = numbers("omega", omega, "rad/s", gt=0)
         nodes = np.union1d(_nodes(self, peaks=False), omega)
         first = nodes[:1]  # where z - 1 is j omega h
-        begin = self._plant.angle(first) + self._controller.shifted(1.0).angle(first * self._period)
+        begin = Response(self._plant, 0.0).angle(first)
+        begin += Response(self._controller.shifted(1.0), 0.0).angle(first * self._period)
         phase = np.unwrap(np.concatenate([begin, np.angle(self.response(nodes))]))[1:]
         return np.asarray(phase[np.searchsorted(nodes, omega)])
 

@@ -17,13 +17,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from .sampled import SampledLoop
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -98,9 +95,9 @@ class Expansion:
 
 
 class BoxedResponse:
-    """The response of a loop as its expansions need it; time is counted in periods."""
+    """The response of a `SampledLoop` as its expansions need it; time is counted in periods."""
 
-    def __init__(self, loop: SampledLoop) -> None:
+    def __init__(self, loop: Any) -> None:
         self._held, self._controller = loop.held, loop.controller
         held = self._held
         self._a, self._b, self._c, self._growth = held.a, held.b, held.c, held.growth
@@ -122,7 +119,7 @@ class BoxedResponse:
 
     def _reached(self, m: Floats) -> Floats:
         """G(m), (n, order)."""
-        return self._held.flow(m)[:, :-1, -1]
+        return np.asarray(self._held.flow(m)[:, :-1, -1])
 
     def bend(self, fraction: Floats, half: Floats) -> Floats:
         """Bound on what G is from linear about `fraction` within `half`, by components, (n, order)."""
@@ -192,7 +189,7 @@ class Boxes(NamedTuple):
         return Boxes._make(each[index] for each in self)
 
 
-def added_delay(loop: SampledLoop) -> tuple[float, float]:
+def added_delay(loop: Any) -> tuple[float, float]:
     """Least added dead time at which stability is lost, s, and the frequency of the pole, rad/s; inf and NaN if never.
 
     Never: |L| < 1 at all fractions but for frequencies below 1e-5 of the slowest pole or zero; or not within the dead

@@ -29,7 +29,7 @@ import numpy as np
 from railslip_ctrl.errors import DomainError, InfeasibleDesignError, InputError
 from railslip_ctrl.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import closed_loop_response
 from railslip_ctrl.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.parameters import Actuator
