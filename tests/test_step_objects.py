@@ -181,7 +181,6 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
 
 
 @pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
-@pytest.mark.filterwarnings("ignore:Exception ignored in. <socket")  # one that Dask leaves open
 def test_a_dask_cluster_runs_them(tmp_path, campaign):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster:
