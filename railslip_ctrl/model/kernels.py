@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from railslip_ctrl.core.folders import cache_folder, staged
-from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.scalar_code import scalar_source
+
+from .adhesion import AdhesionLaw
+from .scalar_code import scalar_source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

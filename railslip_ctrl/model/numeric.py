@@ -26,9 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.model.vehicle import Vehicle
-
 from .adhesion import AdhesionLaw
+from .vehicle import Vehicle
 
 PACKAGE = Path(__file__).parents[1]
 GENERATED = "railslip_ctrl.model._generated"
