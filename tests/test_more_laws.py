@@ -267,7 +267,7 @@ def test_linearize_gives_the_pole_of_a_static_law(name: str, rail: Rail) -> None
     slope = LOAD * (high - low) / (2 * h * V100)
     expected = -(1 / 3517 + 0.43**2 / 60.35) * slope - 0.25 / 60.35
     assert plant.poles[0].real == pytest.approx(expected, rel=1e-6)  # truncation h^2 and rounding eps/h
-    assert not numeric_plant(law_class(name)).generated_in_memory
+    assert hasattr(numeric_plant(law_class(name)), "__file__")
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -318,7 +318,7 @@ def test_table_slope_against_differences_and_the_jacobian():
         assert table_slope(slip, LOAD, TABLE.parameters()) == pytest.approx(difference / (2 * h), rel=1e-5)
         assert table_slope(-slip, LOAD, TABLE.parameters()) == table_slope(slip, LOAD, TABLE.parameters())
     functions, p = numeric_plant(Table), plant_parameters(TABLE, PARK2008)
-    assert not functions.generated_in_memory
+    assert hasattr(functions, "__file__")
     gradient = functions.force_gradient(V, 0.13 * V, 0.0, 0.0, 0.0, 0.0, p)
     slope = table_slope(0.13, PARK2008.wheel_load, TABLE.parameters())
     assert gradient[1] == pytest.approx(slope / V)

@@ -27,6 +27,7 @@ from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import (
     FUNCTIONS,
+    GENERATED,
     PACKAGE,
     adhesion_coefficient,
     generate,
@@ -35,8 +36,6 @@ from railslip_ctrl.model.numeric import (
     plant_parameters,
 )
 from railslip_ctrl.model.vehicle import PARK2008
-
-GENERATED = PACKAGE / "model" / "_generated"
 
 
 def sampled_states(count: int, seed: int) -> np.ndarray:
@@ -164,7 +163,7 @@ def test_committed_code_is_what_the_statement_generates(name: str) -> None:
         pytest.skip(f"{name} runs from code generated at run time; `make generate` gives it a fast start")
     committed = file.read_text(encoding="utf-8")
     assert committed == generate(law_class(name)), "run `make generate`"
-    assert not numeric_plant(law_class(name)).generated_in_memory
+    assert numeric_plant(law_class(name)).__file__ == str(file)
 
 
 def test_no_generated_file_without_its_law() -> None:
@@ -206,15 +205,15 @@ def scratch_package(tmp_path: Path) -> Path:
 
 def test_an_edited_plant_changes_the_numbers_at_once(scratch_package: Path) -> None:
     """A sign changed in the statement must reach the numbers, without generating by hand."""
-    code = TORQUE + "print(point.brake_torque, numeric_plant(type(law)).generated_in_memory)"
-    before, in_memory = _run(code, path=scratch_package).split()
-    assert in_memory == "False"
+    code = TORQUE + "print(point.brake_torque, hasattr(numeric_plant(type(law)), '__file__'))"
+    before, committed = _run(code, path=scratch_package).split()
+    assert committed == "True"
     source = scratch_package / "railslip_ctrl" / "model" / "plant.py"
     text = source.read_text()
     assert text.count("-Fa - Fr - Tr / r") == 1
     source.write_text(text.replace("-Fa - Fr - Tr / r", "-Fa + Fr - Tr / r"))
-    after, in_memory = _run(code, path=scratch_package).split()
-    assert in_memory == "True"
+    after, committed = _run(code, path=scratch_package).split()
+    assert committed == "False"
     # Fr = 0.63 v^2 = 486.1 N enters the trim torque as (J/(r M)) (1 - slip) Fr = 16.84 N*m, twice
     assert float(before) - float(after) == pytest.approx(2 * 16.84, abs=0.01)
 
@@ -223,9 +222,8 @@ def test_main_writes_what_is_committed(scratch_package: Path) -> None:
     target = scratch_package / "railslip_ctrl" / "model" / "_generated"
     for name in ALL_LAWS:
         (target / f"{name}.py").unlink()
-        (target / "scalar" / f"{name}.py").unlink()
     _run("from railslip_ctrl.sliding.generate import main; main()", path=scratch_package)
-    for file in (file for name in ALL_LAWS for file in (f"{name}.py", f"scalar/{name}.py")):
+    for file in (f"{name}.py" for name in ALL_LAWS):
         assert (target / file).read_text() == (GENERATED / file).read_text()
 
 
@@ -271,7 +269,7 @@ def new_law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[type]:
 def test_adding_a_law_is_one_file(new_law: type) -> None:
     assert "new_law" in law_names()
     law = new_law(b1=0.86, b2=33.82, b3=0.35)
-    assert numeric_plant(new_law).generated_in_memory
+    assert not hasattr(numeric_plant(new_law), "__file__")
     found = peak(law, 20.0, 34_500.0)
     # oracle: Burckhardt wet, peak 0.80391 at 0.13069; tolerance half a unit of the last digit
     assert found.slip == pytest.approx(0.13069, abs=0.5e-5)

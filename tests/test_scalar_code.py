@@ -1,4 +1,4 @@
-"""Scalar functions that kernels run: the NumPy ones of every law, and committed as the statement gives them."""
+"""The functions of a law as kernels run them: with a table where the force has no closed form; the powers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from sample_laws import ALL_LAWS, sample_law
 
-from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
-from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.scalar_code import FOLDER, WORKS, adhesion_table, generate_scalar, has_table, scalar_source
+from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
+from railslip_ctrl.model.numeric import WORKS, adhesion_table, has_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, Resistance
 from railslip_ctrl.simulation.kernel_text import kernel_text, step_text
 
@@ -94,11 +93,3 @@ def test_the_table_is_the_curve_to_its_stated_error() -> None:
     read = np.array([scalar.adhesion_force(1.0, s, 0.0, 0.0, 0.0, 0.0, p, table) for s in slip])
     assert np.max(np.abs(read - exact)) < TABLE_ERROR * np.max(np.abs(exact))
     assert [name for name in ALL_LAWS if has_table(law_class(name))] == ["curve"]
-
-
-@pytest.mark.parametrize("name", law_names())
-def test_committed_text_is_what_the_statement_gives(name: str) -> None:
-    law = law_class(name)
-    committed = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
-    assert committed == generate_scalar(law), "run `make generate`"
-    assert scalar_source(law) == committed

@@ -1,4 +1,4 @@
-"""Texts of kernels: the scalar functions of an adhesion law and what runs them, put together into one module."""
+"""Texts of kernels: the functions of an adhesion law and what runs them, put together into one module."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from railslip_ctrl.core.folders import cache_folder
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.scalar_code import scalar_source
+from railslip_ctrl.model.numeric import source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,8 +31,14 @@ _HEAD = '''"""A simulation kernel, put together by railslip_ctrl.model.kernels: 
 import math
 from typing import NamedTuple
 
+import numpy
 import numpy as np
 {marker}
+
+
+@compiled
+def where(condition, one, other):
+    return one if condition else other
 
 
 @compiled
@@ -46,20 +52,30 @@ def table_cell(x, table):
 
 
 @compiled
-def tabulated(x, table):
-    """A function of the slip ratio, odd, by the cubic through values and slopes."""
-    u, f0, d0, d1, rise = table_cell(x, table)
+def tabulated(x, *rest):
+    """A function of the slip ratio, odd, by the cubic through values and slopes of the table, which comes last."""
+    u, f0, d0, d1, rise = table_cell(x, rest[-1])
     value = f0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
     return value if x >= 0.0 else -value
 
 
 @compiled
-def tabulated_slope(x, table):
+def tabulated_slope(x, *rest):
     """Its slope, even."""
-    u, _, d0, d1, rise = table_cell(x, table)
-    return table[0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
+    u, _, d0, d1, rise = table_cell(x, rest[-1])
+    return rest[-1][0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
 
 '''
+_STIFFNESS = """
+adhesion_force = force
+
+
+@compiled
+def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
+    rows = jacobian(v, sigma, z, Tb, Td, Tr, p, table)
+    return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
+
+"""
 # Only `run` allocates. Everything below it is put into it, without counting references to arrays at every call: three
 # times as fast, a few per cent from the same loop in C. Python calls `run` alone: wrappers for the others would take a
 # quarter of the time to compile.
@@ -74,13 +90,18 @@ _INTERPRETED = "\n\ndef compiled(function):\n    return function\n\n\nentry = co
 _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTILINE)
 
 
+def scalar_source(law: type[AdhesionLaw]) -> str:
+    """The functions of a law for a kernel."""
+    return re.sub(r"^def ", "@compiled\ndef ", plain(source(law)), flags=re.MULTILINE)
+
+
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
     """A module of the scalar functions of a law, then the parts; to be compiled or to be interpreted.
 
     Parts are texts as `plain` gives them. What Python calls is named `run` and marked `entry`.
     """
     head = _HEAD.format(law=law.name, marker=_COMPILED if compiled else _INTERPRETED)
-    return "\n".join([head, plain(scalar_source(law)), *parts])
+    return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 
 def plain(text: str) -> str:
