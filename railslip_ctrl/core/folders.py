@@ -16,7 +16,7 @@ from .errors import InputError
 LOCK = ".lock"
 
 CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Environment variable that names another folder for compiled kernels, and for results that are kept."""
+"""Environment variable that names another folder for compiled kernels and cached results."""
 
 
 @contextmanager

@@ -16,7 +16,7 @@ Submit: TypeAlias = "Callable[..., Future[Any]]"
 """Takes a function and its arguments."""
 
 
-def cores() -> int:
+def cpu_count() -> int:
     """Cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -16,7 +16,7 @@ from railslip_ctrl import __version__
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import cache_folder
-from railslip_ctrl.core.processes import cores, processes
+from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.simulation.run import Run, Simulator
 from railslip_ctrl.simulation.scenario import Scenario
 
@@ -233,7 +233,7 @@ Parts = Callable[[Iterable[Part]], Iterator[tuple[Part, Rows]]]
 
 def _workers(workers: int | None, scheduler: str | None) -> int:
     if workers is None:
-        return cores()
+        return cpu_count()
     if scheduler is not None:
         raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
     if workers < 1:
