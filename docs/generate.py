@@ -20,7 +20,7 @@ from types import ModuleType
 import railslip_ctrl
 from railslip_ctrl.core.notation import NOTATION, Notation
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.model.adhesion.registry import law_classes
+from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.paper.erratum import Erratum
 from railslip_ctrl.sliding.derivation import Derivation, derive

@@ -95,7 +95,7 @@ def _writers(
     text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
 ) -> dict[str, Callable[[Path], None]]:
     """What writes each file."""
-    from railslip_ctrl.core.cache import kept
+    from railslip_ctrl.core.cache import cached
     from railslip_ctrl.design.design_check import published_groups
     from railslip_ctrl.paper import model_curves, published_runs
     from railslip_ctrl.paper.curves import wet_and_dry
@@ -114,7 +114,7 @@ def _writers(
 
     started = time.perf_counter()
     progress("errata, and Table 4's gains in both readings")
-    wrong = kept("errata", lambda: errata(derive()))
+    wrong = cached("errata", lambda: errata(derive()))
     groups = published_groups(published_points())
     progress("pictures")
     figures = {

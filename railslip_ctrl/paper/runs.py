@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.processes import cores
+from railslip_ctrl.core.processes import cpu_count
 from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.published import Column, Kind, published_controller
@@ -130,7 +130,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
         Told what is run, a line for each setup done.
     """
     results = []
-    with ThreadPoolExecutor(cores()) as pool:  # threads: a run leaves the interpreter's lock
+    with ThreadPoolExecutor(cpu_count()) as pool:  # threads: a run leaves the interpreter's lock
         for setup in setups:
             simulator = Simulator(setup.scenario, setup.controller)
             noisy = setup.scenario.disturbances.random_force > 0

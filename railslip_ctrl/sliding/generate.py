@@ -6,7 +6,6 @@ from pathlib import Path
 
 from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.model.numeric import generate
-from railslip_ctrl.model.scalar_code import generate_scalar
 
 from .generated import LAW_FILE, generate_law
 
@@ -14,11 +13,9 @@ GENERATED = LAW_FILE.parent
 
 
 def main() -> None:
-    """Write the NumPy functions and the scalar functions of every adhesion law, and the derived sliding-mode law."""
-    (GENERATED / "scalar").mkdir(exist_ok=True)
+    """Write the functions of every adhesion law, and the derived sliding-mode law."""
     for name, law in law_classes().items():
         _write(GENERATED / f"{name}.py", generate(law))
-        _write(GENERATED / "scalar" / f"{name}.py", generate_scalar(law))
     _write(LAW_FILE, generate_law())
 
 

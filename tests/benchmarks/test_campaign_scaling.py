@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from railslip_ctrl.core.processes import cores
+from railslip_ctrl.core.processes import cpu_count
 from railslip_ctrl.simulation import built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
 from railslip_ctrl.simulation.published import published_pi
@@ -18,7 +18,7 @@ QUANTITIES = (
 
 
 def test_two_cores_are_worth_1_8_of_one(tmp_path):
-    assert cores() >= 2, "two cores are needed to measure what the second is worth"
+    assert cpu_count() >= 2, "two cores are needed to measure what the second is worth"
     campaign = Campaign(built_in_scenario("park2008"), (published_pi("bristle"),), RUNS, QUANTITIES)
     execute(Campaign(campaign.scenario, campaign.controllers, 1), tmp_path / "compiled", workers=1)
     seconds = {}

@@ -1,4 +1,4 @@
-"""A campaign run: on the cores of one machine, or on a Dask cluster; and one of its runs again, with its signals.
+"""A campaign run: on the cpu_count of one machine, or on a Dask cluster; and one of its runs again, with its signals.
 
 Its folder has a manifest that says what it is, and one Parquet file for each finished part. A file that is there is
 whole. The parts of a campaign are fixed when it begins; which of them are there is all that a resumed campaign needs.
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
-from railslip_ctrl.core.processes import cores, processes
+from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.simulation.run import Run, Simulator
 
 from .specification import Campaign, described
@@ -331,7 +331,7 @@ def execute(
     """
     if workers is not None and scheduler is not None:
         raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
-    count = cores() if workers is None else workers
+    count = cpu_count() if workers is None else workers
     if count < 1:
         raise InputError(f"--workers: {count} is not allowed; give an integer >= 1")
     tell = progress or (lambda runs: None)
