@@ -18,24 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
+from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
     AdhesionObserver,
-    BrakeCourse,
     Encoder,
     FilterObserver,
     Form,
     KalmanObserver,
     ObserverResponses,
     TorqueSensor,
-    TradeOff,
-    Trial,
     adhesion_coefficient,
-    brake_trial,
-    measured,
     observer_responses,
-    statement,
-    trade_off,
 )
+from railslip_ctrl.identification.observer_study import BrakeCourse, TradeOff, Trial, brake_trial, measured, trade_off
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
 

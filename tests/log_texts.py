@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from railslip_ctrl.identification.logs import Log
-from railslip_ctrl.identification.rows import Rows
+from railslip_ctrl.identification.logs import Log, Rows
 
 HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
 

@@ -10,13 +10,13 @@ import pytest
 from rig_logs import rig_rows
 from scipy.stats import t as student
 
-from railslip_ctrl.identification.between_runs import LEAST_TESTS, between_runs, whole_tests
-from railslip_ctrl.identification.coordinates import Coordinates
-from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.fits import LEAST_TESTS, between_runs, search, whole_tests
+from railslip_ctrl.identification.identify import identify_curve
 from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.models import Coordinates
+from railslip_ctrl.identification.observed import Record
 from railslip_ctrl.identification.prediction import Intervals
-from railslip_ctrl.identification.record import Record
-from railslip_ctrl.identification.search import search
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
 

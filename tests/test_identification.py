@@ -11,17 +11,29 @@ from rig_logs import rig_rows
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.cells import Accumulator
-from railslip_ctrl.identification.comparison import compare, too_few
-from railslip_ctrl.identification.coordinates import FLAT, Coordinates
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit
-from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
-from railslip_ctrl.identification.models import MODELS, Setting, check_model, check_options, fit_model, shape_of
+from railslip_ctrl.identification.curves import Accumulator, peak_slip
+from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit, profile_interval
+from railslip_ctrl.identification.models import (
+    FLAT,
+    MODELS,
+    Coordinates,
+    Setting,
+    check_model,
+    check_options,
+    fit_model,
+    shape_of,
+)
 from railslip_ctrl.identification.observed import AdhesionStream, Observed
-from railslip_ctrl.identification.polynomials import over_initial_speed
-from railslip_ctrl.identification.profile import profile_interval
-from railslip_ctrl.identification.reference import LARGEST_LOSS, drift, peak_of_fit, peak_of_law
-from railslip_ctrl.identification.regimes import Regimes, peak_slip
+from railslip_ctrl.identification.results import (
+    LARGEST_LOSS,
+    Regimes,
+    compare,
+    drift,
+    over_initial_speed,
+    peak_of_fit,
+    peak_of_law,
+    too_few,
+)
 from railslip_ctrl.model.adhesion import (
     AdhesionLaw,
     ReferenceSlip,
@@ -35,6 +47,7 @@ from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.report.identification import law_toml, polynomials_toml
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH

@@ -10,9 +10,9 @@ import pytest
 from rig_logs import rig_rows, write_log
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
-from railslip_ctrl.identification.plausibility import mu_warning
-from railslip_ctrl.identification.rolling import FreeRolling
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import identify_curve
+from railslip_ctrl.identification.log_checks import FreeRolling, mu_warning
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.parameters import PARK2008, Rail

@@ -10,13 +10,13 @@ import pytest
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.identify import Options, _different_loads, curve_of, identify_curve
-from railslip_ctrl.identification.observer.sensors import Encoder
-from railslip_ctrl.identification.outliers import OutlierFilter
-from railslip_ctrl.identification.regripping import Regripping
-from railslip_ctrl.identification.resolution import Resolution, step_of
-from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.identification.timing import Lag, lag_warning
+from railslip_ctrl.identification.candidates import Lag, lag_warning
+from railslip_ctrl.identification.cleaning import OutlierFilter, Resolution, step_of
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import _different_loads, identify_curve
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.observed import Regripping
+from railslip_ctrl.identification.observer import Encoder
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail

@@ -16,13 +16,13 @@ from rig_logs import rig_rows, write_log
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.identification import fits
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.curves import curve_of
-from railslip_ctrl.identification.identify import Identification, Options, identify_curve
+from railslip_ctrl.identification.candidates import Lag, lag_warning
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import check_options
-from railslip_ctrl.identification.motion import slip_ramp
-from railslip_ctrl.identification.record import Record
-from railslip_ctrl.identification.timing import Lag, lag_warning
+from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.prediction import slip_ramp
 from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.report.identification import identification_text, model_toml

@@ -14,20 +14,18 @@ from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification import candidates
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification import plausibility
-from railslip_ctrl.identification.curves import curve_of, read_curve
+from railslip_ctrl.identification.candidates import IMPOSSIBLE_MU, Lag, check_fit, fit_doubts
+from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
+from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify_curve
+from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.log_checks import mu_warning, train_lag, unit_hint
+from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.outliers import BESIDE, OutlierFilter
-from railslip_ctrl.identification.plausibility import IMPOSSIBLE_MU, check_fit, fit_doubts, mu_warning, unit_hint
-from railslip_ctrl.identification.polynomials import over_initial_speed
-from railslip_ctrl.identification.reference import peak_notes, peak_of_law
-from railslip_ctrl.identification.regimes import Regimes, regimes_of
-from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.identification.timing import Lag, train_lag
+from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law, regimes_of
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
@@ -80,7 +78,7 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, rows
 def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
     """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
     monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
-    monkeypatch.setattr(plausibility, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
+    monkeypatch.setattr(candidates, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
     found = identified(rows, "best")
     assert found.chosen.fit.model.name == "beam"
     assert (
@@ -345,9 +343,9 @@ def test_the_lag_is_in_text_and_json(dry):
 
 
 def false_alarm(sides: int) -> float:
-    """Of a normal deviate beside the median absolute one of `BESIDE` others, the larger of so many sides."""
+    """Of a normal deviate beside the median absolute one of `NOISE_ROWS` others, the larger of so many sides."""
     x = np.linspace(1e-4, 3.0, 6001)
-    below = stats.binom.sf(BESIDE // 2, BESIDE, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
+    below = stats.binom.sf(NOISE_ROWS // 2, NOISE_ROWS, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
     beyond = 2.0 * stats.norm.sf(8.0 * 1.4826 * x)
     return float(np.sum((beyond[1:] + beyond[:-1]) / 2.0 * np.diff(below)))
 

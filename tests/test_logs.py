@@ -12,13 +12,11 @@ from log_texts import HEADER, log_text, read, write
 from rig_logs import rig_rows, write_log
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification import cells, observed, outliers, rolling
-from railslip_ctrl.identification.columns import NAMES, UNITS, find_columns
-from railslip_ctrl.identification.identify import Options, read_curve
-from railslip_ctrl.identification.logs import LONGEST_LINE, Log
-from railslip_ctrl.identification.outliers import OutlierFilter
-from railslip_ctrl.identification.record import Recorder
-from railslip_ctrl.identification.rows import Rows
+from railslip_ctrl.identification import cleaning, curves, log_checks, observed
+from railslip_ctrl.identification.cleaning import OutlierFilter
+from railslip_ctrl.identification.curves import Options, read_curve
+from railslip_ctrl.identification.logs import LONGEST_LINE, NAMES, UNITS, Log, Rows, find_columns
+from railslip_ctrl.identification.observed import Recorder
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
 
@@ -393,10 +391,10 @@ def test_memory_is_bounded_through_observer_and_curve(tmp_path, monkeypatch):
     All are bounded here by less than usually, so that a short log is beyond. Without
     bounds the sums take a twentieth more, the rows a third.
     """
-    monkeypatch.setattr(cells, "_MOST_ENTRIES", 256)
+    monkeypatch.setattr(curves, "_MOST_ENTRIES", 256)
     monkeypatch.setattr(observed, "Recorder", functools.partial(Recorder, 2000))
-    monkeypatch.setattr(outliers, "PIECE", 512)  # rows wait for a piece, which is to be short beside either log
-    monkeypatch.setattr(rolling, "_MOST_WINDOWS", 256)
+    monkeypatch.setattr(cleaning, "PIECE", 512)  # rows wait for a piece, which is to be short beside either log
+    monkeypatch.setattr(log_checks, "_MOST_WINDOWS", 256)
     rows = rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0]
     path, options = tmp_path / "long.csv", Options(block_bytes=1 << 16)
 

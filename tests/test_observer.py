@@ -10,14 +10,14 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
     FilterObserver,
     Form,
     adhesion_coefficient,
+    linear_recursion,
     observer_responses,
-    statement,
 )
-from railslip_ctrl.identification.observer.recursion import linear_recursion
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008
 from railslip_ctrl.paper import printed as sliding_printed

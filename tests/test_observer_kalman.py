@@ -10,8 +10,14 @@ from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
 from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.observer import Encoder, KalmanObserver, TorqueSensor, Vibration, observer_responses
-from railslip_ctrl.identification.observer.riccati import sampled_noise
+from railslip_ctrl.identification.observer import (
+    Encoder,
+    KalmanObserver,
+    TorqueSensor,
+    Vibration,
+    observer_responses,
+    sampled_noise,
+)
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.parameters import PARK2008
 

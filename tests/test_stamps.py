@@ -7,9 +7,7 @@ import pytest
 from log_texts import log_text, read, with_stamps, write
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.logs import Log
-from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.identification.stamps import BESIDE, FAR, StampFilter
+from railslip_ctrl.identification.logs import BESIDE, FAR, Log, Rows, StampFilter
 
 ROWS = 120  # lines 2 to 121
 BLOCKS = [60, 700, 1 << 20]  # some two rows, thirty, and all

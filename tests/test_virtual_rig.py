@@ -13,21 +13,15 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import plausibility
+from railslip_ctrl.identification import candidates
+from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import Fit, Parameter, fit
-from railslip_ctrl.identification.identify import (
-    Identification,
-    Options,
-    curve_of,
-    identify,
-    identify_curve,
-    setting_of,
-)
+from railslip_ctrl.identification.identify import Identification, identify, identify_curve, setting_of
 from railslip_ctrl.identification.logs import Log, Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
-from railslip_ctrl.identification.motion import along_the_motion, is_followed, slip_ramp
-from railslip_ctrl.identification.record import Record
-from railslip_ctrl.identification.reference import peak_of_fit
+from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.prediction import along_the_motion, is_followed, slip_ramp
+from railslip_ctrl.identification.results import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
@@ -274,7 +268,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
 
     Columns altered in their last digits stand for another processor. A limit of friction that cannot be is let pass.
     """
-    monkeypatch.setattr(plausibility, "IMPOSSIBLE_MU", math.inf)
+    monkeypatch.setattr(candidates, "IMPOSSIBLE_MU", math.inf)
     test, options = published_tests("bristle")[0], Options(model=model, initial_speed=V30)
     log = rows_of(run_tests(test, tests=1, seed=1))
     few = Rows(log.line[60:200:2], {name: column[60:200:2] for name, column in log.columns.items()})

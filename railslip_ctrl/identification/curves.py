@@ -1,36 +1,347 @@
-"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted."""
+"""curves"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.parameters import Rail, Vehicle
 
-from .alignment import Alignment, corrections_told
-from .cells import Accumulator, Bins, Cells, SlipCounts, Stretches
-from .columns import Column
-from .logs import Broken, Log
-from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
-from .options import Options
-from .outliers import OutlierFilter
-from .plausibility import HIGHEST_MU, deceleration_ratio, deceleration_warning, mu_warning, unit_hint
-from .record import MOST_ROWS, Record
-from .regimes import peak_slip
-from .resolution import ColumnStep, column_steps, step_warnings
-from .rolling import Known, Rolling, rolling_fault, rolling_warnings
-from .rows import BothSpeeds, Rows
-from .stamps import StampFilter
-from .survey import Survey, load_warning, vehicle_load_warning, wheel_speeds_warning
-from .timing import time_fault
+from .cleaning import Alignment, ColumnStep, OutlierFilter, column_steps, corrections_told, step_warnings
+from .log_checks import (
+    HIGHEST_MU,
+    FreeRolling,
+    Known,
+    Rolling,
+    deceleration_ratio,
+    deceleration_warning,
+    load_warning,
+    mu_warning,
+    rolling_fault,
+    rolling_warnings,
+    time_fault,
+    unit_hint,
+    vehicle_load_warning,
+    wheel_speeds_warning,
+)
+from .logs import BLOCK_BYTES, BothSpeeds, Broken, Column, Log, Rows, StampFilter
+from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, Observed, Observer, Record, Survey
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Lines = NDArray[np.int64]
+
+
+# --- options ---
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify; None takes it from the log. See `railslip identify --help`.
+
+    Parameters
+    ----------
+    model : str
+        A model's name, or "best": of those with a formula the one with the lowest BIC.
+    rail : Rail
+    initial_speed, slip_acceleration, time_constant : float or None
+        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    columns, units : mapping
+        Header and unit of a quantity's column, by quantity.
+    delays, zeros : mapping
+        By how much a quantity's column is late, s, and what it reads where it should read nought, SI; by quantity.
+    fixed, bounds : mapping
+        Value (SI), or lowest and highest, of a parameter, by name.
+    block_bytes : int
+        How much of a log is read at a time.
+    """
+
+    model: str = "best"
+    rail: Rail = Rail.DRY
+    initial_speed: float | None = None
+    slip_acceleration: float | None = None
+    time_constant: float | None = None
+    observer: Observer = Observer.CORRECTED
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    delays: Mapping[str, float] = field(default_factory=dict)
+    zeros: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    block_bytes: int = BLOCK_BYTES
+
+
+# --- cells ---
+
+
+SLIP_CELLS = 400
+"""Cells over the slip ratio, of equal width in its square root: narrow where the curve rises."""
+
+SPEED_CELL = 10.0 * KMH
+_SPEED_CELLS = 80
+
+STRETCH = 5.0
+"""Length of the shortest stretches, in time constants of the observer."""
+
+_MOST_STRETCHES = 8192
+_MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still
+
+BINS = 50
+"""Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13: to be shown. Fits take the cells, finer ones."""
+
+
+@dataclass(frozen=True)
+class Bins:
+    """mu over slip, by bins that hold a sample: arrays of one length, as [Park2008] Fig. 13."""
+
+    low: Floats
+    high: Floats
+    slip: Floats
+    count: Integers
+    mean: Floats
+    deviation: Floats
+    least: Floats
+    most: Floats
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells that hold samples, an array each of one length.
+
+    Attributes
+    ----------
+    count : number of samples.
+    slip, speed, load : mean slip ratio, speed, m/s, and wheel load, N.
+    mu, squares : mean of mu, and sum of the squared deviations from it.
+    nodes, node_speeds, weights : arrays (2, cells)
+        Slip ratios, speeds and weights of the rule that gives the mean of a function over a cell.
+    time, slip_gain : seconds, and the slip gained in them.
+    """
+
+    count: Floats
+    slip: Floats
+    speed: Floats
+    load: Floats
+    mu: Floats
+    squares: Floats
+    nodes: Floats
+    node_speeds: Floats
+    weights: Floats
+    time: Floats
+    slip_gain: Floats
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Sums by stretch of time and cell: entry k holds `count[k]` samples and `total[k]` of mu.
+
+    Attributes
+    ----------
+    length : float
+        Of a stretch, s.
+    stretch, cell : array of int
+        Which, the cell by its place in `Cells`.
+    """
+
+    length: float
+    stretch: Integers
+    cell: Integers
+    count: Floats
+    total: Floats
+
+
+@dataclass(frozen=True)
+class SlipCounts:
+    """How many samples there are by slip, finely: `counts` in steps of a millionth, so that any slip may part them."""
+
+    counts: Integers
+
+    def parted_at(self, slip: float) -> tuple[int, int]:
+        """How many lie below a slip ratio, and how many from there on."""
+        below = int(self.counts[: round(slip * _FINE)].sum())
+        return below, int(self.counts.sum()) - below
+
+
+_FINE = 1_000_000
+_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load", "step", "slip_step")
+
+
+class Accumulator:
+    """Sums over samples that come in blocks of any size; the result does not depend on how they come."""
+
+    def __init__(self, time_constant: float) -> None:
+        self._length = STRETCH * time_constant
+        self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
+        self._centre = 0.0  # mu is summed about it, so that squares do not cancel
+        self._bins = np.zeros((4, BINS))
+        self._slips = np.zeros(_FINE, dtype=np.int64)
+        self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
+        self._keys = np.empty(0, dtype=np.int64)
+        self._entries = np.empty((2, 0))
+        self._origin: float | None = None
+
+    def add(self, samples: Observed) -> None:
+        """Take samples in."""
+        if not len(samples):
+            return
+        if self._origin is None:
+            self._origin, self._centre = float(samples.time[0]), float(samples.mu[0])
+        cell = _cell(samples)
+        mu = samples.mu - self._centre
+        values = (
+            samples.slip,
+            samples.slip2,
+            samples.slip3,
+            samples.speed,
+            samples.slip_speed,
+            mu,
+            mu**2,
+            samples.load,
+        )
+        for row, weights in enumerate((None, *values, samples.step, samples.slip_step)):
+            self._sums[row] += np.bincount(cell, weights, minlength=self._sums.shape[1])
+        self._slips += np.bincount((samples.slip * _FINE).astype(np.int64), minlength=_FINE)
+        self._add_to_bins(samples, mu)
+        self._add_stretches(samples, cell, mu)
+
+    def _add_to_bins(self, samples: Observed, mu: Floats) -> None:
+        at = np.minimum((samples.slip * BINS).astype(np.int64), BINS - 1)
+        for row, weights in enumerate((None, samples.slip, mu, mu**2)):
+            self._bins[row] += np.bincount(at, weights, minlength=BINS)
+        np.minimum.at(self._least, at, samples.mu)
+        np.maximum.at(self._most, at, samples.mu)
+
+    def _add_stretches(self, samples: Observed, cell: Integers, mu: Floats) -> None:
+        assert self._origin is not None
+        stretch = ((samples.time - self._origin) / self._length).astype(np.int64)
+        keys, entries = _summed(stretch * _CELLS + cell, np.stack([np.ones(len(mu)), mu]))
+        self._keys, self._entries = _summed(
+            np.concatenate([self._keys, keys]), np.concatenate([self._entries, entries], axis=1)
+        )
+        while len(self._keys) > _MOST_ENTRIES or len(np.unique(self._keys // _CELLS)) > _MOST_STRETCHES:
+            stretch, cell = self._keys // _CELLS, self._keys % _CELLS
+            self._length *= 2.0
+            self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)
+
+    def bins(self) -> Bins:
+        """The curve so far."""
+        full = self._bins[0] > 0
+        count, slip, total, squares = self._bins[:, full]
+        edges = np.arange(BINS + 1) / BINS
+        mean = total / count
+        variance = np.maximum(squares / count - mean**2, 0.0) * count / np.maximum(count - 1.0, 1.0)
+        return Bins(
+            low=edges[:-1][full],
+            high=edges[1:][full],
+            slip=slip / count,
+            count=count.astype(np.int64),
+            mean=mean + self._centre,
+            deviation=np.sqrt(variance),
+            least=self._least[full],
+            most=self._most[full],
+        )
+
+    def slip_counts(self) -> SlipCounts:
+        """The counts by slip so far."""
+        return SlipCounts(self._slips.copy())
+
+    def cells(self) -> Cells:
+        """The cells so far."""
+        s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
+        n = s["count"]
+        mean = {name: s[name] / n for name in _SUMS[1:9]}
+        nodes, weights = _gauss_rule(mean["slip"], mean["slip2"], mean["slip3"])
+        variance = mean["slip2"] - mean["slip"] ** 2
+        covariance = mean["slip_speed"] - mean["slip"] * mean["speed"]
+        tilt = np.divide(covariance, variance, out=np.zeros_like(n), where=variance > _NO_SPREAD)
+        return Cells(
+            count=n,
+            slip=mean["slip"],
+            speed=mean["speed"],
+            load=mean["load"],
+            mu=mean["mu"] + self._centre,
+            squares=np.maximum(s["mu2"] - n * mean["mu"] ** 2, 0.0),
+            nodes=nodes,
+            node_speeds=np.maximum(mean["speed"] + tilt * (nodes - mean["slip"]), 0.5 * mean["speed"]),
+            weights=weights,
+            time=s["step"],
+            slip_gain=s["slip_step"],
+        )
+
+    def stretches(self) -> Stretches:
+        """The stretches so far."""
+        place = np.cumsum(self._sums[0] > 0) - 1
+        count, total = self._entries
+        return Stretches(
+            length=self._length,
+            stretch=self._keys // _CELLS,
+            cell=place[self._keys % _CELLS],
+            count=count,
+            total=total + self._centre * count,
+        )
+
+
+_CELLS = SLIP_CELLS * _SPEED_CELLS
+
+# Spread of slip, squared, that is rounding of moments of slips up to 1, not spread.
+_NO_SPREAD = 1e-13
+
+
+def _cell(samples: Observed) -> Integers:
+    slip = np.clip((np.sqrt(samples.slip) * SLIP_CELLS).astype(np.int64), 0, SLIP_CELLS - 1)
+    speed = np.clip((samples.speed / SPEED_CELL).astype(np.int64), 0, _SPEED_CELLS - 1)
+    return slip * _SPEED_CELLS + speed
+
+
+def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
+    """The distinct keys in order, and the sums of their columns."""
+    distinct, place = np.unique(keys, return_inverse=True)
+    return distinct, np.stack([np.bincount(place, row, minlength=len(distinct)) for row in values])
+
+
+def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
+    """Nodes and weights, (2, n) each, of the two-point rule with the moments 1, m1, m2, m3.
+
+    About the mean, with variance V and third moment T, the nodes solve x^2 - (T/V) x - V = 0.
+    """
+    variance = np.maximum(m2 - m1**2, 0.0)
+    spread = variance > _NO_SPREAD
+    third = m3 - 3.0 * m1 * m2 + 2.0 * m1**3
+    skew = np.divide(third, 2.0 * variance, out=np.zeros_like(m1), where=spread)
+    # a node may not leave the curve's rise for slips below 0: rounding and noise of the moments, not slip
+    skew = np.clip(skew, -np.sqrt(variance), np.sqrt(variance))
+    root = np.sqrt(skew**2 + variance)
+    low, high = skew - root, skew + root
+    share = np.divide(high, high - low, out=np.full_like(m1, 0.5), where=spread)
+    nodes = np.where(spread, m1 + np.stack([low, high]), m1)
+    return np.clip(nodes, 0.0, 1.0), np.stack([share, 1.0 - share])
+
+
+_PEAK_WINDOW = 0.15  # half width, relative, of the window in which mu is averaged to find its peak
+_LEAST_SHARE = 0.002  # of all samples that such a window must hold
+
+
+def peak_slip(cells: Cells) -> float:
+    """The slip ratio at which the data's mu, averaged over neighbouring cells, is highest."""
+    order = np.argsort(cells.slip)
+    slip, n, total = cells.slip[order], cells.count[order], (cells.count * cells.mu)[order]
+    counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
+    low = np.searchsorted(slip, slip * (1.0 - _PEAK_WINDOW))
+    high = np.searchsorted(slip, slip * (1.0 + _PEAK_WINDOW), side="right")
+    held = counts[high] - counts[low]
+    mean = np.where(held >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / held, -math.inf)
+    return float(slip[np.argmax(mean)])
+
+
+# --- curves ---
+
 
 _LEAST_SAMPLES = 20
 
@@ -157,9 +468,11 @@ class _Gathered:
         self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
         self._outliers, self._speeds = OutlierFilter(), BothSpeeds()
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
+        self._free = FreeRolling(vehicle)
         sums: Accumulator | None = None
         for rows in Alignment(options.delays, options.zeros, name).rows(_kept(blocks, self._outliers)):
             self._speeds.add(rows)
+            self._free.add(self._stream.signals(rows))
             samples = self._stream.add(rows)
             if observed is not None:
                 observed(samples)
@@ -204,7 +517,7 @@ class _Gathered:
     def _rolling(self) -> Rolling | None:
         resolution, radius = self._outliers.resolution, self._vehicle.wheel.radius
         omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
-        return self._stream.free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
+        return self._free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
 
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
         return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)

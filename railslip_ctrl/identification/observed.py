@@ -1,14 +1,9 @@
-"""From rows of a log to adhesion coefficients over slip: the observer, and the slip seen through the same filter.
-
-The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip of the moment it would shift a curve by
-tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
-that an observed mu is the mean over, which is all that a fit needs (`cells`).
-"""
+"""observed"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -19,16 +14,268 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Vehicle
 
-from .low_pass import LowPass
-from .observer.filters import FilterObserver, Form
-from .observer.kalman import KalmanObserver
-from .record import Recorder
-from .regripping import Regripping
-from .rolling import LOWEST_SPEED, FreeRolling
-from .rows import Rows
-from .survey import Survey
+from .logs import Rows
+from .observer import FilterObserver, Form, KalmanObserver, linear_recursion
 
 Floats = NDArray[np.float64]
+
+
+# --- low pass ---
+
+
+class LowPass:
+    """Channels through 1/(tau s + 1), taken to run straight between samples, as in the observer; tau in s.
+
+    It begins settled at the first sample.
+    """
+
+    def __init__(self, tau: float) -> None:
+        self._tau = tau
+        self._time = 0.0
+        self._input: Floats | None = None
+        self._output = np.empty(0)
+
+    def run(self, time: Floats, channels: Floats) -> Floats:
+        """The next samples of the channels, an array (channels, k), filtered."""
+        before = channels[:, 0] if self._input is None else self._input
+        start = before if self._input is None else self._output
+        h = np.diff(time, prepend=time[0] if self._input is None else self._time)
+        q = np.maximum(h / self._tau, np.finfo(float).tiny)
+        share = -np.expm1(-q)
+        w1 = 1.0 - share / q
+        transition = (1.0 - share)[:, None, None]
+        out = np.empty_like(channels)
+        for i, u in enumerate(channels):
+            forcing = (share - w1) * np.concatenate([before[i : i + 1], u[:-1]]) + w1 * u
+            out[i] = linear_recursion(transition, forcing[:, None], start[i : i + 1])[:, 0]
+        self._time, self._input, self._output = float(time[-1]), channels[:, -1].copy(), out[:, -1].copy()
+        return out
+
+
+# --- regripping ---
+
+
+_RELEASED = 0.1  # of the torque, that it falls by in a time constant: no brake is eased so fast while the wheel holds
+
+
+class Regripping:
+    """Which rows are of a wheel that regrips: from where the slip falls under a torque that is let go, while it falls.
+
+    Torque and slip are smoothed by the observer's time constant, s, twice: a value that is below its own mean falls.
+    """
+
+    def __init__(self, tau: float) -> None:
+        self._once, self._twice = LowPass(tau), LowPass(tau)
+        self._regrips = False
+
+    def add(self, time: Floats, slip: Floats, torque: Floats) -> NDArray[np.bool_]:
+        """Whether the wheel regrips in the next rows: times in s, slip ratios and brake torques in N*m as logged."""
+        now = self._once.run(time, np.stack([slip, torque]))
+        fallen = self._twice.run(time, now) - now
+        falls = fallen[0] > 0.0
+        released = falls & (fallen[1] > _RELEASED * np.maximum(now[1], 0.0))
+        index = np.arange(len(time))
+        last_released = np.maximum.accumulate(np.where(released, index, -1 if self._regrips else -2))
+        last_held = np.maximum.accumulate(np.where(falls, -2, index))
+        regrips: NDArray[np.bool_] = last_released > last_held
+        self._regrips = bool(regrips[-1])
+        return regrips
+
+
+# --- record ---
+
+
+MOST_ROWS = 20_000
+"""Rows kept; a hundred rig tests at 100 rows a second."""
+
+_LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take all the room for ever
+
+
+@dataclass(frozen=True)
+class Record:
+    """Rows under brake: arrays of one length; s, m/s, rad/s, N*m, N, and the number of the run a row belongs to."""
+
+    time: Floats
+    speed: Floats
+    omega: Floats
+    torque: Floats
+    load: Floats
+    run: Floats
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Recorder:
+    """Takes rows that come in blocks of any size; the record does not depend on how they come."""
+
+    def __init__(self, most_rows: int = MOST_ROWS) -> None:
+        self._most = most_rows
+        self._stride = 1
+        self._kept = np.empty((6, 0))
+        self._run, self._place = -1, 0  # of the last row used: its run, and its place in it
+        self._last_used = False
+
+    def add(self, rows: Floats, used: NDArray[np.bool_], apart: NDArray[np.bool_]) -> None:
+        """Take in rows (5 by k, the columns of `Record`), which are used, and which stand after a gap."""
+        if not used.any():
+            self._last_used = bool(used[-1]) if used.size else self._last_used
+            return
+        follows = used & np.concatenate([[self._last_used], used[:-1]]) & ~apart
+        index = np.arange(used.size)
+        start = np.maximum.accumulate(np.where(used & ~follows, index, -1))
+        place = np.where(start >= 0, index - start, self._place + 1 + index)
+        begins = used & (~follows | (place % _LONGEST_RUN == 0))
+        run = self._run + np.cumsum(begins)
+        self._run, self._place, self._last_used = int(run[-1]), int(place[-1]), bool(used[-1])
+        keep = used & (run % self._stride == 0)
+        self._kept = np.concatenate([self._kept, np.vstack([rows[:, keep], run[keep]])], axis=1)
+        while self._kept.shape[1] > self._most and self._stride <= self._run:
+            self._stride *= 2
+            self._kept = self._kept[:, self._kept[5] % self._stride == 0]
+
+    @property
+    def stride(self) -> int:
+        """Of how many runs one is kept."""
+        return self._stride
+
+    def record(self) -> Record:
+        """The rows kept so far."""
+        return Record(*self._kept)
+
+
+# --- survey ---
+
+
+_MOST_NAMED = 5
+_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
+
+LOADS_DIFFER = 1.05
+"""Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
+
+
+_MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v0 stands for several
+
+
+@dataclass
+class Survey:
+    """What was met on the way.
+
+    Attributes
+    ----------
+    rows, used : int
+        Rows observed, and those with the brake applied in the range of slip and speed.
+    runs : int
+        Stretches of rows used, apart by at least the settling time.
+    gaps : list of (line, seconds)
+        The first gaps; the observer starts anew after each.
+    gap_count, implausible : int
+        All gaps; rows left out as impossible.
+    bridged, longest_bridged : int, float
+        Long intervals that the observer runs through, and the longest of them, s.
+    lost : int
+        Rows under brake that are not used, as they lie within the settling time after a gap or the log's start.
+    reversed : int
+        Rows with slip in range and a torque as far below 0 as braking is above.
+    backward, forward : int
+        Rows with a train speed below 0, and above, of more than `rolling.LOWEST_SPEED`.
+    first_implausible : str
+        The first of those that are impossible.
+    initial_speed : float
+        Highest train speed, m/s, filtered.
+    interval : float
+        Median interval of the first rows, s.
+    slowest_start, fastest_start : float
+        Train speeds at which the runs begin, m/s; NaN without a run.
+    load_sum : float
+        Sum of the wheel load over the rows used, N.
+    regripping : int
+        Rows under brake that are not used, as the brake was let go and the wheel regrips.
+    highest_pull : float
+        Highest brake torque of all rows by wheel load and radius: the adhesion coefficient that it asks for.
+    """
+
+    rows: int = 0
+    used: int = 0
+    runs: int = 0
+    gaps: list[tuple[int, float]] = field(default_factory=list)
+    gap_count: int = 0
+    implausible: int = 0
+    bridged: int = 0
+    longest_bridged: float = 0.0
+    lost: int = 0
+    reversed: int = 0
+    backward: int = 0
+    forward: int = 0
+    first_implausible: str = ""
+    initial_speed: float = 0.0
+    interval: float = math.nan
+    slowest_start: float = math.nan
+    fastest_start: float = math.nan
+    load_sum: float = 0.0
+    regripping: int = 0
+    highest_pull: float = 0.0
+
+    @property
+    def wheel_load(self) -> float:
+        """Mean wheel load of the rows used, N."""
+        return self.load_sum / self.used
+
+    @property
+    def lost_share(self) -> float:
+        """Of the rows under brake, those lost to settling."""
+        return self.lost / max(self.lost + self.used, 1)
+
+    def note_gap(self, line: int, seconds: float) -> None:
+        """Take note of a gap before a line."""
+        self.gap_count += 1
+        if len(self.gaps) < _MOST_NAMED:
+            self.gaps.append((line, seconds))
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the runs begin at speeds so different that one v0 stands for several."""
+        return self.slowest_start * _MIXED < self.fastest_start
+
+    def note_starts(self, speeds: Floats) -> None:
+        """Take note of the train speeds at which runs begin, m/s."""
+        if len(speeds):
+            self.slowest_start = float(np.fmin(self.slowest_start, speeds.min()))
+            self.fastest_start = float(np.fmax(self.fastest_start, speeds.max()))
+
+    def warnings(self) -> tuple[str, ...]:
+        """What was wrong, a sentence each."""
+        found = []
+        if self.implausible:
+            found.append(f"{self.implausible} impossible rows left out; {self.first_implausible}")
+        if self.bridged:
+            found.append(
+                f"{self.bridged} long intervals, up to {self.longest_bridged:.4g} s, are bridged: the observer's time "
+                "constant is no shorter"
+            )
+        for line, seconds in self.gaps:
+            found.append(f"gap of {seconds:.4g} s before line {line}: the observer starts anew")
+        if self.gap_count > len(self.gaps):
+            found.append(f"{self.gap_count} gaps in all")
+        if self.lost_share >= _LEAST_LOST:
+            found.append(
+                f"{100.0 * self.lost_share:.2g} % of the braking data ({self.lost} rows) lies within the settling time "
+                "after gaps or the start, and is not used"
+            )
+        if self.is_mixed:
+            found.append(
+                f"braking begins between {self.slowest_start / KMH:.4g} and {self.fastest_start / KMH:.4g} km/h: "
+                f"v0, with which the parameters change, is taken as {self.initial_speed / KMH:.4g} km/h "
+                "(--initial-speed); a log for each speed shows the change"
+            )
+        return tuple(found)
+
+
+# --- observed ---
+
+
+LOWEST_SPEED = 5.0 * KMH
+"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
 
 DEFAULT_TIME_CONSTANT = 0.05
 """tau of the observer, s, where the log is sampled fast enough."""
@@ -51,7 +298,6 @@ LEAST_PULL = 0.02  # of wheel load times radius: below it the brake is not appli
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
 _FASTEST = 200.0
 _LARGEST_TORQUE = 1e6
-_ABSURD = 1e12  # of any column in SI: whatever its unit, no measurement, and its square may leave the range of doubles
 _LEAST_SLIP = -0.5
 _LEAST_FREE_SLIP = -2.0
 _TOLERATED_SHARE = 0.01
@@ -132,7 +378,6 @@ class AdhesionStream:
         self.vehicle, self.kind = vehicle, observer
         self.survey = Survey()
         self.recorder = Recorder()
-        self.free = FreeRolling(vehicle)
         self.wheel_column = ""
         self._tau = time_constant
         self._observer: TorqueObserver | None = None
@@ -213,15 +458,18 @@ class AdhesionStream:
                 f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"
             )
 
+    def signals(self, rows: Rows) -> Floats:
+        """Time, s, train speed, m/s, angular speed, rad/s, brake torque, N*m, and wheel load, N, of rows: (5, k)."""
+        radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
+        self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
+        omega = rows.columns["wheel_speed"] / radius if angular is None else angular
+        torque = rows.columns["brake_torque"]
+        return np.stack([*(rows.columns[n] for n in ("time", "train_speed")), omega, torque, self._load(rows)])
+
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
         """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
         radius = self.vehicle.wheel.radius
-        angular = rows.columns.get("wheel_angular_speed")
-        self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
-        omega = rows.columns["wheel_speed"] / radius if angular is None else angular
-        v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
-        known = np.stack([rows.columns["time"], v, omega, torque, load])
-        self.free.add(known[:, np.all(np.abs(known[1:]) < _ABSURD, axis=0)])
+        _, v, omega, torque, load = self.signals(rows)
         wheel, pressed = radius * omega, load > 0.0
         pull = np.abs(torque[pressed]) / (radius * load[pressed])
         self.survey.backward += int((v < -LOWEST_SPEED).sum())
@@ -358,3 +606,43 @@ def _joined(parts: list[Observed]) -> Observed:
     if not parts:
         return Observed(*(np.empty(0) for _ in fields(Observed)))
     return Observed(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Observed)))
+
+
+# --- course ---
+
+
+_SETTLED = 5.0  # time constants, after which the observer's unknown start is below 1 %
+
+
+@dataclass(frozen=True)
+class Course:
+    """A run under brake, arrays of one length.
+
+    Attributes
+    ----------
+    time : s, from the brake's application.
+    train_speed, wheel_speed : m/s; the wheel's is that of its circumference.
+    brake_torque, adhesion_torque : N*m
+        As logged, and as observed with every term filtered; NaN while the observer settles.
+    slip : ratio.
+    """
+
+    time: Floats
+    train_speed: Floats
+    wheel_speed: Floats
+    brake_torque: Floats
+    adhesion_torque: Floats
+    slip: Floats
+
+
+def course_of(record: Record, vehicle: Vehicle, time_constant: float) -> Course | None:
+    """The longest run of a record, observed with tau in s; None for an empty record."""
+    if not len(record):
+        return None
+    runs, counts = np.unique(record.run, return_counts=True)
+    at = record.run == runs[np.argmax(counts)]
+    time, speed, omega, torque = (x[at] for x in (record.time, record.speed, record.omega, record.torque))
+    observed = FilterObserver.of(vehicle, time_constant, Form.CORRECTED).run(time, torque, omega).adhesion_torque
+    settled = time - time[0] >= _SETTLED * time_constant
+    rim = vehicle.wheel.radius * omega
+    return Course(time - time[0], speed, rim, torque, np.where(settled, observed, np.nan), 1.0 - rim / speed)

@@ -24,7 +24,7 @@ from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Sc
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.kernel_text import step_text
 
-from .observer.sensors import Encoder
+from .observer import Encoder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.comparison import Score, too_few
+from railslip_ctrl.identification.cleaning import ColumnStep
 from railslip_ctrl.identification.fits import Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Identification
-from railslip_ctrl.identification.polynomials import ParameterPolynomial
-from railslip_ctrl.identification.reference import PeakSlip
-from railslip_ctrl.identification.regimes import Regimes
-from railslip_ctrl.identification.resolution import ColumnStep
-from railslip_ctrl.identification.rolling import Rolling
-from railslip_ctrl.identification.timing import TrainLag
+from railslip_ctrl.identification.log_checks import Rolling, TrainLag
+from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, too_few
 
 from .jsonable import number
 

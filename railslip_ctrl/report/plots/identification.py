@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.models import parameter_unit
-from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.identification.observed import course_of
+from railslip_ctrl.identification.results import PeakSlip
 from railslip_ctrl.model.adhesion.envelope import curtius_kniffler
 
 from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style

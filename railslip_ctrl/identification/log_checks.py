@@ -1,15 +1,11 @@
-"""Rolling without brake: where the torque stands still and the wheel follows its train, and what that shows.
-
-A released brake has no torque and a wheel without torque no slip, so that what the columns read there is a torque's
-zero and a wrong wheel radius. It is looked for in short windows of rows in which neither torque nor slip have a trend,
-at the lowest torque at which there are some: a torque's zero may be far above what else would count as braking.
-"""
+"""log_checks"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +13,19 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Vehicle
 
+from .observed import LOADS_DIFFER, LOWEST_SPEED, Record
+
 Floats = NDArray[np.float64]
 
-LOWEST_SPEED = 5.0 * KMH
-"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
+
+# --- rolling ---
+
 
 _SECONDS, _LEAST_ROWS = 0.2, 16  # of a window, whichever is longer
 _ROUNDING = 1e-6  # of an interval that a median of differences leaves
 _GAP_INTERVALS = 5.0
 _MOST_WINDOWS = 8192
+_ABSURD = 1e12  # of any column in SI: no measurement, and its square may leave the range of doubles
 
 _STEADY = 3.0  # standard errors within which a trend is none
 _STEADY_MU = 0.001  # of the torque over a window, by radius and wheel load: no trend, and no other zero in one log
@@ -95,7 +95,7 @@ class FreeRolling:
 
     def add(self, rows: Floats) -> None:
         """Take rows in: 5 by k, s, m/s, rad/s, N*m, N, time growing also from block to block."""
-        rows = np.concatenate([self._rows, rows], axis=1)
+        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _ABSURD, axis=0)]], axis=1)
         if rows.shape[1] < 2:
             self._rows = rows
             return
@@ -356,3 +356,240 @@ def _percent(slip: float, error: float) -> str:
     if error > 0.0:
         digits = min(digits, max(-math.floor(math.log10(100.0 * error)), 1))
     return f"{100.0 * slip:.{max(digits, 1)}f}"
+
+
+# --- plausibility ---
+
+
+HIGHEST_MU, LOWEST_MU = 0.7, 0.01
+"""Adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves."""
+
+_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
+)
+
+
+def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
+    """The option with a unit that makes an adhesion coefficient an ordinary one; empty where none does.
+
+    `factors` are what one of the unit that was read is in SI, by quantity, of the columns of the log.
+    """
+    found, other = [], math.nan
+    for quantity, units in _UNITS.items():
+        for unit, factor in units.items():
+            ratio = factor / factors.get(quantity, factor)
+            made = mu * ratio if quantity == "brake_torque" else mu / ratio
+            if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
+                found.append(f"{quantity} seems to be in {unit} (--unit {quantity}={unit})")
+                other = made
+    return f"{', or '.join(found)}, which would make it {other:.2g}" if found else ""
+
+
+def mu_warning(mean_mu: Floats, factors: Mapping[str, float]) -> str | None:
+    """A sentence where the mean of mu, by bins, is higher or lower than steel on steel has it; else None.
+
+    `factors` as of `unit_hint`.
+    """
+    highest = float(mean_mu.max(initial=-math.inf))
+    if LOWEST_MU <= highest <= HIGHEST_MU:
+        return None
+    return (
+        f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {LOWEST_MU:g} to "
+        f"{HIGHEST_MU:g}: {units_or(highest, factors)}"
+    )
+
+
+def units_or(mu: float, factors: Mapping[str, float]) -> str:
+    return (
+        unit_hint(mu, factors)
+        or "check the unit of the brake torque (--unit), the wheel load and the wheel's radius (--vehicle)"
+    )
+
+
+_OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
+_SLOWED_DOWN = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
+
+
+def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
+    """By how much more the train slows down in the runs than the wheel's own adhesion and the resistance make it.
+
+    By momentum from the first row to the last of each run, of the wheel (3) and of the train (4) [Park2008]: the
+    adhesion force is what is left of the brake torque when the wheel has been turned slower. NaN where the train hardly
+    slows down, or no torque is left.
+    """
+    inside = np.diff(record.run) == 0
+    step = np.diff(record.time)[inside]
+    v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
+    lost, turned = (-float(np.diff(x)[inside].sum()) for x in (record.speed, record.omega))
+    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
+    friction = vehicle.effective_viscous_friction * omega
+    adhesion = float(step @ (torque + friction)) - vehicle.effective_inertia * turned
+    terms = vehicle.resistance
+    resistance = float(step @ (terms.constant + terms.linear * v + terms.quadratic * v**2))
+    asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
+    if not lost > _SLOWED_DOWN * float(record.speed[begins].sum()) or not asked > 0.0:
+        return math.nan
+    return lost / asked
+
+
+def deceleration_differs(ratio: float) -> bool:
+    """Whether a ratio of decelerations is another than 1; not where it is not known."""
+    return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
+
+
+def deceleration_warning(ratio: float) -> str | None:
+    """A sentence where the train slows down as the adhesion of its wheel does not make it; else None."""
+    if not deceleration_differs(ratio):
+        return None
+    return (
+        f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the "
+        "scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, unless "
+        "other brakes or a slope act on the train"
+    )
+
+
+# --- timing ---
+
+
+# --- the unit of the time ---------------------------------------------------------------------------------------
+
+_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+
+
+def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | None:
+    """A sentence where the train slows down as if its time had another unit than it is read in; else None.
+
+    The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
+    own. `highest_pull` as of `Survey`.
+    """
+    if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
+        return None
+    inside = np.diff(record.run) == 0
+    lost = -float(np.diff(record.speed)[inside].sum())
+    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
+    asked = float((np.diff(record.time) * record.torque[1:])[inside].sum())
+    asked /= vehicle.wheel.radius * vehicle.effective_mass
+    if not lost > _SLOWED_DOWN * float(record.speed[begins].sum()) or not asked > 0.0:
+        return None
+    ratio = lost / asked
+    if 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
+        return None
+    slow = ratio < 1.0
+    likely, read = ("ms", "s") if slow else ("s", "ms")
+    shown = 1.0 / ratio if slow else ratio
+    return (
+        f"the train slows down {shown:.2g} times {'less' if slow else 'more'} than the brake torque on it makes it: "
+        f"the time seems to be in {likely}, and is read as {read}; give --unit time={likely}"
+    )
+
+
+# --- the train's speed ---------------------------------------------------------------------------------------------
+
+TRAIN_LAG = 0.01
+"""s, of the train's speed, that is told what it would do: a message of a bus, or a short filter."""
+
+_ABOUT_PEAK = (0.7, 1.3)  # of the slip of the peak, between which the deceleration is taken
+_LEAST_ROWS_ABOUT_PEAK = 3  # of a run between them, to have a slope
+
+
+@dataclass(frozen=True)
+class TrainLag:
+    """What a lag of the train's speed of `TRAIN_LAG` would do to the slip at the peak of the adhesion.
+
+    A train that slows down by a m/s^2 reads a tau faster than it is, so that the slip ratio is (1 - slip) a tau/v too
+    large. While the adhesion alone slows it down, a is proportional to mu, and the shift cannot be told from a softer
+    contact: no single log shows such a lag. A fit takes it for one, so that its peak moves by more than the rows do: of
+    the brush model, whose peak is near 3 mu N/Kx and whose 1/Kx grows by the shift over mu N, by three times as much
+    where the rise alone tells Kx.
+
+    Attributes
+    ----------
+    lag : float
+        s.
+    slip_shift : float
+        By how much the slip ratio at the peak would be too large.
+    peak_slip : float
+    deceleration, speed : float
+        Of the train about the peak, m/s^2 and m/s.
+    """
+
+    lag: float
+    slip_shift: float
+    peak_slip: float
+    deceleration: float
+    speed: float
+
+    def __str__(self) -> str:
+        return (
+            f"a lag of {1e3 * self.lag:g} ms, which this log cannot show, moves slip by {self.slip_shift:.2g} at the "
+            f"peak (slip of peak {self.peak_slip:.3g}), and that of a fit by up to three times as much; give "
+            "--delay train_speed= if there is one"
+        )
+
+
+def train_lag(record: Record, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
+    """The shift of the slip at the peak by a lag in s, from deceleration and speed on the runs' way up there.
+
+    `radius` of the wheel in m. None where no run has rows enough about the peak, or the train does not slow down there.
+    """
+    low, high = (share * peak_slip for share in _ABOUT_PEAK)
+    slip = 1.0 - radius * record.omega / record.speed
+    products, squares, speeds = 0.0, 0.0, []
+    for run in np.unique(record.run):
+        at = record.run == run
+        time, speed, of_run = record.time[at], record.speed[at], slip[at]
+        beyond = of_run > high
+        end = int(np.argmax(beyond)) if beyond.any() else len(of_run)
+        near = np.flatnonzero(of_run[:end] >= low)
+        if len(near) >= _LEAST_ROWS_ABOUT_PEAK:
+            t = time[near] - time[near].mean()
+            products, squares = products + float(t @ speed[near]), squares + float(t @ t)
+            speeds.append(float(speed[near].mean()))
+    if not products < 0.0:
+        return None
+    deceleration, speed_there = -products / squares, float(np.mean(speeds))
+    return TrainLag(lag, (1.0 - peak_slip) * deceleration * lag / speed_there, peak_slip, deceleration, speed_there)
+
+
+_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
+_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
+
+
+def vehicle_load_warning(record: Record, of_vehicle: float) -> str | None:
+    """A sentence where the mean wheel load of a record is far from that of the vehicle, N; else None."""
+    if not len(record):
+        return None
+    logged = float(record.load.mean())
+    if of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
+        return None
+    return (
+        f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by the "
+        "log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the vehicle "
+        "(--vehicle, --loaded)"
+    )
+
+
+def wheel_speeds_warning(ratio: float, other: str) -> str | None:
+    """A sentence where a log's two wheel speeds are not one; `ratio` of that not used, `other`, to that used."""
+    if not abs(ratio - 1.0) > _OTHER_SPEED:
+        return None
+    return (
+        f"the log has two wheel speeds, and {other} is {ratio:.3g} times the angular speed by the wheel's radius: the "
+        "angular speed is used; check the units of both and the wheel's radius (--vehicle)"
+    )
+
+
+def load_warning(record: Record) -> str | None:
+    """A sentence where the wheel loads of a record's runs are not one; else None."""
+    if not len(record):
+        return None
+    rows = np.bincount(record.run.astype(np.int64))
+    loads = np.bincount(record.run.astype(np.int64), record.load)[rows > 0] / rows[rows > 0]
+    if loads.min() * LOADS_DIFFER >= loads.max():
+        return None
+    return (
+        f"the wheel load lies between {loads.min():.4g} and {loads.max():.4g} N from run to run: parameters that are "
+        f"forces are of the mean, {np.average(loads, weights=rows[rows > 0]):.4g} N, and a law whose force does not "
+        "follow the load, as bristles, fits none of them; a log for each load shows the difference"
+    )

@@ -1,24 +1,121 @@
-"""A brake application to try observers on, its adhesion torque known: the course of [Park2008] Fig. 12, simulated.
-
-Free rolling, the brake torque rises until the slip passes a bound (0.5 in the source), then it is released and the
-wheel recovers. Wheel and train are the plant's, integrated by SciPy; nothing of an observer is in it.
-"""
+"""observer_study"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import Vehicle
 
-from .samples import Floats, require
-from .sensors import Encoder, TorqueSensor
+from .observer import AdhesionObserver, Encoder, Floats, TorqueSensor, noise_deviation, require
+
+__all__ = [
+    "BrakeCourse",
+    "Measurements",
+    "ObserverErrors",
+    "TradeOff",
+    "Trial",
+    "brake_trial",
+    "measured",
+    "observer_errors",
+    "trade_off",
+]
+
+# --- statement ---
+
+
+s = symbol("s")
+tau = sp.Symbol("tau", positive=True)
+
+
+@dataclass(frozen=True)
+class Transfers:
+    """Ta_hat = torque * Tb + speed * omega, both measured; expressions in s, tau, J, B (1 and N*m*s)."""
+
+    torque: sp.Expr
+    speed: sp.Expr
+
+
+@dataclass(frozen=True)
+class WheelTransfers:
+    """From what acts on the wheel, and from sensor noise, to Ta_hat; the wheel's equation (3) is in them.
+
+    Attributes
+    ----------
+    adhesion : Expr
+        From the true Ta (and Tr, which is part of the adhesion torque).
+    brake : Expr
+        From the acting, measured Tb.
+    disturbance : Expr
+        From Td, which is not measured.
+    torque_noise, speed_noise : Expr
+        From what the sensors add to Tb (N*m) and to omega (rad/s).
+    """
+
+    adhesion: sp.Expr
+    brake: sp.Expr
+    disturbance: sp.Expr
+    torque_noise: sp.Expr
+    speed_noise: sp.Expr
+
+
+@cache
+def adhesion_torque() -> sp.Expr:
+    """(25): Ta in omega', omega and Tb, from (3) without the torques that nobody measures (Td = Tr = 0)."""
+    return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
+
+
+def printed() -> Transfers:
+    """(27): only J omega' goes through the filter."""
+    rate = sp.diff(adhesion_torque(), plant.omega_rate) * plant.omega_rate
+    rest = adhesion_torque() - rate
+    return _transfers(rate.subs(plant.omega_rate, s * plant.omega) / (tau * s + 1) + rest)
+
+
+def printed_without_derivative() -> Transfers:
+    """(28): (B + J/tau - (J/tau)/(tau s + 1)) omega + Tb, as printed."""
+    J, B = plant.J, plant.B
+    return Transfers(torque=sp.Integer(1), speed=B + J / tau - (J / tau) / (tau * s + 1))
+
+
+def corrected() -> Transfers:
+    """Every term of (26) through the filter."""
+    return _transfers(adhesion_torque().subs(plant.omega_rate, s * plant.omega) / (tau * s + 1))
+
+
+def behind_the_wheel(observer: Transfers) -> WheelTransfers:
+    """The observer's transfers with omega from the wheel's equation (3) in them."""
+    acting = {plant.Ta: "adhesion", plant.Tb: "brake", plant.Td: "disturbance"}
+    equation = plant.WHEEL.subs({plant.omega_rate: s * plant.omega, plant.Tr: 0})
+    wheel = sp.solve(equation, plant.omega)[0]
+    estimate = observer.torque * plant.Tb + observer.speed * wheel
+    by_torque = {name: sp.factor(sp.together(sp.diff(estimate, torque))) for torque, name in acting.items()}
+    return WheelTransfers(**by_torque, torque_noise=observer.torque, speed_noise=observer.speed)
+
+
+def passed_at_once(transfer: sp.Expr) -> sp.Expr:
+    """The share of a step that is in the estimate at once: the transfer at infinite s."""
+    return sp.limit(transfer, s, sp.oo)
+
+
+def _transfers(estimate: sp.Expr) -> Transfers:
+    return Transfers(*(sp.together(sp.diff(estimate, measured)) for measured in (plant.Tb, plant.omega)))
+
+
+# --- trial ---
+
 
 # An observer differentiates the angle twice: at a sampling interval of 1 ms an error of 1e-11 rad is 6e-4 N*m.
 _RTOL, _ATOL = 1e-10, 1e-11
@@ -227,3 +324,128 @@ class _Wheel:
         return Trial(
             time, v, v - sigma, (v - sigma) / self.radius, angle, torque, np.asarray(self.radius * force), *events
         )
+
+
+# --- tradeoff ---
+
+
+_LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its minimum
+
+
+@dataclass(frozen=True)
+class ObserverErrors:
+    """Root mean square errors of Ta_hat over a trial from the time the brake is applied, N*m.
+
+    Before that an observer settles from its first sample.
+
+    Attributes
+    ----------
+    lag : float
+        With perfect sensors.
+    noise : float
+        Standard deviation that the sensors' noise gives the estimate, from the H2 norm.
+    simulated : float
+        On counts of the encoder and noise drawn for the torque: an independent check of `total`.
+    """
+
+    lag: float
+    noise: float
+    simulated: float
+
+    @property
+    def total(self) -> float:
+        """lag and noise together."""
+        return math.hypot(self.lag, self.noise)
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
+
+    Attributes
+    ----------
+    settings : array, 1-D
+    errors : tuple of ObserverErrors
+        At the settings.
+    best : float
+        The setting with the least total error, between the first and last of `settings`, in their unit.
+    at_best : ObserverErrors
+    """
+
+    settings: Floats
+    errors: tuple[ObserverErrors, ...]
+    best: float
+    at_best: ObserverErrors
+
+
+def estimated(observer: AdhesionObserver, trial: Trial) -> Floats:
+    """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
+    speed = np.diff(trial.angle) / np.diff(trial.time)
+    return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
+
+
+def observer_errors(
+    observer: AdhesionObserver, trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+) -> ObserverErrors:
+    """Errors of one observer over a trial.
+
+    Parameters
+    ----------
+    observer : AdhesionObserver
+    trial : Trial
+        The truth.
+    encoder, sensor : Encoder, TorqueSensor
+        What measures the wheel's speed and the brake torque.
+    seed : int
+        Of the torque's noise.
+    """
+    braked = trial.time[1:] >= trial.brake_time
+    truth = trial.adhesion_torque[1:]
+    seen = measured(trial, encoder, sensor, seed=seed)
+    noisy = observer.run(seen.time, seen.torque, seen.omega).adhesion_torque
+    return ObserverErrors(
+        lag=_rms((estimated(observer, trial) - truth)[braked]),
+        noise=noise_deviation(observer.sampled(trial.interval), encoder, sensor),
+        simulated=_rms((noisy - truth)[braked]),
+    )
+
+
+def trade_off(
+    make: Callable[[float], AdhesionObserver],
+    settings: ArrayLike,
+    trial: Trial,
+    encoder: Encoder,
+    sensor: TorqueSensor,
+    *,
+    seed: int,
+) -> TradeOff:
+    """Errors over a setting of the observer, and the best setting between its first and last value.
+
+    Parameters
+    ----------
+    make : callable
+        The observer for a setting.
+    settings : array, 1-D
+        > 0, growing: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
+    trial, encoder, sensor, seed
+        As of `observer_errors`.
+    """
+    from scipy.optimize import minimize_scalar
+
+    values = np.asarray(settings, dtype=float)
+
+    def errors(setting: float) -> ObserverErrors:
+        return observer_errors(make(setting), trial, encoder, sensor, seed=seed)
+
+    found = minimize_scalar(
+        lambda logarithm: errors(math.exp(logarithm)).total,
+        bounds=(math.log(values[0]), math.log(values[-1])),
+        method="bounded",
+        options={"xatol": _LOG_TOLERANCE},
+    )
+    best = math.exp(found.x)
+    return TradeOff(values, tuple(errors(float(value)) for value in values), best, errors(best))
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))

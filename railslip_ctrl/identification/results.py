@@ -1,4 +1,4 @@
-"""The slip of highest adhesion, how well it is known, and the slip to hold; over speed, on dry and on wet rail."""
+"""results"""
 
 from __future__ import annotations
 
@@ -7,14 +7,147 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.parameters import Rail
 
-from .fits import NORMAL_QUANTILE, Fit
+from .curves import BINS, Cells, peak_slip
+from .fits import NORMAL_QUANTILE, Fit, Parameter
 from .models import FitModel
+
+Floats = NDArray[np.float64]
+
+
+# --- regimes ---
+
+
+@dataclass(frozen=True)
+class Regimes:
+    """Adhesion below a slip ratio, sliding from there on.
+
+    Attributes
+    ----------
+    boundary : float
+        The slip ratio.
+    source : str
+        Whose peak it is, in words.
+    """
+
+    boundary: float
+    source: str
+
+    def of(self, slip: Floats) -> NDArray[np.str_]:
+        """The regime of data by slip ratio."""
+        return np.where(slip < self.boundary, "adhesion", "sliding")
+
+    def errors(self, score: Score) -> tuple[float, float]:
+        """Mean over the bins of each regime of |mean mu - model|; NaN where there are none."""
+        below = score.bin_slip < self.boundary
+        adhesion, sliding = score.bin_error[below], score.bin_error[~below]
+        return (
+            float(adhesion.mean()) if adhesion.size else math.nan,
+            float(sliding.mean()) if sliding.size else math.nan,
+        )
+
+
+def regimes_of(peak: float, model: str, cells: Cells, otherwise: Regimes) -> Regimes:
+    """Parted at the `peak` (slip ratio) of a model, where the data go past it; else as without."""
+    if peak <= float(cells.slip.max()):  # not where it is NaN
+        return Regimes(peak, f"the peak of {model}")
+    return otherwise
+
+
+def regimes_of_data(cells: Cells) -> Regimes:
+    """Parted where the data's own mu is highest, which on a flat top the noise tells: for want of a model's peak."""
+    return Regimes(peak_slip(cells), "the highest mean mu of the log")
+
+
+# --- comparison ---
+
+
+_LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and n - p - 1 of them must stay at least
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a fit follows the data.
+
+    Attributes
+    ----------
+    fit : Fit
+    bin_slip, bin_error : arrays, (bins,)
+        Mean slip ratio of each bin of the curve, and |mean mu - model's mean mu| in it.
+    aic, bic : float
+        Akaike's and Schwarz's criterion, of as many samples as are independent; lower is better.
+    independent : float
+        How many that are: by the noise's long-run variance, but no fewer than the stretches that gave it. The noise is
+        what the best of the models compared leaves, so that criteria are to be compared within one comparison alone.
+    """
+
+    fit: Fit
+    bin_slip: Floats
+    bin_error: Floats
+    aic: float
+    bic: float
+    independent: float
+
+    @property
+    def mean_abs_error(self) -> float:
+        """Mean over the bins of slip of |mean mu - model|, as [Park2008] Table 3."""
+        return float(self.bin_error.mean())
+
+
+def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
+    """Scores of fits to the same cells, the lowest BIC first."""
+    samples = float(cells.count.sum())
+    least = min(fits, key=lambda each: each.residual_squares)
+    noise = least.residual_squares / samples
+    independent = samples
+    if math.isfinite(least.long_run_variance) and least.long_run_variance > noise:
+        stretches = least.degrees_of_freedom + len(least.parameters)  # whose sums are taken as independent
+        independent = max(samples * noise / least.long_run_variance, float(stretches))
+    scores = [_score(each, cells, samples, independent) for each in fits]
+    return tuple(sorted(scores, key=lambda score: score.bic))
+
+
+def _score(fit: Fit, cells: Cells, samples: float, independent: float) -> Score:
+    parameters = len(fit.parameters) + 1  # and the variance of the noise
+    # data without noise leave rounding alone, which is not nought
+    deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
+    return Score(
+        fit,
+        *_bin_errors(fit, cells),
+        deviance + 2.0 * parameters,
+        deviance + math.log(independent) * parameters,
+        independent,
+    )
+
+
+def too_few(scores: Sequence[Score]) -> str:
+    """A sentence where some model has so many parameters that the criteria cannot weigh it; else empty."""
+    if all(score.independent >= _LEAST_BY_PARAMETER * len(score.fit.parameters) for score in scores):
+        return ""
+    return (
+        f"AIC and BIC are of {scores[0].independent:.3g} independent samples, too few for them to weigh these models: "
+        "compare the errors"
+    )
+
+
+def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
+    """Mean slip of each bin of the curve, and |mean mu - model's mean mu| in it."""
+    place = np.minimum((cells.slip * BINS).astype(np.int64), BINS - 1)
+    n = np.bincount(place, cells.count, minlength=BINS)
+    full = n > 0
+    error = np.bincount(place, cells.count * (cells.mu - fit.cell_coefficients), minlength=BINS)
+    slip = np.bincount(place, cells.count * cells.slip, minlength=BINS)
+    return slip[full] / n[full], np.abs(error[full] / n[full])
+
+
+# --- reference ---
+
 
 LARGEST_LOSS = 0.02
 """Share of the highest adhesion that a reference slip may give away for the peak's uncertainty."""
@@ -227,3 +360,132 @@ def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, 
         lambda slip: float(adhesion_coefficient(law, speed, slip, wheel_load)) - coefficient, _LOWEST_SLIP, top
     )
     return float(found)
+
+
+# --- polynomials ---
+
+
+HIGHEST_DEGREE = 2
+"""As in (30)-(32)."""
+
+_IMPROBABLE = 0.01  # a misfit told
+
+_SAME_SPEED = 0.01  # relative: initial speeds nearer than this are one
+
+
+@dataclass(frozen=True)
+class ParameterPolynomial:
+    """A parameter over the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI.
+
+    Attributes
+    ----------
+    name : str
+    coefficients : array, (degree + 1,)
+    covariance : array, (degree + 1, degree + 1)
+        Of the coefficients; NaN where the standard errors of the fits are.
+    speeds_kmh, values : array, (logs,)
+        What it goes through, or near.
+    misfit_probability : float
+        Of the values being as far from it as they are, or farther, by their standard errors alone (chi-squared); NaN
+        where it goes through all of them, or a standard error is not known.
+    """
+
+    name: str
+    coefficients: Floats
+    covariance: Floats
+    speeds_kmh: Floats
+    values: Floats
+    misfit_probability: float
+
+    @property
+    def misses(self) -> str:
+        """A sentence where the logs' values are farther from it than their errors allow; empty where they are not."""
+        if not self.misfit_probability < _IMPROBABLE:
+            return ""
+        return (
+            f"{self.name}: the polynomial passes the logs' values by more than their errors allow; errors as large "
+            f"come about with probability {self.misfit_probability:.1g}"
+        )
+
+    @property
+    def stderrs(self) -> Floats:
+        """Standard errors of the coefficients."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def stderr_at(self, speed_kmh: float) -> float:
+        """Standard error of the parameter at v0 in km/h."""
+        powers = speed_kmh ** np.arange(len(self.coefficients))
+        return float(np.sqrt(powers @ self.covariance @ powers))
+
+    def at(self, speed_kmh: float) -> float:
+        """The parameter at v0 in km/h."""
+        return float(np.polynomial.polynomial.polyval(speed_kmh, self.coefficients))
+
+
+def over_initial_speed(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> tuple[ParameterPolynomial, ...]:
+    """Polynomials through the parameters of fits of one model, weighted by their standard errors where all have one.
+
+    `initial_speeds` in m/s. The degree is 2, or one less than there are distinct speeds. A log that leaves a parameter
+    on a bound at infinity says nothing of it.
+    """
+    v0 = np.array(initial_speeds) / KMH
+    degree = _degree(v0)
+    found = []
+    for i, name in enumerate(fits[0].model.names):
+        values = np.array([fit.parameters[i].value for fit in fits])
+        stderrs = np.array([_stderr(fit.parameters[i]) for fit in fits])
+        coefficients, covariance = _weighted(v0, values, stderrs, degree)
+        misfit = _misfit_probability(coefficients, v0, values, stderrs)
+        found.append(ParameterPolynomial(name, coefficients, covariance, v0, values, misfit))
+    return tuple(found)
+
+
+def _misfit_probability(coefficients: Floats, v0: Floats, values: Floats, stderrs: Floats) -> float:
+    from scipy.stats import chi2
+
+    told = np.isfinite(stderrs) & (stderrs > 0.0)
+    freedom = int(told.sum()) - len(coefficients)
+    if freedom < 1:
+        return math.nan
+    error = (values - np.polynomial.polynomial.polyval(v0, coefficients)) / np.where(told, stderrs, 1.0)
+    return float(chi2.sf(np.sum(error[told] ** 2), freedom))
+
+
+def of_known(initial_speeds: Sequence[float], fits: Sequence[Fit]) -> dict[str, Floats]:
+    """Coefficients, as `over_initial_speed` gives them, of the law's parameters that were not fitted."""
+    v0 = np.array(initial_speeds) / KMH
+    model = fits[0].model
+    found = {}
+    for name in model.law.parameter_names():
+        values = [fit.model.known.get(name) for fit in fits]
+        numbers = np.array([value for value in values if isinstance(value, float)])
+        if name not in model.names and len(numbers) == len(fits):
+            constant = bool(np.all(numbers == numbers[0]))
+            found[name] = numbers[:1] if constant else _weighted(v0, numbers, np.full(len(v0), np.nan), _degree(v0))[0]
+    return found
+
+
+def _stderr(p: Parameter) -> float:
+    """Infinite for a parameter that rests where there is no end."""
+    return math.inf if math.isnan(p.stderr) and math.isinf(p.interval[1]) else p.stderr
+
+
+def _degree(v0: Floats) -> int:
+    distinct = 1 + int(np.sum(np.diff(np.sort(v0)) > _SAME_SPEED * np.sort(v0)[1:]))
+    return min(HIGHEST_DEGREE, distinct - 1)
+
+
+def _weighted(v0: Floats, values: Floats, stderrs: Floats, degree: int) -> tuple[Floats, Floats]:
+    told = np.isfinite(stderrs)
+    if told.any() and (stderrs > 0.0).all() and not told.all():
+        coefficients, covariance = _weighted(v0[told], values[told], stderrs[told], _degree(v0[told]))
+        missing = degree + 1 - len(coefficients)
+        return np.pad(coefficients, (0, missing)), np.pad(covariance, (0, missing))
+    known = bool(told.all() and (stderrs > 0.0).all())
+    weights = 1.0 / stderrs if known else np.ones_like(values)
+    unit = v0.max()  # powers of a number up to 1, so that the columns are of one size
+    powers = np.vander(v0 / unit, degree + 1, increasing=True)
+    root = np.linalg.pinv(weights[:, None] * powers)
+    scale = unit ** -np.arange(degree + 1.0)
+    covariance = (root @ root.T) * np.outer(scale, scale) if known else np.full((degree + 1, degree + 1), np.nan)
+    return root @ (weights * values) * scale, covariance
