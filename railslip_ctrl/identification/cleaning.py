@@ -1,10 +1,15 @@
-"""cleaning"""
+"""Rows made good: stray time stamps and outliers left out, columns brought to one time and one zero.
+
+Each works on rows that come in blocks of any size, and what comes out does not depend on the blocks.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +18,134 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.model.parameters.validation import close_match
 
-from .logs import UNITS, Column, Rows
+from .columns import UNITS
+from .logs import Floats, Lines, Rows
 
-Floats = NDArray[np.float64]
+
+class RowFilter(ABC):
+    """Leaves out rows by comparing them with those beside them; `count` tells how many."""
+
+    ahead: ClassVar[int]
+    """Rows after a row that its judgement needs."""
+    behind: ClassVar[int]
+    """Rows before it."""
+    piece: ClassVar[int]
+    """Rows that are judged together."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def rows(self, blocks: Iterator[Rows]) -> Iterator[Rows]:
+        """The rows that stay; the last ones wait for those after them, or for the log's end."""
+        waiting: Rows | None = None
+        start = 0  # rows at the front of those waiting that are judged already
+        for block in itertools.chain(blocks, (None,)):
+            if block is not None:
+                waiting = block if waiting is None else waiting.then(block)
+            if waiting is None:
+                return
+            ready = len(waiting) - start
+            if block is not None:
+                ready = max(ready - self.ahead, 0) // self.piece * self.piece
+            stop = start + ready
+            bad = self._bad(waiting, start, stop)
+            self.count += int(bad.sum())
+            yield waiting.part(start, stop).where(~bad)
+            keep = max(0, stop - self.behind)
+            waiting, start = waiting.part(keep, None), stop - keep
+
+    @abstractmethod
+    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
+        """Which of the rows from start to stop are left out."""
 
 
-# --- resolution ---
+# --- time stamps ---------------------------------------------------------------------------------------------------
 
+BESIDE = 16
+"""Rows on either side among which a stamp that is left out must be the only one out of order."""
+
+FAR = 100.0
+"""How far from both its neighbours a stamp that is left out must be, in usual intervals: the median of those beside it.
+
+A stamp that is nearer is a row out of its place, or a clock set back.
+"""
+
+_LEAST_BESIDE = 4  # other stamps, without which nothing tells the usual interval
+
+# A stamp jumps ahead where its step is this many times the way back to the next one; neighbours exchanged have less.
+_JUMP = 5.0
+_STAMPS_KEPT = 64  # rows judged already, among which a jump is looked for
+_MOST_NAMED = 5
+
+
+class StampFilter(RowFilter):
+    """Leaves out rows whose time stamp is an outlier, and refuses time that does not grow without them.
+
+    An outlier is a single stamp that is more than `FAR` usual intervals away from both its neighbours, while without it
+    time grows over the `BESIDE` rows on either side of it: a glitch. At the ends of a log it has one neighbour. Two in
+    a row, or two within `BESIDE` rows, are a second clock as well, so they are refused; so are a stamp that repeats
+    another or steps back by less. A stamp far ahead that time then goes on from is a gap; so is one in the last row,
+    and one far behind in the first, as nothing tells it from a pause. `name` is the log's, for errors.
+    """
+
+    ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.name = name
+        self.named: list[str] = []
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out, a sentence each."""
+        more = self.count - len(self.named)
+        return (*self.named, f"{self.count} rows with outlying time stamps in all") if more else tuple(self.named)
+
+    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
+        bad, time = np.zeros(len(rows), dtype=bool), rows.columns["time"]
+        # the step into the first row was judged with the rows before, but tells whether the first row is the outlier
+        first, end = max(start - 1, 0), min(stop, len(time) - 1)
+        for i in first + np.flatnonzero(time[first + 1 : end + 1] <= time[first:end]):
+            outlier = _outlier(time, int(i))
+            if outlier is None:
+                raise InputError(f"{self.name}: {_complaint(rows.line, time, int(i) + 1)}; give times that grow")
+            bad[outlier] = True
+        for at in start + np.flatnonzero(bad[start:stop]):
+            if len(self.named) < _MOST_NAMED:
+                where = f"line {rows.line[at]}: time {time[at]:.9g} s"
+                self.named.append(f"{where} stands apart from those beside it; it is left out")
+        return bad[start:stop]
+
+
+def _outlier(time: Floats, i: int) -> int | None:
+    """Of the stamps i and i+1, the latter not later, the one that is an outlier; None where neither is."""
+    # where both may be, that with two neighbours
+    for at in (i, i + 1) if i > 0 else (i + 1, i):
+        low = max(at - BESIDE, 0)
+        others = np.delete(time[low : at + BESIDE + 1], at - low)
+        steps = np.diff(others)
+        if len(others) < _LEAST_BESIDE or not (steps > 0.0).all():
+            continue
+        beside = others[max(at - low - 1, 0) : at - low + 1]
+        if np.abs(time[at] - beside).min() > FAR * np.median(steps):
+            return at
+    return None
+
+
+def _complaint(lines: Lines, time: Floats, at: int) -> str:
+    """What is wrong with the stamp at a place, which is not later than that before it."""
+    earlier = np.flatnonzero(time[:at] < time[at])
+    sound = int(earlier[-1]) + 1 if len(earlier) else 0  # from here on stamps are later than that at the place
+    if 0 < sound < at and time[sound] - time[sound - 1] > _JUMP * (time[at] - time[sound - 1]):
+        return (
+            f"line {lines[sound]}: time jumps from {time[sound - 1]:.9g} s to {time[sound]:.9g} s, "
+            f"but line {lines[at]} has {time[at]:.9g} s"
+        )
+    kind = "repeats" if time[at] == time[at - 1] else "goes back from"
+    return f"line {lines[at]}: time {time[at]:.9g} s {kind} {time[at - 1]:.9g} s"
+
+
+# --- the steps in which values come --------------------------------------------------------------------------------
 
 # Second differences: of values in steps they are whole steps, of a straight ramp they are nought, so that a ramp is
 # not taken for a staircase. Nought is what rounding leaves of the values.
@@ -68,61 +194,7 @@ class Resolution:
         return self._steps.get(name, 0.0)
 
 
-@dataclass(frozen=True)
-class ColumnStep:
-    """A column that comes in steps.
-
-    Attributes
-    ----------
-    label : str
-        The column's header with its unit, or the quantity and its SI unit.
-    step : float
-        In the file's unit.
-    share : float
-        As slip ratio at the initial speed; of a torque as adhesion coefficient.
-    is_torque : bool
-    """
-
-    label: str
-    step: float
-    share: float
-    is_torque: bool
-
-    @property
-    def matters(self) -> bool:
-        """Whether the step is coarser than the lowest slips that are used, or than that of mu."""
-        return self.share >= _COARSE
-
-    def __str__(self) -> str:
-        if self.is_torque:
-            return f"{self.label!r} in steps of {self.step:.4g}, {self.share:.2g} of mu"
-        return f"{self.label!r} in steps of {self.step:.4g}, {100.0 * self.share:.2g} % of slip at the initial speed"
-
-
-_COARSE = 0.005
-
-
-def column_steps(
-    resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
-) -> tuple[ColumnStep, ...]:
-    """The steps of the columns of a log (none: SI), at a wheel radius, m, initial speed, m/s, and wheel load, N."""
-    slips = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
-    found = []
-    for name, slip in (*slips.items(), ("brake_torque", 1.0 / (radius * load))):
-        if step := resolution[name]:
-            column = columns.get(name)
-            label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
-            found.append(ColumnStep(label, step / factor, step * slip, name == "brake_torque"))
-    return tuple(found)
-
-
-def step_warnings(steps: tuple[ColumnStep, ...]) -> tuple[str, ...]:
-    """A sentence for each step that matters."""
-    return tuple(f"column {step}: what is finer is known from means alone" for step in steps if step.matters)
-
-
-# --- outliers ---
-
+# --- outliers ------------------------------------------------------------------------------------------------------
 
 HALF_WINDOW = 4
 """Rows on either side with which a row is compared."""
@@ -155,48 +227,29 @@ PIECE = 4096
 """Rows judged together: from the first, the noise of the log is known."""
 
 
-class OutlierFilter:
+class OutlierFilter(RowFilter):
     """Leaves out rows where a speed or the torque deviates from the median of its neighbours far beyond the noise.
 
-    Rows come in blocks of any size and the result does not depend on it: they wait until there are `PIECE` of them, or
-    the log ends. `count` and `first_line` tell what was left out, `resolution` the steps in which values come.
+    The Hampel filter. `first_line` tells the first that was left out, `resolution` the steps in which values come.
     """
 
+    ahead = behind = _REACH
+    piece = PIECE
+
     def __init__(self) -> None:
-        self.count = 0
+        super().__init__()
         self.first_line: int | None = None
         self.resolution = Resolution()
-        self._waiting: Rows | None = None
         self._scale: dict[str, float] = {}
-        self._before = 0  # rows at the front of `_waiting` that are there as neighbours only
 
-    def add(self, rows: Rows) -> Rows:
-        """The rows that can be judged now, without the outliers."""
-        together = rows if self._waiting is None else self._waiting.then(rows)
-        return self._judged(together, (len(together) - self._before - _REACH) // PIECE * PIECE)
-
-    def finish(self) -> Rows | None:
-        """The rows that were waiting, at the end of the log."""
-        if self._waiting is None:
-            return None
-        return self._judged(self._waiting, len(self._waiting) - self._before)
-
-    def _judged(self, rows: Rows, count: int) -> Rows:
-        """So many of the rows, without the outliers, piece by piece; the others wait."""
-        start, stop = self._before, self._before + max(count, 0)
+    def _bad(self, rows: Rows, start: int, stop: int) -> NDArray[np.bool_]:
         bad = np.zeros(stop, dtype=bool)
-        for first in range(start, stop, PIECE):
-            last = min(first + PIECE, stop)
-            low = max(first - _REACH, 0)
+        for first in range(start, stop, self.piece):
+            last, low = min(first + self.piece, stop), max(first - _REACH, 0)
             bad[first:last] = self._outliers(rows.part(low, last + _REACH))[first - low : last - low]
-        bad = bad[start:]
-        if bad.any():
-            self.count += int(bad.sum())
-            if self.first_line is None:
-                self.first_line = int(rows.line[start:stop][bad][0])
-        keep_from = max(0, stop - _REACH)
-        self._waiting, self._before = rows.part(keep_from, None), stop - keep_from
-        return rows.part(start, stop).where(~bad)
+        if self.first_line is None and bad[start:].any():
+            self.first_line = int(rows.line[np.argmax(bad)])
+        return bad[start:]
 
     def _outliers(self, rows: Rows) -> NDArray[np.bool_]:
         bad = np.zeros(len(rows), dtype=bool)
@@ -242,8 +295,7 @@ def _spread_beside(deviation: Floats, at: NDArray[np.intp]) -> Floats:
     return result
 
 
-# --- alignment ---
-
+# --- alignment -----------------------------------------------------------------------------------------------------
 
 LONGEST_DELAY = 2.0
 """s, of a column; what is later is another event, not a delay."""
@@ -276,21 +328,12 @@ def check_corrections(delays: Mapping[str, float], zeros: Mapping[str, float]) -
 
 
 class Alignment:
-    """The rows of a log, block by block, with zeros taken off and the delays of the columns made equal.
+    """The rows of a log with sensor offsets taken off and the delays of the columns made equal.
 
-    Parameters
-    ----------
-    delays : mapping
-        By quantity, s: by how much its column is later than what it shows.
-    zeros : mapping
-        By quantity, SI: what its column reads where it should read nought.
-    name : str
-        The log, for messages.
-
-    Raises
-    ------
-    InputError
-        While running, a quantity that the log does not have.
+    An encoder's speed, a difference of counts, is the mean over its interval and so half an interval late; a filtered
+    torque is late by its filter. Only the difference in delay counts, so the wheel's samples, whose noise a
+    prediction-error fit is to see, stay as they are, and the others, which are smooth, are read off between theirs.
+    `delays`, s, and `zeros`, SI, are by quantity; `name` is the log's. InputError for a quantity that it does not have.
     """
 
     def __init__(self, delays: Mapping[str, float], zeros: Mapping[str, float], name: str) -> None:

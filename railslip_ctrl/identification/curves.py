@@ -1,4 +1,12 @@
-"""curves"""
+"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted.
+
+Of the samples are kept sums by cell of slip and speed, bins of the curve, and sums of stretches of time: of bounded
+size, and all that least squares over every sample needs. With n, the mean and the scatter of mu in a cell, and the
+moments of the slips that it is the mean over, the model's mean there is a two-point Gauss rule, exact for a cubic;
+cells are 1/800 of the range wide or less. The noise of neighbouring samples is correlated: by the observer's filter, by
+the rig, by the run. So its long-run variance, that of means over long times, is taken from stretches of time, their
+number halved whenever they, or their entries by cell, grow beyond bounds, by adding neighbours.
+"""
 
 from __future__ import annotations
 
@@ -14,32 +22,33 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Rail, Vehicle
 
-from .cleaning import Alignment, ColumnStep, OutlierFilter, column_steps, corrections_told, step_warnings
+from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
+from .columns import Column
 from .log_checks import (
     HIGHEST_MU,
+    ColumnStep,
+    Finding,
     FreeRolling,
     Known,
     Rolling,
+    WheelSpeeds,
+    column_steps,
+    deceleration_findings,
     deceleration_ratio,
-    deceleration_warning,
-    load_warning,
-    mu_warning,
+    load_findings,
+    mu_findings,
     rolling_fault,
-    rolling_warnings,
+    rolling_findings,
+    step_findings,
+    survey_findings,
     time_fault,
     unit_hint,
-    vehicle_load_warning,
-    wheel_speeds_warning,
 )
-from .logs import BLOCK_BYTES, BothSpeeds, Broken, Column, Log, Rows, StampFilter
+from .logs import BLOCK_BYTES, Broken, Log, Rows
 from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, Observed, Observer, Record, Survey
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Lines = NDArray[np.int64]
-
-
-# --- options ---
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ class Options:
     columns, units : mapping
         Header and unit of a quantity's column, by quantity.
     delays, zeros : mapping
-        By how much a quantity's column is late, s, and what it reads where it should read nought, SI; by quantity.
+        Column delay, s, and sensor offset, SI, by quantity.
     fixed, bounds : mapping
         Value (SI), or lowest and highest, of a parameter, by name.
     block_bytes : int
@@ -78,7 +87,7 @@ class Options:
     block_bytes: int = BLOCK_BYTES
 
 
-# --- cells ---
+# --- sums over the samples -----------------------------------------------------------------------------------------
 
 
 SLIP_CELLS = 400
@@ -99,7 +108,7 @@ BINS = 50
 
 @dataclass(frozen=True)
 class Bins:
-    """mu over slip, by bins that hold a sample: arrays of one length, as [Park2008] Fig. 13."""
+    """mu over slip ratio, by bins that hold a sample: arrays of one length, as [Park2008] Fig. 13."""
 
     low: Floats
     high: Floats
@@ -113,16 +122,10 @@ class Bins:
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells that hold samples, an array each of one length.
+    """The cells that hold samples, arrays of one length: their count and means, SI.
 
-    Attributes
-    ----------
-    count : number of samples.
-    slip, speed, load : mean slip ratio, speed, m/s, and wheel load, N.
-    mu, squares : mean of mu, and sum of the squared deviations from it.
-    nodes, node_speeds, weights : arrays (2, cells)
-        Slip ratios, speeds and weights of the rule that gives the mean of a function over a cell.
-    time, slip_gain : seconds, and the slip gained in them.
+    `squares` is the sum of the squared deviations from mu; `time` and `slip_gain` are seconds and the slip gained in
+    them. `nodes`, `node_speeds` and `weights`, (2, cells), give the mean of a function over a cell.
     """
 
     count: Floats
@@ -140,33 +143,13 @@ class Cells:
 
 @dataclass(frozen=True)
 class Stretches:
-    """Sums by stretch of time and cell: entry k holds `count[k]` samples and `total[k]` of mu.
-
-    Attributes
-    ----------
-    length : float
-        Of a stretch, s.
-    stretch, cell : array of int
-        Which, the cell by its place in `Cells`.
-    """
+    """Sums by stretch of time, of a `length` in s, and cell, by its place in `Cells`: samples and total of mu."""
 
     length: float
     stretch: Integers
     cell: Integers
     count: Floats
     total: Floats
-
-
-@dataclass(frozen=True)
-class SlipCounts:
-    """How many samples there are by slip, finely: `counts` in steps of a millionth, so that any slip may part them."""
-
-    counts: Integers
-
-    def parted_at(self, slip: float) -> tuple[int, int]:
-        """How many lie below a slip ratio, and how many from there on."""
-        below = int(self.counts[: round(slip * _FINE)].sum())
-        return below, int(self.counts.sum()) - below
 
 
 _FINE = 1_000_000
@@ -248,9 +231,9 @@ class Accumulator:
             most=self._most[full],
         )
 
-    def slip_counts(self) -> SlipCounts:
-        """The counts by slip so far."""
-        return SlipCounts(self._slips.copy())
+    def slip_counts(self) -> Integers:
+        """How many samples there are by slip, in steps of a millionth, so that any slip may part them."""
+        return self._slips
 
     def cells(self) -> Cells:
         """The cells so far."""
@@ -340,7 +323,7 @@ def peak_slip(cells: Cells) -> float:
     return float(slip[np.argmax(mean)])
 
 
-# --- curves ---
+# --- the curve -----------------------------------------------------------------------------------------------------
 
 
 _LEAST_SAMPLES = 20
@@ -350,34 +333,12 @@ _LEAST_SAMPLES = 20
 class Curve:
     """What was taken from a log before anything is fitted.
 
-    Attributes
-    ----------
-    name : str
-        The file.
-    survey : Survey
-    time_constant : float
-        tau, s.
-    bins, cells, stretches, slip_counts : Bins, Cells, Stretches, SlipCounts
-    record : Record
-        Rows for the fits along the motion.
-    record_stride : int
-        Of how many runs one is in the record.
-    peak_slip : float
-        Where the data's own mu is highest, of which noise tells a part on a flat top: searches for a fit start there.
-    wheel_column : str
-        The quantity that the wheel's speed was read from.
-    deceleration_ratio : float
-        Of the train's, to that which the wheel's adhesion and the resistance make; NaN where it is not known.
-    rolling : Rolling or None
-        What the wheel showed without brake; None where it was never so.
-    steps : tuple of ColumnStep
-        In which columns come.
-    factors : mapping
-        What one of the unit that a column was read in is in SI, by quantity.
-    broken_lines, outliers : int
-        Lines that were no rows; rows left out as outliers, those of time among them.
-    warnings, notes : tuple of str
-        What was wrong with the log; what was assumed.
+    `name` is the file, `time_constant` tau, s. `record` has rows for prediction-error fits, of one run in
+    `record_stride`. `peak_slip` is where the data's own mu is highest, of which noise tells a part on a flat top:
+    searches for a fit start there. `wheel_column` is the quantity that the wheel's speed was read from, `rolling` what
+    the wheel showed without brake. `deceleration_ratio` is the train's deceleration over that which the wheel's
+    adhesion and the resistance make, NaN where it is not known. `factors` have what one of a column's unit is in SI, by
+    quantity. `findings` are what was wrong with the log, `notes` what was assumed.
     """
 
     name: str
@@ -386,7 +347,7 @@ class Curve:
     bins: Bins
     cells: Cells
     stretches: Stretches
-    slip_counts: SlipCounts
+    slip_counts: Integers
     record: Record
     record_stride: int
     peak_slip: float
@@ -397,8 +358,18 @@ class Curve:
     factors: Mapping[str, float]
     broken_lines: int
     outliers: int
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings, a sentence each."""
+        return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
+
+    def parted_at(self, slip: float) -> tuple[int, int]:
+        """How many samples lie below a slip ratio, and how many from there on."""
+        below = int(self.slip_counts[: round(slip * _FINE)].sum())
+        return below, int(self.slip_counts.sum()) - below
 
     @property
     def highest_mu(self) -> float:
@@ -439,11 +410,12 @@ def read_curve(
         if progress is not None:
             progress(log.share)
 
+    stamps = StampFilter(log.name)
     try:
-        gathered = _Gathered(log.name, vehicle, options, told(), log.columns, observed)
+        gathered = _Gathered(log.name, vehicle, options, stamps.rows(told()), log.columns, observed)
     except InputError as error:  # what was assumed may be what is wrong
         raise InputError("; ".join([str(error), *log.notes])) from None
-    return gathered.curve(log.broken, log.stamps, log.notes)
+    return gathered.curve(log.broken, stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
@@ -463,45 +435,46 @@ class _Gathered:
         columns: Mapping[str, Column],
         observed: Callable[[Observed], None] | None = None,
     ) -> None:
-        self._name, self._vehicle, self._options = name, vehicle, options
-        self._columns = columns
+        self._name, self._vehicle, self._options, self._columns = name, vehicle, options, columns
         self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
-        self._outliers, self._speeds = OutlierFilter(), BothSpeeds()
+        self._outliers, self._speeds, self._free = OutlierFilter(), WheelSpeeds(), FreeRolling(vehicle)
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
-        self._free = FreeRolling(vehicle)
-        sums: Accumulator | None = None
-        for rows in Alignment(options.delays, options.zeros, name).rows(_kept(blocks, self._outliers)):
+        self._sums: Accumulator | None = None
+        for rows in Alignment(options.delays, options.zeros, name).rows(self._outliers.rows(blocks)):
+            if not len(rows):
+                continue
             self._speeds.add(rows)
             self._free.add(self._stream.signals(rows))
             samples = self._stream.add(rows)
             if observed is not None:
                 observed(samples)
-            sums = sums or (Accumulator(self._stream.time_constant) if len(rows) else None)
-            if sums is not None:
-                sums.add(samples)
-        self._check(sums)
-        assert sums is not None
-        self._sums = sums
+            self._sums = self._sums or Accumulator(self._stream.time_constant)
+            self._sums.add(samples)
+        resolution, radius = self._outliers.resolution, vehicle.wheel.radius
+        omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
+        self._rolling = self._free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
+        self._record = self._stream.recorder.record()
+        self._check()
 
-    def _check(self, sums: Accumulator | None) -> None:
+    def _check(self) -> None:
         survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
-        clock = time_fault(self._stream.recorder.record(), self._vehicle, survey.highest_pull)
+        clock = time_fault(self._record, self._vehicle, survey.highest_pull)
         if clock is not None:
             raise InputError(f"{self._name}: {clock}")
         try:
             self._stream.check(self._name)
-            if sums is None or survey.used < _LEAST_SAMPLES:
+            if survey.used < _LEAST_SAMPLES:
                 raise InputError(
                     f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
                     "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)
-            told = [str(error), *given, *self._torque_told(), *rolling_warnings(self._rolling(), self._known())]
-            raise InputError("; ".join(told)) from None
-        wheel = rolling_fault(self._rolling(), self._known())
-        if wheel is not None:
-            raise InputError(f"{self._name}: {wheel}")
+            wheel = [finding.text for finding in rolling_findings(self._rolling, self._known())]
+            raise InputError("; ".join([str(error), *given, *self._torque_told(), *wheel])) from None
+        fault = rolling_fault(self._rolling, self._known())
+        if fault is not None:
+            raise InputError(f"{self._name}: {fault}")
 
     def _torque_told(self) -> tuple[str, ...]:
         """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
@@ -514,30 +487,26 @@ class _Gathered:
         text = f"the highest brake torque is {pull:.2g} of wheel load times radius, where a brake has {LEAST_PULL:g}"
         return (f"{text} or more; {hint}" if hint else f"{text} or more",)
 
-    def _rolling(self) -> Rolling | None:
-        resolution, radius = self._outliers.resolution, self._vehicle.wheel.radius
-        omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
-        return self._free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
-
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
         return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> Curve:
         """The curve, with what else was met."""
+        assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
-        peak, record = peak_slip(cells), self._stream.recorder.record()
-        radius, rolling = self._vehicle.wheel.radius, self._rolling()
+        peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
-        strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
-        far, ratio = vehicle_load_warning(record, self._vehicle.wheel_load), deceleration_ratio(record, self._vehicle)
-        speeds = wheel_speeds_warning(self._speeds.ratio(self._vehicle.wheel.radius), "wheel speed")
-        free = rolling_warnings(self._rolling(), self._known(float(bins.mean[0] / bins.slip[0]), peak))
-        slows = None if free else deceleration_warning(ratio)  # else the cause is told
-        found = (
-            *self._warnings(broken, stamps),
+        free = [*rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
+        ratio = deceleration_ratio(record, self._vehicle)
+        findings = (
+            *self._left_out(broken, stamps),
+            *survey_findings(survey),
             *free,
-            *step_warnings(steps),
-            *(text for text in (loads, far, speeds, strange, slows) if text is not None),
+            *step_findings(steps),
+            *load_findings(record, self._vehicle.wheel_load),
+            *self._speeds.findings(radius),
+            *mu_findings(bins.mean, self._factors),
+            *(() if free else deceleration_findings(ratio)),  # else the cause is told
         )
         return Curve(
             name=self._name,
@@ -552,30 +521,22 @@ class _Gathered:
             peak_slip=peak,
             wheel_column=self._stream.wheel_column,
             deceleration_ratio=ratio,
-            rolling=rolling,
+            rolling=self._rolling,
             steps=steps,
             factors=self._factors,
             broken_lines=broken.count,
             outliers=self._outliers.count + stamps.count,
-            warnings=tuple(f"{self._name}: {text}" for text in found),
+            findings=findings,
             notes=notes,
         )
 
-    def _warnings(self, broken: Broken, stamps: StampFilter) -> tuple[str, ...]:
-        found, outliers = [*broken.first], self._outliers
+    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[Finding]:
+        """Lines that were no rows, stray time stamps, outliers."""
+        yield from (Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
-            found.append(f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used")
-        found += stamps.warnings
-        if outliers.count:
-            rows = "1 row" if outliers.count == 1 else f"{outliers.count} rows"
-            found.append(f"{rows} with outliers left out, the first in line {outliers.first_line}")
-        return (*found, *self._stream.survey.warnings())
-
-
-def _kept(blocks: Iterator[Rows], outliers: OutlierFilter) -> Iterator[Rows]:
-    """The rows without the outliers."""
-    for rows in blocks:
-        yield outliers.add(rows)
-    rest = outliers.finish()
-    if rest is not None:
-        yield rest
+            more = f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used"
+            yield Finding("lines", more)
+        yield from (Finding("time stamps", text) for text in stamps.warnings)
+        if count := self._outliers.count:
+            rows = "1 row" if count == 1 else f"{count} rows"
+            yield Finding("outliers", f"{rows} with outliers left out, the first in line {self._outliers.first_line}")

@@ -26,9 +26,9 @@ from .curves import Options as Options
 from .curves import curve_of as curve_of
 from .curves import read_curve as read_curve
 from .fits import Fit
-from .log_checks import TrainLag, deceleration_differs, is_wrong_wheel, train_lag
+from .log_checks import LOADS_DIFFER, TrainLag, deceleration_differs, is_wrong_wheel, train_lag
 from .models import CANDIDATES, Setting, check_model, check_options
-from .observed import LOADS_DIFFER, Observed
+from .observed import Observed
 from .prediction import slip_ramp
 from .results import (
     ParameterPolynomial,
@@ -291,7 +291,7 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
 
 def _wheel_told(curve: Curve) -> tuple[str, ...]:
     """What was said of a wheel that does not follow its train, as the cause of what fails."""
-    return tuple(text for text in curve.warnings if "free rolling" in text)
+    return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
 def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:

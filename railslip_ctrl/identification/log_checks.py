@@ -1,11 +1,17 @@
-"""log_checks"""
+"""Can a log be right? What it shows of itself that does not fit: a list of `Finding`s.
+
+Rolling without brake: a released brake has no torque and a wheel without torque no slip, so that what the columns read
+there is a torque's offset and a wrong wheel radius. The adhesion: beside what steel on steel has. The train: whether it
+slows down as its wheel's adhesion makes it. The clock, the steps in which columns come, wheel loads.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +19,23 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Vehicle
 
-from .observed import LOADS_DIFFER, LOWEST_SPEED, Record
+from .cleaning import Resolution
+from .columns import UNITS, Column
+from .logs import Rows
+from .observed import LOWEST_SPEED, Record, Survey
 
 Floats = NDArray[np.float64]
 
 
-# --- rolling ---
+@dataclass(frozen=True)
+class Finding:
+    """Something of a log that is not as it should be: the `check` that found it, and a sentence."""
+
+    check: str
+    text: str
+
+
+# --- rolling without brake: where torque and slip stand still, at the lowest torque at which there are some ----------
 
 
 _SECONDS, _LEAST_ROWS = 0.2, 16  # of a window, whichever is longer
@@ -43,18 +60,9 @@ _UNIFORM = math.sqrt(12.0)
 
 @dataclass(frozen=True)
 class Rolling:
-    """What the wheel showed while it rolled freely.
+    """What the wheel showed while it rolled freely, SI: slip ratio and brake torque with their standard errors.
 
-    Attributes
-    ----------
-    slip, slip_error : float
-        Slip ratio, and its standard error; that of speeds in steps among it.
-    torque, torque_error : float
-        What the brake torque's column reads, N*m.
-    speed, omega, load, deceleration : float
-        Medians of train speed, m/s, angular speed, rad/s, wheel load, N, and the train's deceleration, m/s^2.
-    freedom : float
-        Degrees of freedom of the errors.
+    The others are medians; `freedom` are degrees of freedom of the errors.
     """
 
     slip: float
@@ -188,7 +196,7 @@ class FreeRolling:
 _KEPT = ("torque", "its standard error", "speed", "omega", "load", "deceleration", "whether omega moves")
 
 
-def _resistance(vehicle: Vehicle, speed: float) -> float:
+def _resistance(vehicle: Vehicle, speed: Any) -> Any:
     """The train's own, N, of the quarter car, at a speed in m/s."""
     r = vehicle.resistance
     return r.constant + r.linear * speed + r.quadratic * speed**2
@@ -244,17 +252,8 @@ _EXPLAINED = 0.25  # of the slip that is left without a zero that was given, bel
 class Known:
     """What rolling is judged by: the vehicle, and what the log and its user say.
 
-    Attributes
-    ----------
-    vehicle : Vehicle
-    slope : float
-        dmu/dslip where the curve begins, roughly; inf where it is not known.
-    peak_slip : float
-        0 where it is not known.
-    wheel_column : str
-        The quantity that the wheel's speed was read from.
-    zeros : mapping
-        What was taken off, SI, by quantity.
+    `slope` is dmu/dslip where the curve begins, inf where it is not known, as `peak_slip` is 0; `wheel_column` the
+    quantity that the wheel's speed was read from, `zeros` the offsets that were taken off, SI.
     """
 
     vehicle: Vehicle
@@ -286,13 +285,12 @@ def is_wrong_wheel(rolling: Rolling | None) -> bool:
     return rolling is not None and abs(rolling.slip) > max(_UNTRUSTED, rolling.sure * rolling.slip_error)
 
 
-def rolling_warnings(rolling: Rolling | None, known: Known) -> tuple[str, ...]:
-    """What a wheel without brake shows to be wrong, a sentence each."""
+def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]:
+    """What a wheel without brake shows to be wrong."""
     if rolling is None:
-        return ()
-    found = []
+        return
     if abs(known.excess(rolling)) > known.tolerance(rolling):
-        found.append(_wrong_wheel(rolling, known))
+        yield Finding("free rolling", _wrong_wheel(rolling, known))
     load = known.vehicle.wheel.radius * rolling.load
     if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
         given = known.zeros.get("brake_torque", 0.0)
@@ -300,11 +298,11 @@ def rolling_warnings(rolling: Rolling | None, known: Known) -> tuple[str, ...]:
         option = f"--zero brake_torque={rolling.torque + given:.4g} takes it off"
         if abs(rolling.torque + given) < _LEAST_MU * load:
             option = "leave --zero brake_torque out"
-        found.append(
+        yield Finding(
+            "torque offset",
             f"the brake torque reads {rolling.torque:.4g} N*m{beside} where the wheel rolls freely, which is "
-            f"{rolling.torque / load:.2g} of mu: {option}"
+            f"{rolling.torque / load:.2g} of mu: {option}",
         )
-    return tuple(found)
 
 
 def _wrong_wheel(rolling: Rolling, known: Known) -> str:
@@ -358,8 +356,7 @@ def _percent(slip: float, error: float) -> str:
     return f"{100.0 * slip:.{max(digits, 1)}f}"
 
 
-# --- plausibility ---
-
+# --- the adhesion --------------------------------------------------------------------------------------------------
 
 HIGHEST_MU, LOWEST_MU = 0.7, 0.01
 """Adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves."""
@@ -385,29 +382,36 @@ def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
     return f"{', or '.join(found)}, which would make it {other:.2g}" if found else ""
 
 
-def mu_warning(mean_mu: Floats, factors: Mapping[str, float]) -> str | None:
-    """A sentence where the mean of mu, by bins, is higher or lower than steel on steel has it; else None.
-
-    `factors` as of `unit_hint`.
-    """
-    highest = float(mean_mu.max(initial=-math.inf))
-    if LOWEST_MU <= highest <= HIGHEST_MU:
-        return None
-    return (
-        f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {LOWEST_MU:g} to "
-        f"{HIGHEST_MU:g}: {units_or(highest, factors)}"
-    )
-
-
 def units_or(mu: float, factors: Mapping[str, float]) -> str:
-    return (
-        unit_hint(mu, factors)
-        or "check the unit of the brake torque (--unit), the wheel load and the wheel's radius (--vehicle)"
-    )
+    """`unit_hint`, or what to check else."""
+    check = "check the unit of the brake torque (--unit), the wheel load and the wheel's radius (--vehicle)"
+    return unit_hint(mu, factors) or check
 
+
+def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
+    """Whether the highest mean of mu, by bins, is one of steel on steel; `factors` as of `unit_hint`."""
+    highest = float(mean_mu.max(initial=-math.inf))
+    if not LOWEST_MU <= highest <= HIGHEST_MU:
+        yield Finding(
+            "adhesion",
+            f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {LOWEST_MU:g} to "
+            f"{HIGHEST_MU:g}: {units_or(highest, factors)}",
+        )
+
+
+# --- the train's deceleration, and the unit of the time ------------------------------------------------------------
 
 _OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
 _SLOWED_DOWN = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
+_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+
+
+def _lost(record: Record) -> float:
+    """Speed that the train loses in the runs, m/s; NaN where that is hardly any."""
+    inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
+    lost = -float(np.diff(record.speed)[inside].sum())
+    return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
 def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
@@ -420,16 +424,11 @@ def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
     v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
-    lost, turned = (-float(np.diff(x)[inside].sum()) for x in (record.speed, record.omega))
-    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
-    friction = vehicle.effective_viscous_friction * omega
-    adhesion = float(step @ (torque + friction)) - vehicle.effective_inertia * turned
-    terms = vehicle.resistance
-    resistance = float(step @ (terms.constant + terms.linear * v + terms.quadratic * v**2))
+    turned = -float(np.diff(record.omega)[inside].sum())
+    adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
+    resistance = float(step @ _resistance(vehicle, v))
     asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
-    if not lost > _SLOWED_DOWN * float(record.speed[begins].sum()) or not asked > 0.0:
-        return math.nan
-    return lost / asked
+    return _lost(record) / asked if asked > 0.0 else math.nan
 
 
 def deceleration_differs(ratio: float) -> bool:
@@ -437,24 +436,15 @@ def deceleration_differs(ratio: float) -> bool:
     return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
 
 
-def deceleration_warning(ratio: float) -> str | None:
-    """A sentence where the train slows down as the adhesion of its wheel does not make it; else None."""
-    if not deceleration_differs(ratio):
-        return None
-    return (
-        f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or the "
-        "scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, unless "
-        "other brakes or a slope act on the train"
-    )
-
-
-# --- timing ---
-
-
-# --- the unit of the time ---------------------------------------------------------------------------------------
-
-_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
-_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+def deceleration_findings(ratio: float) -> Iterator[Finding]:
+    """Whether the train slows down as the adhesion of its wheel makes it."""
+    if deceleration_differs(ratio):
+        yield Finding(
+            "deceleration",
+            f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or "
+            "the scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, "
+            "unless other brakes or a slope act on the train",
+        )
 
 
 def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | None:
@@ -465,23 +455,118 @@ def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | N
     """
     if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
         return None
-    inside = np.diff(record.run) == 0
-    lost = -float(np.diff(record.speed)[inside].sum())
-    begins = np.flatnonzero(np.diff(record.run, prepend=-1))
-    asked = float((np.diff(record.time) * record.torque[1:])[inside].sum())
-    asked /= vehicle.wheel.radius * vehicle.effective_mass
-    if not lost > _SLOWED_DOWN * float(record.speed[begins].sum()) or not asked > 0.0:
+    asked = float((np.diff(record.time) * record.torque[1:])[np.diff(record.run) == 0].sum())
+    ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
+    if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
         return None
-    ratio = lost / asked
-    if 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
-        return None
-    slow = ratio < 1.0
-    likely, read = ("ms", "s") if slow else ("s", "ms")
-    shown = 1.0 / ratio if slow else ratio
+    likely, read, shown, less = ("ms", "s", 1.0 / ratio, "less") if ratio < 1.0 else ("s", "ms", ratio, "more")
     return (
-        f"the train slows down {shown:.2g} times {'less' if slow else 'more'} than the brake torque on it makes it: "
-        f"the time seems to be in {likely}, and is read as {read}; give --unit time={likely}"
+        f"the train slows down {shown:.2g} times {less} than the brake torque on it makes it: the time seems to be in "
+        f"{likely}, and is read as {read}; give --unit time={likely}"
     )
+
+
+# --- loads, two wheel speeds, steps --------------------------------------------------------------------------------
+
+_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
+_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
+_COARSE = 0.005
+
+LOADS_DIFFER = 1.05
+"""Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
+
+
+def load_findings(record: Record, of_vehicle: float) -> Iterator[Finding]:
+    """Whether the runs have one wheel load, and one near to that of the vehicle, N."""
+    if not len(record):
+        return
+    run = record.run.astype(np.int64)
+    rows = np.bincount(run)
+    loads = np.bincount(run, record.load)[rows > 0] / rows[rows > 0]
+    if loads.min() * LOADS_DIFFER < loads.max():
+        yield Finding(
+            "loads",
+            f"the wheel load lies between {loads.min():.4g} and {loads.max():.4g} N from run to run: parameters that "
+            f"are forces are of the mean, {np.average(loads, weights=rows[rows > 0]):.4g} N, and a law whose force "
+            "does not follow the load, as bristles, fits none of them; a log for each load shows the difference",
+        )
+    logged = float(record.load.mean())
+    if not of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
+        yield Finding(
+            "load",
+            f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by "
+            "the log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the "
+            "vehicle (--vehicle, --loaded)",
+        )
+
+
+class WheelSpeeds:
+    """The two speeds of a wheel, where a log has both: their ratio by a straight line through 0 over all rows."""
+
+    def __init__(self) -> None:
+        self._product = self._square = 0.0
+
+    def add(self, rows: Rows) -> None:
+        """Take rows in."""
+        rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
+        if rim is not None and angular is not None:
+            self._product += float(rim @ angular)
+            self._square += float(angular @ angular)
+
+    def findings(self, radius: float) -> Iterator[Finding]:
+        """Whether they are one, of a wheel with a radius in m."""
+        ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
+        if abs(ratio - 1.0) > _OTHER_SPEED:
+            yield Finding(
+                "wheel speeds",
+                f"the log has two wheel speeds, and wheel speed is {ratio:.3g} times the angular speed by the wheel's "
+                "radius: the angular speed is used; check the units of both and the wheel's radius (--vehicle)",
+            )
+
+
+@dataclass(frozen=True)
+class ColumnStep:
+    """A column that comes in steps: its header, the step in the file's unit, and its `share`.
+
+    The share is of slip at the initial speed, or of mu for a torque.
+    """
+
+    label: str
+    step: float
+    share: float
+    is_torque: bool
+
+    @property
+    def matters(self) -> bool:
+        """Whether the step is coarser than the lowest slips that are used, or than that of mu."""
+        return self.share >= _COARSE
+
+    def __str__(self) -> str:
+        share = (
+            f"{self.share:.2g} of mu" if self.is_torque else f"{100.0 * self.share:.2g} % of slip at the initial speed"
+        )
+        return f"{self.label!r} in steps of {self.step:.4g}, {share}"
+
+
+def column_steps(
+    resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
+) -> tuple[ColumnStep, ...]:
+    """The steps of the columns of a log (none: SI), at a wheel radius, m, initial speed, m/s, and wheel load, N."""
+    shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
+    found = []
+    for name, share in (*shares.items(), ("brake_torque", 1.0 / (radius * load))):
+        if step := resolution[name]:
+            column = columns.get(name)
+            label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
+            found.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
+    return tuple(found)
+
+
+def step_findings(steps: tuple[ColumnStep, ...]) -> Iterator[Finding]:
+    """The steps that matter."""
+    for step in steps:
+        if step.matters:
+            yield Finding("steps", f"column {step}: what is finer is known from means alone")
 
 
 # --- the train's speed ---------------------------------------------------------------------------------------------
@@ -552,44 +637,35 @@ def train_lag(record: Record, radius: float, peak_slip: float, lag: float = TRAI
     return TrainLag(lag, (1.0 - peak_slip) * deceleration * lag / speed_there, peak_slip, deceleration, speed_there)
 
 
-_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
-_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
+# --- what was met while the log was observed -----------------------------------------------------------------------
+
+_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
 
 
-def vehicle_load_warning(record: Record, of_vehicle: float) -> str | None:
-    """A sentence where the mean wheel load of a record is far from that of the vehicle, N; else None."""
-    if not len(record):
-        return None
-    logged = float(record.load.mean())
-    if of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
-        return None
-    return (
-        f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by the "
-        "log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the vehicle "
-        "(--vehicle, --loaded)"
-    )
-
-
-def wheel_speeds_warning(ratio: float, other: str) -> str | None:
-    """A sentence where a log's two wheel speeds are not one; `ratio` of that not used, `other`, to that used."""
-    if not abs(ratio - 1.0) > _OTHER_SPEED:
-        return None
-    return (
-        f"the log has two wheel speeds, and {other} is {ratio:.3g} times the angular speed by the wheel's radius: the "
-        "angular speed is used; check the units of both and the wheel's radius (--vehicle)"
-    )
-
-
-def load_warning(record: Record) -> str | None:
-    """A sentence where the wheel loads of a record's runs are not one; else None."""
-    if not len(record):
-        return None
-    rows = np.bincount(record.run.astype(np.int64))
-    loads = np.bincount(record.run.astype(np.int64), record.load)[rows > 0] / rows[rows > 0]
-    if loads.min() * LOADS_DIFFER >= loads.max():
-        return None
-    return (
-        f"the wheel load lies between {loads.min():.4g} and {loads.max():.4g} N from run to run: parameters that are "
-        f"forces are of the mean, {np.average(loads, weights=rows[rows > 0]):.4g} N, and a law whose force does not "
-        "follow the load, as bristles, fits none of them; a log for each load shows the difference"
-    )
+def survey_findings(survey: Survey) -> Iterator[Finding]:
+    """Impossible rows, gaps, braking that is not used, runs from several speeds."""
+    if survey.implausible:
+        yield Finding("rows", f"{survey.implausible} impossible rows left out; {survey.first_implausible}")
+    if survey.bridged:
+        yield Finding(
+            "gaps",
+            f"{survey.bridged} long intervals, up to {survey.longest_bridged:.4g} s, are bridged: the observer's time "
+            "constant is no shorter",
+        )
+    for line, seconds in survey.gaps:
+        yield Finding("gaps", f"gap of {seconds:.4g} s before line {line}: the observer starts anew")
+    if survey.gap_count > len(survey.gaps):
+        yield Finding("gaps", f"{survey.gap_count} gaps in all")
+    if survey.lost_share >= _LEAST_LOST:
+        yield Finding(
+            "settling",
+            f"{100.0 * survey.lost_share:.2g} % of the braking data ({survey.lost} rows) lies within the settling time "
+            "after gaps or the start, and is not used",
+        )
+    if survey.is_mixed:
+        yield Finding(
+            "initial speed",
+            f"braking begins between {survey.slowest_start / KMH:.4g} and {survey.fastest_start / KMH:.4g} km/h: "
+            f"v0, with which the parameters change, is taken as {survey.initial_speed / KMH:.4g} km/h "
+            "(--initial-speed); a log for each speed shows the change",
+        )

@@ -1,11 +1,19 @@
-"""observed"""
+"""From rows of a log to adhesion coefficients over slip: the observer, and the slip seen through the same filter.
+
+The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip of the moment it would shift a curve by
+tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
+that an observed mu is the mean over, which is all that a fit needs (`curves`).
+
+Beside it a `Record` of rows under brake as they came, for prediction-error fits. Whole runs are kept, from the brake's
+application to its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,58 +23,43 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Vehicle
 
 from .logs import Rows
-from .observer import FilterObserver, Form, KalmanObserver, linear_recursion
+from .observer import AdhesionObserver, FilterObserver, Form, KalmanObserver
 
 Floats = NDArray[np.float64]
 
 
-# --- low pass ---
+# --- the observer's filter -----------------------------------------------------------------------------------------
 
 
-class LowPass:
-    """Channels through 1/(tau s + 1), taken to run straight between samples, as in the observer; tau in s.
+class Channels:
+    """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
 
-    It begins settled at the first sample.
-    """
-
-    def __init__(self, tau: float) -> None:
-        self._tau = tau
-        self._time = 0.0
-        self._input: Floats | None = None
-        self._output = np.empty(0)
+    def __init__(self, observer: AdhesionObserver) -> None:
+        self._observer = observer
+        self._states: list[Any] | None = None
 
     def run(self, time: Floats, channels: Floats) -> Floats:
-        """The next samples of the channels, an array (channels, k), filtered."""
-        before = channels[:, 0] if self._input is None else self._input
-        start = before if self._input is None else self._output
-        h = np.diff(time, prepend=time[0] if self._input is None else self._time)
-        q = np.maximum(h / self._tau, np.finfo(float).tiny)
-        share = -np.expm1(-q)
-        w1 = 1.0 - share / q
-        transition = (1.0 - share)[:, None, None]
-        out = np.empty_like(channels)
-        for i, u in enumerate(channels):
-            forcing = (share - w1) * np.concatenate([before[i : i + 1], u[:-1]]) + w1 * u
-            out[i] = linear_recursion(transition, forcing[:, None], start[i : i + 1])[:, 0]
-        self._time, self._input, self._output = float(time[-1]), channels[:, -1].copy(), out[:, -1].copy()
-        return out
-
-
-# --- regripping ---
+        """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
+        still, before = np.zeros(len(time)), self._states or [None] * len(channels)
+        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
+        self._states = [each.state for each in found]
+        return np.stack([each.adhesion_torque for each in found])
 
 
 _RELEASED = 0.1  # of the torque, that it falls by in a time constant: no brake is eased so fast while the wheel holds
 
 
-class Regripping:
-    """Which rows are of a wheel that regrips: from where the slip falls under a torque that is let go, while it falls.
+class Readhesion:
+    """Which rows are of readhesion: from where the slip falls under a torque that is let go, while it falls.
 
-    Torque and slip are smoothed by the observer's time constant, s, twice: a value that is below its own mean falls.
+    The brake is released past the peak, and the slip falls back to none within tenths of a second. The curve over slip
+    is that of a slip that grows, as in [Park2008] Fig. 13; on the way back the observer's torque is a mean over half
+    the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
     """
 
-    def __init__(self, tau: float) -> None:
-        self._once, self._twice = LowPass(tau), LowPass(tau)
-        self._regrips = False
+    def __init__(self, low_pass: AdhesionObserver) -> None:
+        self._once, self._twice = Channels(low_pass), Channels(low_pass)
+        self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> NDArray[np.bool_]:
         """Whether the wheel regrips in the next rows: times in s, slip ratios and brake torques in N*m as logged."""
@@ -75,14 +68,14 @@ class Regripping:
         falls = fallen[0] > 0.0
         released = falls & (fallen[1] > _RELEASED * np.maximum(now[1], 0.0))
         index = np.arange(len(time))
-        last_released = np.maximum.accumulate(np.where(released, index, -1 if self._regrips else -2))
+        last_released = np.maximum.accumulate(np.where(released, index, -1 if self._falls_back else -2))
         last_held = np.maximum.accumulate(np.where(falls, -2, index))
-        regrips: NDArray[np.bool_] = last_released > last_held
-        self._regrips = bool(regrips[-1])
-        return regrips
+        found: NDArray[np.bool_] = last_released > last_held
+        self._falls_back = bool(found[-1])
+        return found
 
 
-# --- record ---
+# --- rows kept as they came ----------------------------------------------------------------------------------------
 
 
 MOST_ROWS = 20_000
@@ -144,14 +137,10 @@ class Recorder:
         return Record(*self._kept)
 
 
-# --- survey ---
+# --- what is met on the way ----------------------------------------------------------------------------------------
 
 
 _MOST_NAMED = 5
-_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
-
-LOADS_DIFFER = 1.05
-"""Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
 
 
 _MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v0 stands for several
@@ -159,40 +148,14 @@ _MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v
 
 @dataclass
 class Survey:
-    """What was met on the way.
+    """What was met on the way; speeds in m/s, times in s, loads in N.
 
-    Attributes
-    ----------
-    rows, used : int
-        Rows observed, and those with the brake applied in the range of slip and speed.
-    runs : int
-        Stretches of rows used, apart by at least the settling time.
-    gaps : list of (line, seconds)
-        The first gaps; the observer starts anew after each.
-    gap_count, implausible : int
-        All gaps; rows left out as impossible.
-    bridged, longest_bridged : int, float
-        Long intervals that the observer runs through, and the longest of them, s.
-    lost : int
-        Rows under brake that are not used, as they lie within the settling time after a gap or the log's start.
-    reversed : int
-        Rows with slip in range and a torque as far below 0 as braking is above.
-    backward, forward : int
-        Rows with a train speed below 0, and above, of more than `rolling.LOWEST_SPEED`.
-    first_implausible : str
-        The first of those that are impossible.
-    initial_speed : float
-        Highest train speed, m/s, filtered.
-    interval : float
-        Median interval of the first rows, s.
-    slowest_start, fastest_start : float
-        Train speeds at which the runs begin, m/s; NaN without a run.
-    load_sum : float
-        Sum of the wheel load over the rows used, N.
-    regripping : int
-        Rows under brake that are not used, as the brake was let go and the wheel regrips.
-    highest_pull : float
-        Highest brake torque of all rows by wheel load and radius: the adhesion coefficient that it asks for.
+    `used` are rows under brake in the range of slip and speed, in `runs` apart by the settling time; `lost` those under
+    brake within the settling time after a gap or the start; `reversed` those with slip and a torque as far below 0 as
+    braking is above; `readhesion` those of a wheel that regrips; `backward` and `forward` those with a train speed
+    below and above 0. `gaps` are the first (line, seconds), after each of which the observer starts anew; `bridged` are
+    long intervals that it runs through. `initial_speed` is the highest train speed, filtered, `slowest_start` and
+    `fastest_start` are those at which runs begin; `highest_pull` is the highest brake torque by wheel load and radius.
     """
 
     rows: int = 0
@@ -213,7 +176,7 @@ class Survey:
     slowest_start: float = math.nan
     fastest_start: float = math.nan
     load_sum: float = 0.0
-    regripping: int = 0
+    readhesion: int = 0
     highest_pull: float = 0.0
 
     @property
@@ -243,35 +206,8 @@ class Survey:
             self.slowest_start = float(np.fmin(self.slowest_start, speeds.min()))
             self.fastest_start = float(np.fmax(self.fastest_start, speeds.max()))
 
-    def warnings(self) -> tuple[str, ...]:
-        """What was wrong, a sentence each."""
-        found = []
-        if self.implausible:
-            found.append(f"{self.implausible} impossible rows left out; {self.first_implausible}")
-        if self.bridged:
-            found.append(
-                f"{self.bridged} long intervals, up to {self.longest_bridged:.4g} s, are bridged: the observer's time "
-                "constant is no shorter"
-            )
-        for line, seconds in self.gaps:
-            found.append(f"gap of {seconds:.4g} s before line {line}: the observer starts anew")
-        if self.gap_count > len(self.gaps):
-            found.append(f"{self.gap_count} gaps in all")
-        if self.lost_share >= _LEAST_LOST:
-            found.append(
-                f"{100.0 * self.lost_share:.2g} % of the braking data ({self.lost} rows) lies within the settling time "
-                "after gaps or the start, and is not used"
-            )
-        if self.is_mixed:
-            found.append(
-                f"braking begins between {self.slowest_start / KMH:.4g} and {self.fastest_start / KMH:.4g} km/h: "
-                f"v0, with which the parameters change, is taken as {self.initial_speed / KMH:.4g} km/h "
-                "(--initial-speed); a log for each speed shows the change"
-            )
-        return tuple(found)
 
-
-# --- observed ---
+# --- adhesion over slip --------------------------------------------------------------------------------------------
 
 
 LOWEST_SPEED = 5.0 * KMH
@@ -314,25 +250,12 @@ class Observer(StrEnum):
     KALMAN = "kalman"
 
 
-class TorqueObserver(Protocol):
-    """What is asked of an observer: the estimates of a chunk, and the state to go on from (`observer.filters`)."""
-
-    def run(self, time: Any, torque: Any, omega: Any, state: Any = None) -> Any: ...
-
-
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, each an array of one length.
+    """Samples of adhesion over slip, SI, arrays of one length; all but the time behind the observer's filter.
 
-    Attributes
-    ----------
-    time : s
-    slip, slip2, slip3 : filtered slip ratio, its square and its cube.
-    speed : filtered train speed, m/s.
-    slip_speed : filtered product of both, m/s.
-    mu : observed adhesion coefficient.
-    load : filtered wheel load, N.
-    step, slip_step : time and change of the filtered slip since the row before; 0 after a row that is not used.
+    `slip2`, `slip3` and `slip_speed` are the filtered square, cube, and product with the train's speed; `step` and
+    `slip_step` the time and the change of slip since the row before, 0 after a row that is not used.
     """
 
     time: Floats
@@ -357,19 +280,8 @@ class Observed:
 class AdhesionStream:
     """Observed adhesion of a log that comes in blocks of rows.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Wheel, and wheel load where the log has none.
-    time_constant : float, optional
-        tau, s; left out, 0.05 s or five intervals of the log, whichever is more.
-    observer : Observer
-        Which form.
-
-    Raises
-    ------
-    InputError
-        tau not above 0; while running, a log of which more than one row in a hundred is impossible.
+    The vehicle gives the wheel, and the wheel load where the log has none; the `time_constant` tau, s, is 0.05 s or
+    five intervals of the log, whichever is more, unless it is given. InputError for a tau not above 0.
     """
 
     def __init__(
@@ -380,11 +292,10 @@ class AdhesionStream:
         self.recorder = Recorder()
         self.wheel_column = ""
         self._tau = time_constant
-        self._observer: TorqueObserver | None = None
+        self._observer: AdhesionObserver | None = None
         self._state: Any = None
-        self._low_pass: LowPass | None = None  # of the channels
-        self._regripping: Regripping | None = None
-        self._states: list[Any] | None = None  # of the channels, with a Kalman filter
+        self._channels: Channels | None = None
+        self._readhesion: Readhesion | None = None
         self._last = self._settled = -math.inf
         self._last_used = False
         self._last_slip = 0.0
@@ -528,9 +439,11 @@ class AdhesionStream:
         """The samples of rows without a gap in them."""
         assert self._observer is not None
         time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
-        if fresh or self._low_pass is None or self._regripping is None:
-            self._state, self._states, self._last_used = None, None, False
-            self._low_pass, self._regripping = LowPass(self.time_constant), Regripping(self.time_constant)
+        if fresh or self._channels is None or self._readhesion is None:
+            self._state, self._last_used = None, False
+            low_pass = FilterObserver.of(self.vehicle, self.time_constant)
+            self._channels = Channels(self._observer if self.kind is Observer.KALMAN else low_pass)
+            self._readhesion = Readhesion(low_pass)
             self._settled = time[0] + _SETTLING * self.time_constant
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
@@ -538,10 +451,9 @@ class AdhesionStream:
         slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
         channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
-        kalman = self.kind is Observer.KALMAN
-        filtered = self._as_torques(time, channels) if kalman else self._low_pass.run(time, channels)
+        filtered = self._channels.run(time, channels)
         self._last = float(time[-1])
-        braked, regrips = self._braked(torque, load), self._regripping.add(time, slip, torque)
+        braked, regrips = self._braked(torque, load), self._readhesion.add(time, slip, torque)
         self._count_unused(time, filtered, braked, self._braked(-torque, load), regrips)
         return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~regrips)
 
@@ -557,16 +469,7 @@ class AdhesionStream:
         settled, sliding = time >= self._settled, _in_range(filtered)
         self.survey.lost += int((braked & sliding & ~settled).sum())
         self.survey.reversed += int((reverse & sliding).sum())
-        self.survey.regripping += int((braked & sliding & settled & regrips).sum())
-
-    def _as_torques(self, time: Floats, channels: Floats) -> Floats:
-        """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
-        assert self._observer is not None
-        before = [None] * len(channels) if self._states is None else self._states
-        still = np.zeros(len(time))
-        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
-        self._states = [each.state for each in found]
-        return np.stack([each.adhesion_torque for each in found])
+        self.survey.readhesion += int((braked & sliding & settled & regrips).sum())
 
     def _samples(
         self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, wanted: NDArray[np.bool_]
@@ -608,23 +511,15 @@ def _joined(parts: list[Observed]) -> Observed:
     return Observed(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Observed)))
 
 
-# --- course ---
-
-
-_SETTLED = 5.0  # time constants, after which the observer's unknown start is below 1 %
+# --- one run over time ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Course:
-    """A run under brake, arrays of one length.
+class TimeHistory:
+    """A run under brake over time from the brake's application, SI, arrays of one length, as a picture shows it.
 
-    Attributes
-    ----------
-    time : s, from the brake's application.
-    train_speed, wheel_speed : m/s; the wheel's is that of its circumference.
-    brake_torque, adhesion_torque : N*m
-        As logged, and as observed with every term filtered; NaN while the observer settles.
-    slip : ratio.
+    The wheel's speed is that of its circumference; the adhesion torque is observed with every term filtered, NaN while
+    the observer settles.
     """
 
     time: Floats
@@ -635,14 +530,14 @@ class Course:
     slip: Floats
 
 
-def course_of(record: Record, vehicle: Vehicle, time_constant: float) -> Course | None:
+def time_history_of(record: Record, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
     """The longest run of a record, observed with tau in s; None for an empty record."""
     if not len(record):
         return None
     runs, counts = np.unique(record.run, return_counts=True)
     at = record.run == runs[np.argmax(counts)]
     time, speed, omega, torque = (x[at] for x in (record.time, record.speed, record.omega, record.torque))
-    observed = FilterObserver.of(vehicle, time_constant, Form.CORRECTED).run(time, torque, omega).adhesion_torque
-    settled = time - time[0] >= _SETTLED * time_constant
+    observed = FilterObserver.of(vehicle, time_constant).run(time, torque, omega).adhesion_torque
+    settled = time - time[0] >= _SETTLING * time_constant
     rim = vehicle.wheel.radius * omega
-    return Course(time - time[0], speed, rim, torque, np.where(settled, observed, np.nan), 1.0 - rim / speed)
+    return TimeHistory(time - time[0], speed, rim, torque, np.where(settled, observed, np.nan), 1.0 - rim / speed)

@@ -89,8 +89,8 @@ def _load_of(found: Identification) -> str:
 
 def _log_facts(found: Identification) -> list[tuple[str, str]]:
     curve, survey, setting = found.curve, found.curve.survey, found.setting
-    regrips = f"; {survey.regripping} more of a wheel that regrips are left out" if survey.regripping else ""
-    adhesion, sliding = curve.slip_counts.parted_at(found.regimes.boundary)
+    regrips = f"; {survey.readhesion} more of a wheel that regrips are left out" if survey.readhesion else ""
+    adhesion, sliding = curve.parted_at(found.regimes.boundary)
     ramp = "none" if setting.slip_acceleration is None else f"{setting.slip_acceleration:.4g} m/s^2"
     return [
         ("Vehicle", f"{found.vehicle.name}, wheel load {setting.wheel_load:g} N{_load_of(found)}, {setting.rail} rail"),
