@@ -20,12 +20,12 @@ import numpy as np
 
 from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
-    AdhesionObserver,
     Encoder,
     FilterObserver,
     Form,
     KalmanObserver,
     ObserverResponses,
+    TorqueObserver,
     TorqueSensor,
     adhesion_coefficient,
     observer_responses,
@@ -80,7 +80,7 @@ class ObserverComparison:
     by_interval: dict[float, dict[str, tuple[float, float]]]
 
 
-def makers(interval: float) -> dict[str, Callable[[float], AdhesionObserver]]:
+def makers(interval: float) -> dict[str, Callable[[float], TorqueObserver]]:
     """The observers as functions of their setting: tau, or the intensity of the walk."""
     return {
         NAMES[0]: lambda tau: FilterObserver.of(VEHICLE, tau, Form.PRINTED),

@@ -18,7 +18,7 @@ import pytest
 import railslip_ctrl
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.observer import AdhesionObserver
+from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.model.parameters import Record
 from railslip_ctrl.simulation.campaign.sampling import Distribution
 from railslip_ctrl.simulation.controllers import Controller
@@ -40,7 +40,7 @@ ENTRIES = {
 }
 """What is public of the modules that do not list their names."""
 
-PROTOCOLS = (AdhesionObserver, Controller, Distribution)
+PROTOCOLS = (TorqueObserver, Controller, Distribution)
 """What public classes implement without inheriting it."""
 
 UNIT = re.compile(

@@ -475,7 +475,7 @@ def test_peak_and_its_error_in_closed_form():
 
 def test_reference_gives_away_at_most_the_allowed_loss():
     found = burckhardt_fit()
-    vague = replace(found, coordinate_covariance=1e4 * found.coordinate_covariance)
+    vague = replace(found, known=replace(found.known, coordinate_covariance=1e4 * found.known.coordinate_covariance))
     peak = peak_of_fit(vague, V100, LOAD, Rail.DRY)
     assert NORMAL_QUANTILE * peak.slip_stderr > peak.slip
     assert peak.reference_coefficient == pytest.approx((1 - LARGEST_LOSS) * peak.coefficient, rel=1e-9)

@@ -16,7 +16,7 @@ from rig_logs import HEADER, rig_rows, write_log
 
 from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.identification.identify import identify
-from railslip_ctrl.identification.observed import course_of
+from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.report.plots import adhesion_figure, drift_figure
@@ -115,10 +115,10 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
     assert log.read_bytes() == before
 
 
-def test_the_course_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
+def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
     """The wheel turns as brake and adhesion torque ask: omega comes out of the observed torque again."""
     found = identify(log, PARK2008, Options(model="beam"))
-    course = course_of(found.curve.record, PARK2008, found.curve.time_constant)
+    course = time_history_of(found.curve.record, PARK2008, found.curve.time_constant)
     J, B = PARK2008.effective_inertia, PARK2008.effective_viscous_friction
     omega = course.wheel_speed / PARK2008.wheel.radius
     seen = np.isfinite(course.adhesion_torque)

@@ -21,7 +21,7 @@ from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
 from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
-from railslip_ctrl.identification.log_checks import mu_warning, train_lag, unit_hint
+from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
@@ -154,7 +154,7 @@ def test_units_that_would_do_are_named_and_no_others():
     assert "or wheel_load seems to be in kN (--unit wheel_load=kN), which would make it 0.26" in both
     assert unit_hint(260.0, {"brake_torque": 1.0}) == ""
     assert unit_hint(0.26, {"brake_torque": 1.0, "wheel_load": 1.0}) == ""
-    assert "--unit brake_torque=kN*m" in mu_warning(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})
+    assert "--unit brake_torque=kN*m" in next(mu_findings(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})).text
 
 
 # --- by rule, extrapolated -----------------------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest(sp
     assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
     assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
     assert found.regimes.boundary != found.curve.peak_slip
-    assert sum(found.curve.slip_counts.parted_at(found.regimes.boundary)) == found.curve.survey.used
+    assert sum(found.curve.parted_at(found.regimes.boundary)) == found.curve.survey.used
     assert found.train_lag.peak_slip == found.regimes.boundary
 
 
@@ -367,8 +367,7 @@ def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
         omega = columns["wheel_angular_speed"].copy()
         omega[at] += 8.0
         outliers = OutlierFilter()
-        outliers.add(Rows(np.arange(count), {**columns, "wheel_angular_speed": omega}))
-        outliers.finish()
+        list(outliers.rows(iter([Rows(np.arange(count), {**columns, "wheel_angular_speed": omega})])))
         assert outliers.count == expected
 
 

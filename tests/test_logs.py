@@ -363,12 +363,6 @@ def test_a_line_that_is_no_row_is_named_and_survived(tmp_path, expected, damaged
     assert np.array_equal(rows.columns["wheel_speed"], np.delete(expected.columns["wheel_speed"], 18))
 
 
-def test_a_cut_file_loses_its_last_line_alone(tmp_path):
-    rows, log = read(write(tmp_path, log_text(40)[:-4]))
-    assert len(rows) == 39
-    assert log.broken.first == ("line 41: the file ends within this line, which is left out",)
-
-
 @pytest.mark.parametrize("seed", range(24))
 def test_no_damage_costs_more_than_the_lines_it_is_in(tmp_path, expected, seed):
     """Random bytes, quotes and returns in some lines: the others are read as they were, or time is refused."""
@@ -474,6 +468,59 @@ def test_words_in_many_places_of_a_long_log_are_all_found(tmp_path):
     expected, _ = read(write(tmp_path, log_text(3500)))
     kept = np.isin(expected.line, rows.line)
     assert np.array_equal(rows.columns["wheel_speed"], expected.columns["wheel_speed"][kept])
+
+
+LOADED = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m],wheel load [kN]"
+
+
+@pytest.mark.parametrize("block_bytes", [4000, 4 << 20])
+def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes):
+    plain = log_text(1500).splitlines()[1:]
+    path = write(tmp_path, "\n".join([LOADED, *(line + "," for line in plain)]) + "\n")
+    rows, log = read(path, block_bytes=block_bytes)
+    assert len(rows) == 1500
+    assert "wheel_load" not in rows.columns
+    assert log.broken.count == 0
+    assert "column 'wheel load [kN]' is empty in 1000 rows" in log.notes[0]
+    filled = write(tmp_path, "\n".join([LOADED, *(line + (",34" if i > 900 else ",") for i, line in enumerate(plain))]))
+    rows, log = read(filled, block_bytes=block_bytes)
+    assert "wheel_load" in rows.columns
+    assert log.broken.count == 901
+
+
+def test_a_column_that_is_needed_may_not_be_empty(tmp_path):
+    path = write(tmp_path, log_text(30).replace(",1.5", ","))
+    with pytest.raises(InputError, match="line 2: a value is missing"):
+        read(path)
+
+
+def test_a_date_for_a_time_is_told(tmp_path):
+    path = write(tmp_path, log_text(30).replace("\n0.", "\n2026-01-01T00:00:0."))
+    with pytest.raises(InputError, match=r"is a date or a time of day, not a number.*give the time in s"):
+        read(path)
+
+
+@pytest.mark.parametrize(("cut", "kept"), [(1, True), (4, True), (5, False), (9, False)])
+def test_a_last_line_without_its_end_counts_if_it_has_all_cells(tmp_path, cut, kept):
+    text = log_text(30).replace(",1.5\n", ",1.50\n")  # the end, 1.50 and its separator: five characters
+    rows, log = read(write(tmp_path, text[:-cut]))
+    assert len(rows) == 29 + kept
+    assert log.broken.count == (not kept)
+    assert any("ends without a line end: line 31" in note for note in log.notes) == kept
+
+
+def test_columns_of_one_name_are_told_apart_by_their_place(tmp_path):
+    lines = [f"{0.01 * k:.2f},10,20,21,0" for k in range(50)]
+    path = write(tmp_path, "\n".join(["time,train speed,omega,omega,brake torque", *lines, ""]))
+    with pytest.raises(InputError, match="say which with --column wheel_angular_speed=HEADER, or by its place: 3 or 4"):
+        read(path)
+    with pytest.raises(InputError, match=r"2 columns are called 'omega'; .*, or by its place: 3 or 4"):
+        read(path, columns={"wheel_angular_speed": "omega"})
+    for place, value in (("3", 20.0), ("4", 21.0)):
+        rows, _ = read(path, columns={"wheel_angular_speed": place})
+        assert set(rows.columns["wheel_angular_speed"]) == {value}
+    with pytest.raises(InputError, match="no column is called '6'"):
+        read(path, columns={"wheel_angular_speed": "6"})
 
 
 # --- time stamps ---------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from railslip_ctrl.identification.identify import Identification, identify, iden
 from railslip_ctrl.identification.logs import Log, Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import Record
-from railslip_ctrl.identification.prediction import along_the_motion, is_followed, slip_ramp
+from railslip_ctrl.identification.prediction import is_followed, prediction_error_fit, slip_ramp
 from railslip_ctrl.identification.results import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
@@ -58,7 +58,7 @@ def fit_of(test: RigTest, *, tests: int = 6, seed: int = 0) -> Fit:
     setting = setting_of(curve, test.vehicle, options)
     model = fit_model(test.law.name, curve.cells, shape_of(curve.cells, curve.peak_slip), setting)
     known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
-    return along_the_motion(fit(model, *known, profiles=False), curve.record, test.vehicle, curve.cells, setting)
+    return prediction_error_fit(fit(model, *known, profiles=False), curve.record, test.vehicle, curve.cells, setting)
 
 
 # --- the course of a test ------------------------------------------------------------------------------------------

@@ -1,4 +1,8 @@
-"""candidates"""
+"""The models of a log, fitted to be compared; whether a fit can be; whether a column is late, as the motion shows.
+
+Intervals are for the chosen model, as they take most of the time. A wheel speed that is late shows in how well the
+motion can be followed.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +25,13 @@ from .fits import Fit, Parameter, fit
 from .log_checks import HIGHEST_MU, LOWEST_MU, units_or
 from .models import SLIDING_ALONE, Setting, fit_model, shape_of
 from .observed import Record
-from .prediction import Along, along_the_motion, is_followed
+from .prediction import PredictionErrors, is_followed, prediction_error_fit
 from .results import Regimes, compare, peak_of_law, regimes_of, regimes_of_data
 
 Floats = NDArray[np.float64]
 
 
-# --- lags ---
+# --- can a fit be? ---------------------------------------------------------------------------------------------------
 
 
 IMPOSSIBLE_MU = 1.0
@@ -198,16 +202,6 @@ def lag_of(fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> Lag
         return None
 
 
-class _Followed(Along):
-    """The whitened errors, with the likelihood of the best parameters."""
-
-    def likeliest(self, start: Floats) -> tuple[float, Floats]:
-        """-2 log likelihood, but for a constant, of the best parameters from a start; and those parameters."""
-        found, _ = self.solve([start])  # the factor has the scale in it: as many whitened squares as there are errors
-        assert self._factor is not None
-        return 2.0 * float(np.sum(np.log(self._factor[0]))), self.coordinates.values(found)
-
-
 class _Shifted:
     """-2 log likelihood of the motion over the lag, each value found once; fits begin where the best one ended."""
 
@@ -219,7 +213,7 @@ class _Shifted:
     def __call__(self, lag: float) -> float:
         if lag not in self._known:
             shifted = earlier(self._record, lag)
-            problem = _Followed(self._fit.model, shifted, self._vehicle, self._wheel_load)
+            problem = PredictionErrors(self._fit.model, shifted, self._vehicle, self._wheel_load)
             self._known[lag], values = problem.likeliest(self._start)
             if self._known[lag] <= min(self._known.values()):
                 self._start = values
@@ -302,7 +296,7 @@ def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[st
 _ALIKE = 2.6  # standard errors
 
 
-# --- candidates ---
+# --- the models of a log ---------------------------------------------------------------------------------------------
 
 
 DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -331,14 +325,8 @@ class Fitted:
 class Candidates:
     """What can be fitted to a curve.
 
-    Attributes
-    ----------
-    curve : Curve
-    vehicle : Vehicle
-    setting : Setting
-    regimes : Regimes
-        Parted at the peak of the best of the models fitted that follow the whole curve by a formula; without one,
-        where the data's mu is highest.
+    The regimes are parted at the peak of the best of the models fitted that follow the whole curve by a formula;
+    without one, where the data's mu is highest.
     """
 
     def __init__(self, curve: Curve, vehicle: Vehicle, setting: Setting, regimes: Regimes | None = None) -> None:
@@ -377,7 +365,7 @@ class Candidates:
         known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
         first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
-            found = along_the_motion(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
+            found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
             check_fit(found, setting, speeds_looked_at(setting), curve.highest_mu, curve.factors)
         return replace(found, with_profiles=profiles)
 

@@ -1,11 +1,16 @@
-"""fits"""
+"""Least squares over all samples by way of their cells, and what is then known of the parameters.
+
+One way for fits to the cells and for prediction-error fits (`prediction`): `search` finds the least, with one answer
+whatever the data; `estimate` takes the covariance from the slopes of the residuals and their long-run variance, or from
+what differs between tests, and an interval from the profile of the likelihood wherever the symmetric one does not hold.
+"""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +26,11 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-# --- search ---
+# --- the search ----------------------------------------------------------------------------------------------------
+
+# Without more, a search runs along a direction in which the residuals do not change for as long as rounding lets it:
+# the processor decides which numbers come out. Tikhonov's remedy: to the residuals is added, for every coordinate, its
+# distance from a centre in sizes, with a weight so small beside the noise that it moves nothing which the data tell.
 
 
 Residuals = Callable[[Floats], Floats]
@@ -91,7 +100,12 @@ def differences(residuals: Residuals, coordinates: Coordinates, x: Floats, steps
     return np.stack(columns, axis=1)
 
 
-# --- between runs ---
+# --- clustered covariance ------------------------------------------------------------------------------------------
+
+# Rail, weather and warmth are those of a test, and shift all its rows alike; one number for the noise of a long time
+# would widen every parameter as if all of that went into it. So, where the runs disagree, the covariance is that of the
+# jackknife which leaves out one test after the other (CV3 of [MacKinnon2023]), with Student's distribution of as many
+# degrees of freedom as there are tests, less one. It holds for any correlation within a test.
 
 
 LEAST_TESTS = 5
@@ -104,7 +118,7 @@ _SEEN = 1e-8  # of the largest singular value: a direction that a test shows at 
 
 
 @dataclass(frozen=True)
-class BetweenRuns:
+class ClusteredCovariance:
     """The `covariance` (p, p) of the estimates, and its `freedom`, the degrees of freedom."""
 
     covariance: Floats
@@ -125,7 +139,7 @@ def whole_tests(time: Floats, step: Floats, run: Integers) -> Integers:
     return np.repeat(test, np.diff(np.append(first, len(time))))
 
 
-def between_runs(slopes: Floats, residuals: Floats, test: Integers) -> BetweenRuns | None:
+def clustered_covariance(slopes: Floats, residuals: Floats, test: Integers) -> ClusteredCovariance | None:
     """What the tests say of the estimates by differing; None where they agree, or are too few.
 
     `residuals` of least squares, of variance 1 each, `slopes` their derivatives (residuals, parameters) at the least,
@@ -142,7 +156,7 @@ def between_runs(slopes: Floats, residuals: Floats, test: Integers) -> BetweenRu
     # the estimates without a test, by one step of Gauss and Newton
     without = -np.linalg.solve(np.eye(size) - known, pull[:, :, None])[:, :, 0]
     without = np.linalg.solve(triangle, (without - without.mean(axis=0)).T)
-    return BetweenRuns((tests - 1) / tests * (without @ without.T), tests - 1)
+    return ClusteredCovariance((tests - 1) / tests * (without @ without.T), tests - 1)
 
 
 def _disagree(known: Floats, pull: Floats) -> bool:
@@ -157,7 +171,10 @@ def _disagree(known: Floats, pull: Floats) -> bool:
     return freedom > 0 and float(chi2.sf(lowered, freedom)) < _DISAGREE
 
 
-# --- profile ---
+# --- intervals from the profile of the likelihood ------------------------------------------------------------------
+
+# The rise of the sum of squares that a profile goes to is that which gives a nearly linear parameter its symmetric
+# interval: the vertical adjustment of [ChandlerBate2007].
 
 
 _REACH = 2.6  # standard errors, or the parameter's size where that is less: the first place to look for an end;
@@ -314,7 +331,7 @@ def _held(
     return squares, at
 
 
-# --- estimates ---
+# --- what is known of the parameters -------------------------------------------------------------------------------
 
 
 CONFIDENCE = 0.99
@@ -347,21 +364,11 @@ class Problem(Protocol):
 class Estimate:
     """What is known of the free parameters; arrays by parameter.
 
-    Attributes
-    ----------
-    values : array
-    covariance : array, (p, p)
-        Scaled as `fits.Parameter.stderr`; rows of parameters that are not identified are NaN. One that rests on a bound
-        has a row: the others are not as sure as if it were known.
-    coordinates : Coordinates
-    coordinate_covariance : array, (p, p)
-        The same of the coordinates.
-    active : array of int
-        Which bound a parameter rests on: -1 the lower, 1 the upper, 0 none.
-    dead : array of bool
-        Parameters that are not identifiable.
-    limits : mapping
-        Intervals from the profile, by the place of the parameter, where the symmetric one does not hold.
+    `covariance`, (p, p), is scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN, while one
+    that rests on a bound has a row: the others are not as sure as if it were known. `coordinate_covariance` is that of
+    the coordinates of the search, in which a step of some standard errors is as good as linear. `active` is which bound
+    a parameter rests on: -1 the lower, 1 the upper, 0 none; `dead` are those that are not identifiable. `limits` are
+    intervals from the profile, by the place of the parameter, where the symmetric one does not hold.
     """
 
     values: Floats
@@ -405,7 +412,7 @@ def estimate(
     # estimates without a test are one linear step away: not where the model bends within the interval
     found = None
     if tests is not None and not limits:
-        found = between_runs(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
+        found = clustered_covariance(slopes[:, ~dead], problem.residuals(coordinates.values(x)), tests)
     if found is not None:
         own[np.ix_(~dead, ~dead)] = found.covariance * _wider(found.freedom) ** 2
         limits = _profiles(problem, x, alive, unit, own, beside) if profiles else {}
@@ -506,7 +513,7 @@ def covariance_of(slopes: Floats, free: NDArray[np.bool_]) -> Floats:
     return covariance
 
 
-# --- fits ---
+# --- fits to the cells ---------------------------------------------------------------------------------------------
 
 
 _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to that of shorter stretches
@@ -551,42 +558,19 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model fitted.
+    """A model fitted: its `law` has the fitted parameters.
 
-    Attributes
-    ----------
-    model : FitModel
-    law : AdhesionLaw
-        With the fitted parameters.
-    parameters : tuple of Parameter
-    covariance : array, (p, p)
-        Of the fitted values, as `Estimate.covariance`.
-    coordinates : Coordinates
-    coordinate_covariance : array, (p, p)
-        Of the coordinates of the search, in which a step of some standard errors is as good as linear.
-    residual_squares : float
-        Sum of the squared deviations of all samples from the model.
-    cell_coefficients : array
-        The model's mean mu of each cell.
-    long_run_variance : float
-        Of the noise: the variance of a mean over n samples is this over n. NaN where it cannot be had.
-    degrees_of_freedom : int
-        Of the long-run variance.
-    notes : tuple of str
-    followed : array, (2, k), or None
-        Slip ratio and mu as a dynamic model had them along the log's motion; None for a model that is a curve.
-    known_stderrs : mapping
-        Standard deviations of parameters of the curve that are known from elsewhere, by name.
-    with_profiles : bool
-        Whether intervals were taken from the profile of the likelihood where the symmetric ones do not hold.
+    `residual_squares` is the sum of the squared deviations of all samples from the model, `cell_coefficients` its mean
+    mu of each cell. The variance of a mean over n samples is `long_run_variance` over n, NaN where it cannot be had.
+    `followed`, (2, k), is slip ratio and mu as a dynamic model had them along the log's motion, None for a model that
+    is a curve; `known_stderrs` are standard deviations of parameters that are known from elsewhere, by name.
+    `with_profiles` tells whether intervals were taken from the profile of the likelihood where that is needed.
     """
 
     model: FitModel
     law: AdhesionLaw
     parameters: tuple[Parameter, ...]
-    covariance: Floats
-    coordinates: Coordinates
-    coordinate_covariance: Floats
+    known: Estimate
     residual_squares: float
     cell_coefficients: Floats
     long_run_variance: float
@@ -600,6 +584,11 @@ class Fit:
     def values(self) -> Floats:
         """The fitted values."""
         return np.array([p.value for p in self.parameters])
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the fitted values."""
+        return self.known.covariance
 
     @property
     def correlation(self) -> Floats:
@@ -622,13 +611,7 @@ def fit(
     """Fit a model to the cells: the sum over all samples of (mu - model)^2 is made least, within the bounds.
 
     `sliding_from` is the slip ratio where sliding begins, for the models of it alone; `tau` is the observer's time
-    constant, s. Without `profiles` every interval is the symmetric one, which will do where the motion is followed
-    afterwards.
-
-    Raises
-    ------
-    InputError
-        Fewer cells than parameters.
+    constant, s. Without `profiles` every interval is the symmetric one. InputError for fewer cells than parameters.
     """
     used = cells.slip >= sliding_from if model.name in SLIDING_ALONE else np.ones(len(cells.slip), dtype=bool)
     if used.sum() <= len(model.names):
@@ -638,44 +621,37 @@ def fit(
         )
     problem = _Problem(model, cells, used)
     x = problem.solve()
-    mean, spread = in_cells(model, problem.coordinates.values(x), cells)
-    variance, freedom = long_run_variance(mean, used, stretches, len(x), tau)
-    known = estimate(problem, x, slopes_of(problem, x), variance, freedom, profiles=profiles)
+    mean, _ = in_cells(model, problem.coordinates.values(x), cells)
+    noise = long_run_variance(mean, used, stretches, len(x), tau)
+    known = estimate(problem, x, slopes_of(problem, x), *noise, profiles=profiles)
+    return fit_of(model, known, cells, setting, noise)
+
+
+def fit_of(
+    model: FitModel,
+    known: Estimate,
+    cells: Cells,
+    setting: Setting,
+    noise: tuple[float, int],
+    followed: Floats | None = None,
+) -> Fit:
+    """The fit with what is known of the parameters; `noise` is its long-run variance and degrees of freedom."""
+    mean, spread = in_cells(model, known.values, cells)
+    if followed is not None:
+        mean = np.interp(cells.slip, *followed)
+    # of the scatter in a cell, that which the model has there too is no residual
+    inside = np.maximum(cells.squares - cells.count * spread, 0.0)
     parameters = _parameters(model, known)
     return Fit(
         model=model,
         law=model.make(known.values, setting.rail),
         parameters=parameters,
-        covariance=known.covariance,
-        coordinates=known.coordinates,
-        coordinate_covariance=known.coordinate_covariance,
-        residual_squares=_residual_squares(cells, mean, spread),
+        known=known,
+        residual_squares=float(np.sum(inside + cells.count * (cells.mu - mean) ** 2)),
         cell_coefficients=mean,
-        long_run_variance=variance,
-        degrees_of_freedom=freedom,
-        notes=(*model.notes, *_remarks(parameters, variance)),
-    )
-
-
-def refitted(
-    found: Fit, model: FitModel, known: Estimate, cells: Cells, setting: Setting, followed: Floats | None = None
-) -> Fit:
-    """A fit with other values: what follows from them, anew; the noise over the cells stays as it was found."""
-    mean, spread = in_cells(model, known.values, cells)
-    if followed is not None:
-        mean = np.interp(cells.slip, *followed)
-    parameters = _parameters(model, known)
-    return replace(
-        found,
-        model=model,
-        law=model.make(known.values, setting.rail),
-        parameters=parameters,
-        covariance=known.covariance,
-        coordinates=known.coordinates,
-        coordinate_covariance=known.coordinate_covariance,
-        residual_squares=_residual_squares(cells, mean, spread),
-        cell_coefficients=mean,
-        notes=(*model.notes, *_remarks(parameters, found.long_run_variance)),
+        long_run_variance=noise[0],
+        degrees_of_freedom=noise[1],
+        notes=(*model.notes, *_remarks(parameters, noise[0])),
         followed=followed,
     )
 
@@ -698,12 +674,6 @@ def _inside(value: float, stderr: float, lower: float, upper: float) -> tuple[fl
     """The symmetric interval where a bound cuts it off; None where none does."""
     low, high = value - NORMAL_QUANTILE * stderr, value + NORMAL_QUANTILE * stderr
     return (max(low, float(lower)), min(high, float(upper))) if low < lower or high > upper else None
-
-
-def _residual_squares(cells: Cells, mean: Floats, spread: Floats) -> float:
-    # of the scatter in a cell, that which the model has there too is no residual
-    inside = np.maximum(cells.squares - cells.count * spread, 0.0)
-    return float(np.sum(inside + cells.count * (cells.mu - mean) ** 2))
 
 
 def in_cells(model: FitModel, values: Floats, cells: Cells) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""identify"""
+"""The job: a log, or several, to adhesion curve, fits and the slip to hold, as records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,14 @@
-"""models"""
+"""What can be fitted: for each model its law, which parameters are free, where a search starts and its bounds.
+
+"bristle" starts from the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
+Fig. 17); the motion itself, the only thing that shows alpha, comes after (`prediction`). "bristle_rest" and "lugre" are
+fitted with their steady state, over the sliding regime alone. What a steady state does not show keeps a stated value.
+
+`Coordinates` are those in which a model's force is as good as linear. Most parameters are their own coordinate. The
+bristles' force at rest is (gamma - |sigma|)/beta: a log that hardly shows its fall leaves beta and gamma free to grow
+together without bound. Their coordinates are the level gamma/beta, which every log shows, and 1/gamma, which is 0 where
+nothing falls; beta alone, gamma being given, is looked for as 1/beta.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +35,7 @@ from .curves import Cells
 Floats = NDArray[np.float64]
 
 
-# --- coordinates ---
+# --- coordinates of the search ---------------------------------------------------------------------------------------
 
 
 FLAT = 1e-6
@@ -40,19 +50,9 @@ _SMALLEST = 1e-9
 class Coordinates:
     """Coordinates x of the values of free parameters, with their bounds; arrays of one length.
 
-    Attributes
-    ----------
-    names : tuple of str
-    least, most : array
-        Bounds of the values.
-    typical : array
-        Values of an ordinary size.
-    lower, upper : array
-        Bounds of the coordinates.
-    pair : (int, int) or None
-        Places of beta and gamma where both are looked for, and beta has no bounds but its sign.
-    inverse : int or None
-        Place of beta where gamma is given.
+    `least` and `most` are bounds of the values, `typical` values of an ordinary size, `lower` and `upper` bounds of the
+    coordinates. `pair` are the places of beta and gamma where both are looked for and beta has no bounds but its sign,
+    `inverse` is that of beta where gamma is given.
     """
 
     names: tuple[str, ...]
@@ -155,7 +155,7 @@ class Coordinates:
         return result
 
 
-# --- models ---
+# --- a model and what is known ---------------------------------------------------------------------------------------
 
 
 TABLE_KNOTS = 12
@@ -164,28 +164,10 @@ TABLE_KNOTS = 12
 
 @dataclass(frozen=True)
 class Setting:
-    """What a fit takes as known.
+    """What a fit takes as known: wheel load, N, initial speed v0, m/s, the log's rail, and what its user says, SI.
 
-    Attributes
-    ----------
-    wheel_load : float
-        N.
-    initial_speed : float
-        v0, m/s.
-    slip_acceleration : float or None
-        R of the log's slip ramps, m/s^2; None where it has none.
-    acceleration_spread : float or None
-        Standard deviation of R from run to run, m/s^2; None where it has no ramp, or but one.
-    given_acceleration : float or None
-        R as given by the user.
-    rail : Rail
-        Which the log was taken on.
-    fixed : mapping
-        Parameters not to be fitted, SI, by name.
-    bounds : mapping
-        Lower and upper bound, SI, by name.
-    knots : tuple of float
-        Slip ratios of a table; empty: chosen from the data.
+    `slip_acceleration` is R of the log's slip ramps, m/s^2, None where it has none, with its standard deviation from
+    run to run; `given_acceleration` is R as given. `knots` are slip ratios of a table; empty: chosen from the data.
     """
 
     wheel_load: float
@@ -213,22 +195,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class FitModel:
-    """One model, ready to be fitted.
+    """One model, ready to be fitted: `names` are the free parameters, `known` the others.
 
-    Attributes
-    ----------
-    name : str
-    law : type
-        The law that comes out.
-    force_law : type
-        The law whose force at rest is fitted; not `law` where a build-up is.
-    names : tuple of str
-        The free parameters.
-    starts : array, (starts, names)
-    lower, upper : array, (names,)
-    known : mapping
-        The other parameters of either law.
-    notes : tuple of str
+    `law` comes out; `force_law` is that whose force at rest is fitted, another where a build-up is. `starts` is an
+    array (starts, names).
     """
 
     name: str
@@ -308,13 +278,7 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """The model of a name, for the data of these cells.
-
-    Raises
-    ------
-    InputError
-        An unknown name; no slip ramp for a model that needs one; a fixed or bounded parameter it does not have.
-    """
+    """The model of a name, for the data of these cells; InputError for a name, a value or a bound that it has not."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)

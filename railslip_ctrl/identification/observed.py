@@ -23,7 +23,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import Vehicle
 
 from .logs import Rows
-from .observer import AdhesionObserver, FilterObserver, Form, KalmanObserver
+from .observer import FilterObserver, Form, KalmanObserver, TorqueObserver
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 class Channels:
     """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
 
-    def __init__(self, observer: AdhesionObserver) -> None:
+    def __init__(self, observer: TorqueObserver[Any]) -> None:
         self._observer = observer
         self._states: list[Any] | None = None
 
@@ -57,7 +57,7 @@ class Readhesion:
     the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
     """
 
-    def __init__(self, low_pass: AdhesionObserver) -> None:
+    def __init__(self, low_pass: TorqueObserver[Any]) -> None:
         self._once, self._twice = Channels(low_pass), Channels(low_pass)
         self._falls_back = False
 
@@ -292,7 +292,7 @@ class AdhesionStream:
         self.recorder = Recorder()
         self.wheel_column = ""
         self._tau = time_constant
-        self._observer: AdhesionObserver | None = None
+        self._observer: TorqueObserver[Any] | None = None
         self._state: Any = None
         self._channels: Channels | None = None
         self._readhesion: Readhesion | None = None

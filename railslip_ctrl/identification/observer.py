@@ -1,12 +1,33 @@
-"""observer"""
+"""Adhesion torque observed on samples: the published observer, corrected, and a Kalman filter; sensors and their noise.
+
+`FilterObserver` is [Park2008] (27), (28), Fig. 11. Between samples torque and speed are taken to run straight, and the
+first-order filter is solved exactly for that: with h the interval, q = h/tau and u = B omega + Tb,
+
+    y[k] = exp(-q) y[k-1] + (1 - exp(-q)) J (omega[k] - omega[k-1])/h + w0 u[k-1] + w1 u[k],
+    w1 = 1 - (1 - exp(-q))/q,  w0 = 1 - exp(-q) - w1,
+
+is the corrected estimate. As printed u is not filtered: w0 = w1 = 0, and Ta_hat = y + u.
+
+`KalmanObserver` has Ta as a random walk, Td left out or a vibration of known frequency:
+
+    omega' = (-B omega + Ta - Tb - Td)/J + torque error/J,    Ta' = white,    Td'' + 2 d Td' + (d^2 + w^2) Td = white
+
+Ta and Td act on the wheel alike, so that both as random walks could not be told apart; a vibration of the caliper can,
+as it has a frequency of its own. The steady filter ([Astrom1997] 11) is used: its gain comes from python-control's
+Riccati solutions. On samples it predicts over each interval exactly and corrects by the gain of the nominal interval.
+
+`SampledForm` is either as a recursion at a constant interval: its frequency response, and what it makes of noise.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +35,9 @@ from numpy.typing import ArrayLike, NDArray
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.parameters import Vehicle
 
+from .sensors import Encoder, TorqueSensor, require
+
 __all__ = [
-    "AdhesionObserver",
     "Encoder",
     "Estimates",
     "FilterObserver",
@@ -26,6 +48,7 @@ __all__ = [
     "NoiseGains",
     "ObserverResponses",
     "SampledForm",
+    "TorqueObserver",
     "TorqueSensor",
     "Vibration",
     "adhesion_coefficient",
@@ -37,23 +60,14 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
-# --- samples ---
+State = TypeVar("State", "FilterState", "KalmanState")
 
-
-State = TypeVar("State")
+# --- samples in, estimates out -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Estimates(Generic[State]):
-    """The estimate after each sample, and the state from which the next rows go on.
-
-    Attributes
-    ----------
-    adhesion_torque : array, (k,)
-        Ta_hat, N*m.
-    state : FilterState or KalmanState
-        After the last row.
-    """
+    """Ta_hat after each sample, N*m, an array (k,), and the state after the last, from which the next rows go on."""
 
     adhesion_torque: Floats
     state: State
@@ -78,11 +92,7 @@ def checked_samples(
 
     InputError names the first row, counted from 0, that is refused.
     """
-    columns = {
-        "time": np.asarray(time, dtype=float),
-        "torque": np.asarray(torque, dtype=float),
-        "omega": np.asarray(omega, dtype=float),
-    }
+    columns = {name: np.asarray(x, dtype=float) for name, x in (("time", time), ("torque", torque), ("omega", omega))}
     t = columns["time"]
     for name, values in columns.items():
         if values.ndim != 1 or values.shape != t.shape:
@@ -92,34 +102,79 @@ def checked_samples(
             raise InputError(f"{name}: {values[row]} in row {row} is not allowed; give finite values")
     if t.size == 0:
         raise InputError("time: no rows; give at least one sample")
-    if after is not None and not t[0] > after:
-        raise InputError(f"time: {t[0]:g} in row 0 is not after {after:g}, the last sample; give growing times (s)")
-    growing = np.diff(t) > 0
+    growing = np.diff(t, prepend=-math.inf if after is None else after) > 0
     if not growing.all():
-        row = int(np.argmin(growing)) + 1
-        raise InputError(f"time: {t[row]:.9g} in row {row} is not after {t[row - 1]:.9g}; give growing times (s)")
+        row = int(np.argmin(growing))
+        before = t[row - 1] if row else after
+        raise InputError(f"time: {t[row]:.9g} in row {row} is not after {before:.9g}; give growing times (s)")
     return t, columns["torque"], columns["omega"]
 
 
-def checked_step(time: float, torque: float, omega: float, *, after: float) -> float:
-    """The interval from the last sample, s; InputError where it is not positive or a value is not finite."""
-    if not (math.isfinite(time) and time > after):
-        raise InputError(f"time: {time:.9g} is not after {after:.9g}, the last sample; give growing times (s)")
-    for name, value in (("torque", torque), ("omega", omega)):
-        if not math.isfinite(value):
-            raise InputError(f"{name}: {value} at {time:.9g} s is not allowed; give finite values")
-    return time - after
+class TorqueObserver(ABC, Generic[State]):
+    """What observers of a wheel do with samples: `inertia` and `viscous_friction` are its effective J and B."""
+
+    inertia: float
+    viscous_friction: float
+
+    @abstractmethod
+    def _begun(self, time: float, torque: float, omega: float, steady: float) -> State:
+        """The state after the first sample, which gives the estimate `steady`."""
+
+    @abstractmethod
+    def _after(self, state: State, t: Floats, tb: Floats, w: Floats) -> Estimates[State]:
+        """The estimates of samples, one at least, that come after a state."""
+
+    @abstractmethod
+    def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
+        """From measured torque (1) and measured speed (N*m*s) to Ta_hat, at complex `s`, rad/s, 1-D."""
+
+    @abstractmethod
+    def sampled(self, interval: float) -> SampledForm:
+        """The recursion at a constant `interval`, s."""
+
+    def start(self, time: float, torque: float, omega: float) -> tuple[float, State]:
+        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
+        found = self.run([time], [torque], [omega])
+        return float(found.adhesion_torque[0]), found.state
+
+    def step(self, state: State, time: float, torque: float, omega: float) -> tuple[float, State]:
+        """Ta_hat (N*m) after a sample, and the `state` after it; pure.
+
+        `time` in s, `torque` in N*m, `omega` in rad/s.
+        """
+        found = self.run([time], [torque], [omega], state)
+        return float(found.adhesion_torque[0]), found.state
+
+    def run(self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: State | None = None) -> Estimates[State]:
+        """Estimates over columns of samples, regular or not.
+
+        Chunks of a long log give the same estimates as the log in one piece, each run from the state before it.
+
+        Parameters
+        ----------
+        time : array, 1-D
+            s, growing.
+        torque, omega : array, 1-D
+            Measured brake torque, N*m, and speed of the wheel, rad/s.
+        state : optional
+            After the sample before, to go on from.
+        """
+        t, tb, w = checked_samples(time, torque, omega, after=None if state is None else state.time)
+        out, begin = np.empty(t.size), 0
+        if state is None:
+            out[0] = self.viscous_friction * w[0] + tb[0]
+            state, begin = self._begun(float(t[0]), float(tb[0]), float(w[0]), float(out[0])), 1
+        for first in range(begin, t.size, _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            found = self._after(state, t[part], tb[part], w[part])
+            out[part], state = found.adhesion_torque, found.state
+        return Estimates(out, state)
 
 
-def require(name: str, value: float, unit: str, *, zero_allowed: bool = False) -> None:
-    """InputError where a number is not finite, negative, or 0 though that is not allowed."""
-    if not (math.isfinite(value) and (value > 0 or (zero_allowed and value == 0))):
-        bound = ">= 0" if zero_allowed else "> 0"
-        raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound} ({unit})")
-
-
-# --- recursion ---
-
+# --- linear recursions ---------------------------------------------------------------------------------------------
 
 _AT_ONCE = 1 << 16  # rows: what a pass needs stays in the processor's cache, and memory bounded
 
@@ -130,15 +185,7 @@ def linear_recursion(transition: Floats, forcing: Floats, initial: Floats) -> Fl
     Blocks of steps are run side by side from rest, each with the product of its transitions; a pass over the blocks
     then adds what each inherits. Nothing is divided, so stable transitions give rounding errors only.
 
-    Parameters
-    ----------
-    transition : array, (k, n, n)
-    forcing : array, (k, n)
-    initial : array, (n,)
-
-    Returns
-    -------
-    array, (k, n)
+    `transition` is (k, n, n), `forcing` (k, n), `initial` (n,); the result (k, n).
     """
     out = np.empty_like(forcing)
     state = initial
@@ -170,21 +217,14 @@ def _in_blocks(transition: Floats, forcing: Floats, initial: Floats) -> Floats:
     return np.asarray(out.reshape(blocks * length, n)[:rows])
 
 
-# --- forms ---
+# --- the sampled form ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class NoiseGains:
-    """Variance of Ta_hat ((N*m)^2) for white noise of variance 1 on every sample of one signal.
+    """Variance of Ta_hat, (N*m)^2, for white noise of variance 1 on every sample of one signal, SI.
 
-    Attributes
-    ----------
-    torque : float
-        On the measured torque, 1 (N*m)^2.
-    speed : float
-        On the measured speed, 1 (rad/s)^2, independent from sample to sample.
-    angle : float
-        On the angle, 1 rad^2, whose differences over the interval are the speed: neighbours share an angle.
+    `torque` and `speed` are as measured, `angle` that whose differences are the speed: neighbours share an angle.
     """
 
     torque: float
@@ -227,96 +267,6 @@ class SampledForm:
         return float((self.C @ gramian @ self.C.T)[0, 0])
 
 
-# --- sensors ---
-
-
-@dataclass(frozen=True)
-class Encoder:
-    """An incremental encoder; the speed is the difference of two counts over the interval between them.
-
-    That speed is the mean over the interval, so half an interval late. The error of each angle is taken to be
-    uniform over one count and independent of the others, which holds while many counts pass in an interval.
-
-    Parameters
-    ----------
-    counts : int
-        Counts a turn, >= 1, every edge used: 4 times the lines of an encoder with two tracks.
-
-    Raises
-    ------
-    InputError
-        Fewer counts than 1.
-    """
-
-    counts: int
-
-    def __post_init__(self) -> None:
-        if self.counts < 1:
-            raise InputError(f"counts: {self.counts} is not allowed; give a value >= 1 (counts a turn)")
-
-    @property
-    def angle_step(self) -> float:
-        """One count, rad."""
-        return 2 * math.pi / self.counts
-
-    @property
-    def angle_variance(self) -> float:
-        """Of the rounding of one angle, rad^2: a count squared over 12."""
-        return self.angle_step**2 / 12
-
-    def speed_step(self, interval: float) -> float:
-        """The smallest change of speed that is seen at an interval in s, rad/s."""
-        return self.angle_step / interval
-
-    def speed_variance(self, interval: float) -> float:
-        """Of the speed at an interval in s, (rad/s)^2: two angles a difference. Neighbours are not independent."""
-        return 2 * self.angle_variance / interval**2
-
-    def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
-        """Measured speed (rad/s) at all times but the first, so k - 1 values.
-
-        `time` in s and true `angle` in rad are arrays of one length k, 1-D.
-        """
-        counted = np.floor(np.asarray(angle, dtype=float) / self.angle_step)
-        return np.asarray(np.diff(counted) * self.angle_step / np.diff(np.asarray(time, dtype=float)))
-
-
-@dataclass(frozen=True)
-class TorqueSensor:
-    """White noise on every sample, then rounding.
-
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of a sample, N*m, >= 0: electronics, and the ripple that is not torque on the wheel.
-    resolution : float
-        Step of the digits, N*m, >= 0.
-
-    Raises
-    ------
-    InputError
-        A number out of range.
-    """
-
-    noise: float
-    resolution: float = 0.0
-
-    def __post_init__(self) -> None:
-        require("noise", self.noise, "N*m", zero_allowed=True)
-        require("resolution", self.resolution, "N*m", zero_allowed=True)
-
-    @property
-    def variance(self) -> float:
-        """Of one sample, (N*m)^2."""
-        return self.noise**2 + self.resolution**2 / 12
-
-    def measured(self, torque: ArrayLike, generator: np.random.Generator) -> Floats:
-        """Measured torque (N*m) of the true `torque` (N*m), of any shape, with noise from a `generator`."""
-        true = np.asarray(torque, dtype=float)
-        noisy = true + self.noise * generator.standard_normal(true.shape)
-        return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
-
-
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
     """Standard deviation of Ta_hat, N*m, that both sensors' noise gives a sampled observer.
 
@@ -333,7 +283,7 @@ def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
 
-# --- filters ---
+# --- the published observer ------------------------------------------------------------------------------------------
 
 
 class Form(StrEnum):
@@ -354,7 +304,7 @@ class FilterState:
 
 
 @dataclass(frozen=True)
-class FilterObserver:
+class FilterObserver(TorqueObserver[FilterState]):
     """Ta_hat from the measured brake torque (N*m) and the wheel's angular speed (rad/s).
 
     Td is not known to it: the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
@@ -390,7 +340,6 @@ class FilterObserver:
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """From measured torque (1) and measured speed (N*m*s) to Ta_hat, at complex s (rad/s)."""
         point = np.asarray(s, dtype=complex)
         low = np.asarray(1 / (self.time_constant * point + 1), dtype=complex)
         if self.form is Form.PRINTED:
@@ -398,7 +347,6 @@ class FilterObserver:
         return low, np.asarray((self.inertia * point + self.viscous_friction) * low)
 
     def sampled(self, interval: float) -> SampledForm:
-        """The recursion at a constant interval, s."""
         require("interval", interval, "s")
         q = interval / self.time_constant
         share = -math.expm1(-q)
@@ -414,48 +362,10 @@ class FilterObserver:
             transition, np.array([[w0, w0 * B - rate]]), np.array([[w1, w1 * B + rate]]), output, np.zeros(2), interval
         )
 
-    def start(self, time: float, torque: float, omega: float) -> tuple[float, FilterState]:
-        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb.
-
-        `time` in s, `torque` in N*m, `omega` in rad/s.
-        """
-        checked_samples([time], [torque], [omega], after=None)
-        steady = self.viscous_friction * omega + torque
-        return steady, FilterState(time, torque, omega, steady if self.form is Form.CORRECTED else 0.0)
-
-    def step(self, state: FilterState, time: float, torque: float, omega: float) -> tuple[float, FilterState]:
-        """Ta_hat (N*m) after a sample, and the `state` after it; pure.
-
-        `time` in s, `torque` in N*m, `omega` in rad/s.
-        """
-        h = checked_step(time, torque, omega, after=state.time)
-        q = h / self.time_constant
-        share = -math.expm1(-q)
-        now, before = (self.viscous_friction * w + tb for w, tb in ((omega, torque), (state.omega, state.torque)))
-        filtered = (1 - share) * state.filtered + share * self.inertia * (omega - state.omega) / h
-        if self.form is Form.PRINTED:
-            return filtered + now, FilterState(time, torque, omega, filtered)
-        w1 = 1 - share / q
-        filtered += (share - w1) * before + w1 * now
-        return filtered, FilterState(time, torque, omega, filtered)
-
-    def run(
-        self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: FilterState | None = None
-    ) -> Estimates[FilterState]:
-        """`step` over columns of samples (s, N*m, rad/s), regular or not; from `start` without a state.
-
-        Chunks of a long log give the same estimates as the log in one piece, each run from the state before it.
-        """
-        t, tb, w = checked_samples(time, torque, omega, after=None if state is None else state.time)
-        if state is None:
-            first, state = self.start(float(t[0]), float(tb[0]), float(w[0]))
-            rest = self._after(state, t[1:], tb[1:], w[1:])
-            return Estimates(np.concatenate([[first], rest.adhesion_torque]), rest.state)
-        return self._after(state, t, tb, w)
+    def _begun(self, time: float, torque: float, omega: float, steady: float) -> FilterState:
+        return FilterState(time, torque, omega, steady if self.form is Form.CORRECTED else 0.0)
 
     def _after(self, state: FilterState, t: Floats, tb: Floats, w: Floats) -> Estimates[FilterState]:
-        if t.size == 0:
-            return Estimates(np.empty(0), state)
         h = np.diff(t, prepend=state.time)
         q = h / self.time_constant
         share = -np.expm1(-q)
@@ -471,7 +381,7 @@ class FilterObserver:
         return Estimates(y if self.form is Form.CORRECTED else y + u, end)
 
 
-# --- riccati ---
+# --- steady Kalman covariances ---------------------------------------------------------------------------------------
 
 
 # An equation's residual against the sum of its terms, entry by entry: sound solutions have 1e-10 and less, and what is
@@ -479,45 +389,34 @@ class FilterObserver:
 _LARGEST_RESIDUAL = 1e-6
 
 
-def continuous_covariance(A: Floats, driven: Floats, noise: float) -> Floats:
-    """P of A P + P A' - P C' C P/noise + driven = 0, C the first state; InputError where it cannot be had."""
+def steady_covariance(A: Floats, driven: Floats, noise: float, *, sampled: bool) -> Floats:
+    """P of A P + P A' - P C' C P/noise + driven = 0, C the first state; InputError where it cannot be had.
+
+    Sampled it is P before a sample, of P = A (P - P C' C P/(C P C' + noise)) A' + driven. The solvers give numbers for
+    any input, so that it is checked that these solve the equation.
+    """
     import control
 
-    n = len(A)
-    with np.errstate(all="ignore"):
-        try:
-            _, solved, _ = control.lqe(A, np.eye(n), np.eye(1, n), driven, np.array([[noise]]), method="scipy")
-        except (ArithmeticError, ValueError):  # LinAlgError is a ValueError
-            raise _refusal(driven, noise) from None
-        P = np.asarray(solved, dtype=float)
-        seen = np.outer(P[:, 0], P[0]) / noise
-        terms = (A @ P, P @ A.T, -seen, driven)
-        sound = _solves(terms) and np.linalg.eigvals(A - np.outer(P[:, 0] / noise, np.eye(1, n))).real.max() < 0
+    n, solve = len(A), control.dlqe if sampled else control.lqe
+    seen, sound = np.eye(1, n), False
+    with np.errstate(all="ignore"), contextlib.suppress(ArithmeticError, ValueError):  # LinAlgError is a ValueError
+        P = np.asarray(solve(A, np.eye(n), seen, driven, np.array([[noise]]), method="scipy")[1], dtype=float)
+        gain = P[:, 0] / (P[0, 0] + noise if sampled else noise)
+        taken = np.outer(gain, P[0])
+        terms = (A @ P @ A.T, -A @ taken @ A.T, driven, -P) if sampled else (A @ P, P @ A.T, -taken, driven)
+        residual, scale = np.abs(sum(terms)), sum(np.abs(term) for term in terms)
+        sound = bool(np.isfinite(scale).all() and (residual <= _LARGEST_RESIDUAL * scale).all())
+        poles = np.linalg.eigvals(A - np.outer(A @ gain if sampled else gain, seen))
+        if sampled:
+            sound &= (P - taken).diagonal().min() >= 0 and bool(np.abs(poles).max() < 1)
+        else:
+            sound &= bool(poles.real.max() < 0)
     if not sound:
-        raise _refusal(driven, noise)
-    return P
-
-
-def sampled_covariance(transition: Floats, driven: Floats, noise: float) -> Floats:
-    """P before a sample, of P = F (P - P C' C P/(C P C' + noise)) F' + driven; InputError where it cannot be had."""
-    import control
-
-    n = len(transition)
-    with np.errstate(all="ignore"):
-        try:
-            _, solved, _ = control.dlqe(
-                transition, np.eye(n), np.eye(1, n), driven, np.array([[noise]]), method="scipy"
-            )
-        except (ArithmeticError, ValueError):
-            raise _refusal(driven, noise) from None
-        P = np.asarray(solved, dtype=float)
-        gain = P[:, 0] / (P[0, 0] + noise)
-        after = P - np.outer(gain, P[0])
-        terms = (transition @ P @ transition.T, -transition @ np.outer(gain, P[0]) @ transition.T, driven, -P)
-        corrected = transition - np.outer(transition @ gain, np.eye(1, n))
-        sound = _solves(terms) and after.diagonal().min() >= 0 and np.abs(np.linalg.eigvals(corrected)).max() < 1
-    if not sound:
-        raise _refusal(driven, noise)
+        raise InputError(
+            f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} against driving noise "
+            f"{np.abs(driven).max():g}; give noises nearer to each other, and an interval near the filter's time "
+            "constants"
+        )
     return P
 
 
@@ -547,20 +446,7 @@ def sampled_noise(A: Floats, intensity: Floats, interval: float) -> tuple[Floats
     return transition, driven
 
 
-def _solves(terms: tuple[Floats, ...]) -> bool:
-    residual, scale = np.abs(sum(terms)), sum(np.abs(term) for term in terms)
-    return bool(np.isfinite(scale).all() and (residual <= _LARGEST_RESIDUAL * scale).all())
-
-
-def _refusal(driven: Floats, noise: float) -> InputError:
-    driving = float(np.abs(driven).max())
-    return InputError(
-        f"Kalman filter: no steady gain can be computed with measurement noise {noise:g} against driving noise "
-        f"{driving:g}; give noises nearer to each other, and an interval near the filter's time constants"
-    )
-
-
-# --- kalman ---
+# --- the Kalman filter -----------------------------------------------------------------------------------------------
 
 
 _SERIES_REACH = 0.5  # interval times norm up to which the exponential's series is summed
@@ -600,7 +486,7 @@ class KalmanState:
 
 
 @dataclass(frozen=True)
-class KalmanObserver:
+class KalmanObserver(TorqueObserver[KalmanState]):
     """Ta_hat from the measured brake torque (N*m) and the wheel's angular speed (rad/s).
 
     Parameters
@@ -699,7 +585,7 @@ class KalmanObserver:
     def continuous_gain(self) -> Floats:
         """L (n) of x_hat' = A x_hat + b Tb + L (y - omega_hat); a sampled noise counts as variance * interval."""
         noise = self.speed_variance * self.interval
-        return np.asarray(continuous_covariance(self.model[0], self.driving_noise, noise)[:, 0] / noise)
+        return np.asarray(steady_covariance(self.model[0], self.driving_noise, noise, sampled=False)[:, 0] / noise)
 
     @cached_property
     def sampled_gain(self) -> Floats:
@@ -716,7 +602,7 @@ class KalmanObserver:
     @cached_property
     def _predicted_covariance(self) -> Floats:
         transition, driven = sampled_noise(self.model[0], self.driving_noise, self.interval)
-        return sampled_covariance(transition, driven, self.speed_variance)
+        return steady_covariance(transition, driven, self.speed_variance, sampled=True)
 
     @property
     def _seen(self) -> Floats:
@@ -754,52 +640,16 @@ class KalmanObserver:
             h,
         )
 
-    def start(self, time: float, torque: float, omega: float) -> tuple[float, KalmanState]:
-        """The first sample: the wheel is taken to turn steadily, so that Ta_hat = B omega + Tb; Td = 0.
+    def _begun(self, time: float, torque: float, omega: float, steady: float) -> KalmanState:
+        return KalmanState(time, torque, (omega, steady, *(0.0,) * (len(self.model[0]) - 2)))
 
-        `time` in s, `torque` in N*m, `omega` in rad/s.
-        """
-        checked_samples([time], [torque], [omega], after=None)
-        steady = self.viscous_friction * omega + torque
-        rest = (0.0,) * (len(self.model[0]) - 2)
-        return steady, KalmanState(time, torque, (omega, steady, *rest))
-
-    def step(self, state: KalmanState, time: float, torque: float, omega: float) -> tuple[float, KalmanState]:
-        """Ta_hat (N*m) after a sample, and the `state` after it; pure.
-
-        `time` in s, `torque` in N*m, `omega` in rad/s.
-        """
-        h = checked_step(time, torque, omega, after=state.time)
-        transition, before, now = (each[0] for each in self._transitions(np.array([h])))
-        predicted = transition @ np.array(state.mean) + before * state.torque + now * torque
-        mean = predicted + self.sampled_gain * (omega - predicted[0])
-        return float(mean[1]), KalmanState(time, torque, tuple(mean.tolist()))
-
-    def run(
-        self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: KalmanState | None = None
-    ) -> Estimates[KalmanState]:
-        """`step` over columns of samples (s, N*m, rad/s), regular or not; from `start` without a state.
-
-        Chunks of a long log give the same estimates as the log in one piece, each run from the state before it.
-        """
-        t, tb, w = checked_samples(time, torque, omega, after=None if state is None else state.time)
-        out = np.empty(t.size)
-        begin = 0
-        if state is None:
-            out[0], state = self.start(float(t[0]), float(tb[0]), float(w[0]))
-            begin = 1
-        for first in range(begin, t.size, _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            out[part], state = self._after(state, t[part], tb[part], w[part])
-        return Estimates(out, state)
-
-    def _after(self, state: KalmanState, t: Floats, tb: Floats, w: Floats) -> tuple[Floats, KalmanState]:
+    def _after(self, state: KalmanState, t: Floats, tb: Floats, w: Floats) -> Estimates[KalmanState]:
         transition, before, now = self._transitions(np.diff(t, prepend=state.time))
         torque_before = np.concatenate([[state.torque], tb[:-1]])
         predicted = before * torque_before[:, None] + now * tb[:, None]
         forcing = predicted @ self._correction.T + w[:, None] * self.sampled_gain
         mean = linear_recursion(self._correction @ transition, forcing, np.array(state.mean))
-        return mean[:, 1], KalmanState(float(t[-1]), float(tb[-1]), tuple(mean[-1].tolist()))
+        return Estimates(mean[:, 1], KalmanState(float(t[-1]), float(tb[-1]), tuple(mean[-1].tolist())))
 
     def _transitions(self, interval: Floats) -> tuple[Floats, Floats, Floats]:
         """Over intervals (k): what x is multiplied by (k, n, n), and Tb before and after them (k, n)."""
@@ -841,38 +691,7 @@ class KalmanObserver:
         return np.array(terms)[:, : len(self.model[0])]
 
 
-# --- responses ---
-
-
-class AdhesionObserver(Protocol):
-    """What `FilterObserver` and `KalmanObserver` have in common."""
-
-    @property
-    def inertia(self) -> float:
-        """Effective J, kg m^2."""
-
-    @property
-    def viscous_friction(self) -> float:
-        """Effective B, N m s."""
-
-    def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
-        """From measured torque (1) and measured speed (N*m*s) to Ta_hat, at complex `s`, 1/s, 1-D."""
-
-    def sampled(self, interval: float) -> SampledForm:
-        """The recursion at a constant interval, s."""
-
-    def run(self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: Any = None) -> Estimates[Any]:
-        """Estimates over columns of samples.
-
-        Parameters
-        ----------
-        time : array, 1-D
-            s, growing.
-        torque, omega : array, 1-D
-            Measured brake torque, N*m, and speed of the wheel, rad/s.
-        state : optional
-            After the sample before, to go on from.
-        """
+# --- frequency responses ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -897,7 +716,7 @@ class ObserverResponses:
     speed_noise: Complexes
 
 
-def observer_responses(observer: AdhesionObserver, omega: ArrayLike) -> ObserverResponses:
+def observer_responses(observer: TorqueObserver[Any], omega: ArrayLike) -> ObserverResponses:
     """The continuous `observer` behind the wheel, on a 1-D grid of `omega` > 0, rad/s."""
     grid = np.asarray(omega, dtype=float)
     s = 1j * grid

@@ -1,4 +1,11 @@
-"""observer_study"""
+"""How good is an adhesion-torque observer? Its symbolic statement, a brake trial with known truth, lag against noise.
+
+The statement derives the observer as printed and as corrected from the wheel's equation: [Park2008] (25)-(28). The
+trial is the course of Fig. 12, simulated: free rolling, the brake torque rises until the slip passes a bound (0.5 in
+the source), then it is released and the wheel recovers. Wheel and train are the plant's, integrated by SciPy; nothing
+of an observer is in it. The lag's error is what the observer does to a trial with perfect sensors, the half interval by
+which an encoder's speed is late included; the noise's is the H2 norm. They are independent: their squares add.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +26,8 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import Vehicle
 
-from .observer import AdhesionObserver, Encoder, Floats, TorqueSensor, noise_deviation, require
+from .observer import Floats, TorqueObserver, noise_deviation
+from .sensors import Encoder, TorqueSensor, require
 
 __all__ = [
     "BrakeCourse",
@@ -33,7 +41,7 @@ __all__ = [
     "trade_off",
 ]
 
-# --- statement ---
+# --- the statement, in Laplace's s -----------------------------------------------------------------------------------
 
 
 s = symbol("s")
@@ -52,16 +60,8 @@ class Transfers:
 class WheelTransfers:
     """From what acts on the wheel, and from sensor noise, to Ta_hat; the wheel's equation (3) is in them.
 
-    Attributes
-    ----------
-    adhesion : Expr
-        From the true Ta (and Tr, which is part of the adhesion torque).
-    brake : Expr
-        From the acting, measured Tb.
-    disturbance : Expr
-        From Td, which is not measured.
-    torque_noise, speed_noise : Expr
-        From what the sensors add to Tb (N*m) and to omega (rad/s).
+    `adhesion` is from the true Ta and Tr, which is part of it, `brake` from the measured Tb, `disturbance` from Td, and
+    the noises from what the sensors add to Tb (N*m) and to omega (rad/s).
     """
 
     adhesion: sp.Expr
@@ -114,7 +114,7 @@ def _transfers(estimate: sp.Expr) -> Transfers:
     return Transfers(*(sp.together(sp.diff(estimate, measured)) for measured in (plant.Tb, plant.omega)))
 
 
-# --- trial ---
+# --- a brake trial ---------------------------------------------------------------------------------------------------
 
 
 # An observer differentiates the angle twice: at a sampling interval of 1 ms an error of 1e-11 rad is 6e-4 N*m.
@@ -326,7 +326,7 @@ class _Wheel:
         )
 
 
-# --- tradeoff ---
+# --- lag against noise -----------------------------------------------------------------------------------------------
 
 
 _LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its minimum
@@ -378,20 +378,20 @@ class TradeOff:
     at_best: ObserverErrors
 
 
-def estimated(observer: AdhesionObserver, trial: Trial) -> Floats:
+def estimated(observer: TorqueObserver[Any], trial: Trial) -> Floats:
     """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
     speed = np.diff(trial.angle) / np.diff(trial.time)
     return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
 
 
 def observer_errors(
-    observer: AdhesionObserver, trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+    observer: TorqueObserver[Any], trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
     """Errors of one observer over a trial.
 
     Parameters
     ----------
-    observer : AdhesionObserver
+    observer : TorqueObserver[Any]
     trial : Trial
         The truth.
     encoder, sensor : Encoder, TorqueSensor
@@ -411,7 +411,7 @@ def observer_errors(
 
 
 def trade_off(
-    make: Callable[[float], AdhesionObserver],
+    make: Callable[[float], TorqueObserver[Any]],
     settings: ArrayLike,
     trial: Trial,
     encoder: Encoder,

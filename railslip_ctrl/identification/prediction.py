@@ -1,4 +1,23 @@
-"""prediction"""
+"""Prediction-error fits: each row's wheel speed predicted from the row before, the errors made least.
+
+A random force acts on the wheel and shows in its slip. Where the characteristic is steep it shows there more than in
+the force, and a curve laid through force over slip comes out too flat. The wheel speed one interval ahead does not
+suffer from it: what the force will do is not yet in the slip of now. With w the random force (white, held between
+rows), n the pickup's noise and A the decay of a deviation over the interval, the error of a prediction is
+
+    r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay),
+
+whose covariance is tridiagonal; the variances are the likeliest ones, and least squares are of the whitened errors. A
+force that is correlated over several rows is in part in the slip already: on steep rises a bias remains, and the
+intervals are widened by the whitened errors' long-run variance, which shows part of it.
+
+The bristles' deflection z is integrated along the measured slip, in which z' is linear; its value at the start of a
+run is unknown and is fitted with the rest, run by run.
+
+Between rows brake torque and train speed are taken to bend as their neighbours say: a released brake's torque dies out
+so fast that the mean of both ends is 1 % too high, and the adhesion would seem to fall the less for it; and the slip
+where the characteristic is steep is so small that the bend of the train's speed is seen in it.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +35,12 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.parameters import Vehicle
 
 from .curves import Cells, Stretches
-from .fits import PULL, Fit, estimate, long_run_variance, refitted, search, slopes_of, whole_tests
+from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
 from .models import FitModel, Setting
 from .observed import Record
 from .observer import linear_recursion
 
 Floats = NDArray[np.float64]
-
-
-# --- prediction ---
 
 
 STATIC = ("beam", "polach", "burckhardt", "curve")
@@ -124,7 +140,7 @@ def enough(record: Record) -> bool:
     return int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
 
-class Along:
+class PredictionErrors:
     """The whitened errors of a model along a record."""
 
     def __init__(self, model: FitModel, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
@@ -313,11 +329,11 @@ class Along:
         self.set_variances(values(found))
         return found, self.residuals(values(found))
 
-    def deviance(self, starts: Sequence[Floats]) -> float:
-        """-2 log likelihood of the best parameters from some starts, but for a constant."""
-        self.solve(starts)  # the factor has the scale in it: the whitened errors' squares are as many as there are
+    def likeliest(self, start: Floats) -> tuple[float, Floats]:
+        """-2 log likelihood, but for a constant, of the best parameters from a start; and those parameters."""
+        found, _ = self.solve([start])  # the factor has the scale in it: as many whitened squares as there are errors
         assert self._factor is not None
-        return 2.0 * float(np.sum(np.log(self._factor[0])))
+        return 2.0 * float(np.sum(np.log(self._factor[0]))), self.coordinates.values(found)
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
         coordinates = self.coordinates
@@ -377,7 +393,7 @@ def _mean_phi(q: Floats) -> Floats:
     return result
 
 
-# --- motion ---
+# --- a fit to the cells, fitted again to the prediction errors -----------------------------------------------------
 
 
 _STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
@@ -391,7 +407,7 @@ def is_followed(model: FitModel, record: Record) -> bool:
     return model.name in (*STATIC, *DYNAMIC) and enough(record)
 
 
-def along_the_motion(
+def prediction_error_fit(
     found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
     """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no.
@@ -401,7 +417,7 @@ def along_the_motion(
     if not is_followed(found.model, record):
         return found
     try:
-        return _along(found, record, vehicle, cells, setting, profiles)
+        return _refitted(found, record, vehicle, cells, setting, profiles)
     except RailslipError:
         raise
     except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
@@ -410,9 +426,9 @@ def along_the_motion(
         ) from error
 
 
-def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
+def _refitted(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
     model = found.model
-    problem = Along(model, record, vehicle, setting.wheel_load)
+    problem = PredictionErrors(model, record, vehicle, setting.wheel_load)
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
     starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * found.values for f in factors]
     x, errors = problem.solve(starts)
@@ -420,11 +436,12 @@ def _along(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: 
     variance, freedom = _inflation(problem.intervals, errors, len(x))
     i, shifts = problem.intervals, problem.discretisation(x, slopes)
     tests = whole_tests(i.time, i.step, i.run)
+    noise = (found.long_run_variance, found.degrees_of_freedom)  # over the cells
     known = estimate(problem, x, slopes, variance, freedom, tests=tests, shifts=shifts, profiles=profiles)
     if model.name in STATIC:
-        return refitted(found, model, known, cells, setting)
+        return fit_of(model, known, cells, setting, noise)
     model, spread = _with_ramp(model, known.values, setting)
-    again = refitted(found, model, known, cells, setting, problem.followed(known.values))
+    again = fit_of(model, known, cells, setting, noise, problem.followed(known.values))
     return replace(again, known_stderrs={} if spread is None else {"R": spread})
 
 

@@ -1,4 +1,4 @@
-"""results"""
+"""What is told of fits: scores side by side, regimes, the slip of highest adhesion and that to hold, change with v0."""
 
 from __future__ import annotations
 
@@ -21,20 +21,12 @@ from .models import FitModel
 Floats = NDArray[np.float64]
 
 
-# --- regimes ---
+# --- the two regimes: mu rises with slip up to its peak, and falls beyond --------------------------------------------
 
 
 @dataclass(frozen=True)
 class Regimes:
-    """Adhesion below a slip ratio, sliding from there on.
-
-    Attributes
-    ----------
-    boundary : float
-        The slip ratio.
-    source : str
-        Whose peak it is, in words.
-    """
+    """Adhesion below a slip ratio, the `boundary`, sliding from there on; the `source` is whose peak that is."""
 
     boundary: float
     source: str
@@ -65,7 +57,7 @@ def regimes_of_data(cells: Cells) -> Regimes:
     return Regimes(peak_slip(cells), "the highest mean mu of the log")
 
 
-# --- comparison ---
+# --- fits side by side, as [Park2008] Table 3 ------------------------------------------------------------------------
 
 
 _LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and n - p - 1 of them must stay at least
@@ -73,18 +65,11 @@ _LEAST_BY_PARAMETER = 2.0  # independent samples; the criteria are for many, and
 
 @dataclass(frozen=True)
 class Score:
-    """How well a fit follows the data.
+    """How well a fit follows the data: |mean mu - model's mean mu| by bin of slip, and information criteria.
 
-    Attributes
-    ----------
-    fit : Fit
-    bin_slip, bin_error : arrays, (bins,)
-        Mean slip ratio of each bin of the curve, and |mean mu - model's mean mu| in it.
-    aic, bic : float
-        Akaike's and Schwarz's criterion, of as many samples as are independent; lower is better.
-    independent : float
-        How many that are: by the noise's long-run variance, but no fewer than the stretches that gave it. The noise is
-        what the best of the models compared leaves, so that criteria are to be compared within one comparison alone.
+    The criteria are of as many samples as are `independent`: by the noise's long-run variance, but no fewer than the
+    stretches that gave it. The noise is what the best of the models compared leaves, so that criteria are to be
+    compared within one comparison alone; lower is better.
     """
 
     fit: Fit
@@ -146,7 +131,7 @@ def _bin_errors(fit: Fit, cells: Cells) -> tuple[Floats, Floats]:
     return slip[full] / n[full], np.abs(error[full] / n[full])
 
 
-# --- reference ---
+# --- the slip of highest adhesion, how well it is known, and the slip to hold ----------------------------------------
 
 
 LARGEST_LOSS = 0.02
@@ -166,29 +151,13 @@ _LEAST_STEP = 1e-5  # relative: below it rounding of the peak (1e-8, a flat maxi
 
 @dataclass(frozen=True)
 class PeakSlip:
-    """Highest adhesion at a speed, on a rail.
+    """Highest adhesion at a speed, m/s, on a rail: the slip where it is, and mu there; NaN for a law without a peak.
 
-    Attributes
-    ----------
-    speed : float
-        m/s.
-    rail : Rail
-    slip, coefficient : float
-        Where it is, and mu there. `slip` is NaN for a law that falls from the start.
-    slip_stderr, coefficient_stderr : float
-        By the delta method from the fit's covariance, and from the scatter of the ramp where the peak is that of one;
-        NaN where that is not known.
-    reference : float
-        The slip to hold: as near to the peak as its 99 % interval allows without passing it, as beyond the peak the
-        wheel is unstable, but giving away no more than `LARGEST_LOSS` for that, and at most `OFF_THE_PEAK` of it; NaN
-        without a peak, and for a law that has less than `LARGEST_LOSS` to rise.
-    reference_coefficient : float
-        mu there.
-    by_rule : bool
-        Of a law on wet rail that was made from one on dry rail by its own rule, and not from data. It has no standard
-        errors: what the rule is wrong by is not known.
-    extrapolated : bool
-        At an initial speed that the log did not have.
+    Standard errors are by the delta method from the fit's covariance, and from the scatter of the ramp where the peak
+    is that of one. The `reference` is the slip to hold: as near to the peak as its 99 % interval allows without passing
+    it, as beyond the peak the wheel is unstable, but giving away no more than `LARGEST_LOSS` for that, and at most
+    `OFF_THE_PEAK` of it. `by_rule` is a law on wet rail made from the dry one by its own rule, without standard errors;
+    `extrapolated` one at an initial speed that the log did not have.
     """
 
     speed: float
@@ -290,7 +259,7 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     """
     if fit.model.name == "table":
         return _stderrs_of_table(fit)
-    coordinates, covariance = fit.coordinates, fit.coordinate_covariance
+    coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
     known = [i for i, variance in enumerate(np.diag(covariance)) if math.isfinite(variance)]
     if not known:
         return math.nan, math.nan
@@ -362,7 +331,7 @@ def _rising_slip(law: AdhesionLaw, speed: float, wheel_load: float, top: float, 
     return float(found)
 
 
-# --- polynomials ---
+# --- parameters over the initial speed: [Park2008] (30)-(32) ---------------------------------------------------------
 
 
 HIGHEST_DEGREE = 2
@@ -375,19 +344,11 @@ _SAME_SPEED = 0.01  # relative: initial speeds nearer than this are one
 
 @dataclass(frozen=True)
 class ParameterPolynomial:
-    """A parameter over the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI.
+    """A parameter over the initial speed v0 in km/h: the sum of coefficients[k] v0^k, SI, with their covariance.
 
-    Attributes
-    ----------
-    name : str
-    coefficients : array, (degree + 1,)
-    covariance : array, (degree + 1, degree + 1)
-        Of the coefficients; NaN where the standard errors of the fits are.
-    speeds_kmh, values : array, (logs,)
-        What it goes through, or near.
-    misfit_probability : float
-        Of the values being as far from it as they are, or farther, by their standard errors alone (chi-squared); NaN
-        where it goes through all of them, or a standard error is not known.
+    It goes near the `values` at `speeds_kmh`. `misfit_probability` is that of the values being as far from it as they
+    are, or farther, by their standard errors alone (chi-squared); NaN where it goes through all of them, or a standard
+    error is not known.
     """
 
     name: str
