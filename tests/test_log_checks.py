@@ -307,7 +307,8 @@ def test_a_wheel_regrips_while_its_slip_falls_under_a_torque_let_go(cut):
     found = np.concatenate(parts) if parts else readhesion.add(time, slip, torque)
     assert not found[:155].any()  # the slip still grows
     assert found[165:220].all()  # two time constants later it is seen to fall
-    held = Readhesion(FilterObserver.of(PARK2008, 0.05)).add(
+    low_pass = FilterObserver.of(PARK2008, 0.05)
+    held = Readhesion(low_pass).add(time, 0.1 + 0.02 * np.sin(time), 4000.0 + 300.0 * np.sin(time))
         time, 0.1 + 0.02 * np.sin(time), 4000.0 + 300.0 * np.sin(time)
     )
     assert not held.any()  # torque and slip go up and down by a brake that is moved, not let go
