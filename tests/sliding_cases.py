@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
 from railslip_ctrl.verification.switching import ActuatorEffect, LayeredDesign, actuator_effect, published_loop
 
 ACTUATOR = PARK2008.actuator

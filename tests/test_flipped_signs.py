@@ -25,7 +25,7 @@ def probe(text):
     Path("railslip_ctrl/model/plant.py").write_text(text, encoding="utf-8")
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
-    from railslip_ctrl.model.parameters import PARK2008
+    from railslip_ctrl.model.vehicle import PARK2008
     from railslip_ctrl.sliding.gains import PUBLISHED_LAW
     from railslip_ctrl.verification.lyapunov_conditions import lyapunov_conditions
     from railslip_ctrl.verification.reaching_bound import least_gain, reference_set

@@ -18,7 +18,7 @@ from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.identification.identify import identify
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.plots import adhesion_figure, drift_figure
 
 BEAM = published_law("beam", Rail.DRY)

@@ -9,7 +9,8 @@ import pytest
 from project import ROOT, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
-from railslip_ctrl.model.parameters import PARK2008, Rail, load_vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import plots
 from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION
 from railslip_ctrl.verification.sliding_verification.layered import (

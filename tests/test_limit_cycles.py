@@ -10,7 +10,7 @@ import pytest
 from sliding_cases import ACTUATOR, effect_on
 
 from railslip_ctrl.core.errors import DomainError
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.verification.switching import (
     LINEAR_CHANGE,
     FeedForward,

@@ -32,7 +32,7 @@ from railslip_ctrl.identification.sensors import Encoder
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import identification_text, model_toml
 from railslip_ctrl.report.identification_json import identification_json
 
@@ -309,8 +309,6 @@ def test_a_wheel_regrips_while_its_slip_falls_under_a_torque_let_go(cut):
     assert found[165:220].all()  # two time constants later it is seen to fall
     low_pass = FilterObserver.of(PARK2008, 0.05)
     held = Readhesion(low_pass).add(time, 0.1 + 0.02 * np.sin(time), 4000.0 + 300.0 * np.sin(time))
-        time, 0.1 + 0.02 * np.sin(time), 4000.0 + 300.0 * np.sin(time)
-    )
     assert not held.any()  # torque and slip go up and down by a brake that is moved, not let go
 
 

@@ -24,7 +24,7 @@ from railslip_ctrl.identification.curves import Options, read_curve
 from railslip_ctrl.identification.logs import LONGEST_LINE, Log, Rows
 from railslip_ctrl.identification.observed import Recorder
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BARE = "time,train speed,wheel speed,brake torque"
 UNIT_ROW = "s,km/h,km/h,kN*m"

@@ -19,7 +19,7 @@ from railslip_ctrl.identification.observer import (
     sampled_noise,
 )
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 INTERVAL = 5e-3
 SHAKE = Vibration(frequency=10 * math.pi, decay=4.0, deviation=200.0)  # [Park2008] p. 55, its size assumed

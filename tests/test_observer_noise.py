@@ -26,7 +26,7 @@ from railslip_ctrl.identification.observer_study import (
     trade_off,
 )
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 INTERVAL = 5e-3
 SPEED = 140 / 3.6

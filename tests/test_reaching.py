@@ -12,7 +12,7 @@ from sliding_cases import AS_PUBLISHED
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.verification import reaching_bound, robust

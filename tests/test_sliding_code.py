@@ -16,8 +16,8 @@ from sample_laws import ALL_LAWS, sample_law
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import law_names, published_law
-from railslip_ctrl.model.kernels.compilation import module_of
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.kernels import module_of
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.code_head import SOURCES
 from railslip_ctrl.sliding.derivation import derive

@@ -20,7 +20,7 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 import railslip_ctrl
 from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.code_head import HOLD_TIME, KEPT, NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive

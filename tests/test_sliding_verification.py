@@ -12,7 +12,8 @@ from project import ROOT
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail, load_vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.sliding.code_head import NOT_HOLDING
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator

@@ -15,7 +15,7 @@ from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputE
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.sliding.generated import generated_law
 from railslip_ctrl.verification.switching import (
     FeedForward,

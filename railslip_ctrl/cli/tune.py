@@ -12,7 +12,7 @@ from railslip_ctrl.design.tuning import Specification
 from railslip_ctrl.design.tuning_cases import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
 from railslip_ctrl.simulation.designed import braking_control
@@ -101,8 +101,7 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            at_points, vehicle = tuned.controller(tuned.design), points[0].vehicle
-            braking_control(at_points, vehicle, _held(points), name=out.stem).save(out)
+            braking_control(tuned.controller(tuned.design), points, _held(points), name=out.stem).save(out)
     else:
         tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),

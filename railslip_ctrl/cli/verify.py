@@ -7,7 +7,7 @@ from typing import get_args
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.verification import verification_json, verification_text
 from railslip_ctrl.verification.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
 from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION, Law, RailAdhesion, verify_with_actuator

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import LONGEST_DELAY
 from .curves import Curve

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.core.user_files import close_match
 
 from .columns import UNITS
 from .logs import Floats, Lines, Rows

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
 from .columns import Column

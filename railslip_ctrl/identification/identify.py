@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .candidates import DRIFT_SPEEDS, Candidates, fit_doubts, lag_of, lag_warning, speeds_looked_at
 from .cleaning import check_corrections

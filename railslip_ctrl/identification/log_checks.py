@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
 from .columns import UNITS, Column

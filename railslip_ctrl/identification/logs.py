@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
-from railslip_ctrl.model.parameters.validation import file_name
+from railslip_ctrl.core.user_files import file_name
 
 from .columns import BLANKS, COMMENT, UNITS, is_number, read_header, split_cells
 

@@ -24,7 +24,7 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .observer import Floats, TorqueObserver, noise_deviation
 from .sensors import Encoder, TorqueSensor, require

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .curves import Cells, Stretches
 from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
 from .fits import NORMAL_QUANTILE, Fit, Parameter

@@ -1,9 +1,9 @@
-"""The exact dead-time loop: response, root count, poles, crossovers, margins. Knows nothing of slip or rails."""
+"""The loop with its exact dead time: root count, margins, certificates. Knows nothing of slip."""
 
 from .certificate import Certificate, CertificateError
 from .deadtime import DeadTimeLoop
 from .margins import Margins
 from .rational import Rational
-from .spectrum import SpectrumError
+from .stability import SpectrumError
 
 __all__ = ["Certificate", "CertificateError", "DeadTimeLoop", "Margins", "Rational", "SpectrumError"]

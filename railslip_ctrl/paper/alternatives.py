@@ -11,7 +11,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.adhesion.curve import Curve
-from railslip_ctrl.model.parameters import (
+from railslip_ctrl.model.vehicle import (
     PARK2008,
     TABLE4_PI_PRINTED,
     TABLE4_SLIDING_PRINTED,

@@ -11,7 +11,7 @@ import numpy as np
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

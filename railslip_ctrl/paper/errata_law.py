@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_SLIDING_PRINTED
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_SLIDING_PRINTED
 from railslip_ctrl.sliding.adaptation import THETA_TILDE
 from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.identities import vanishes

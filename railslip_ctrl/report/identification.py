@@ -14,7 +14,7 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Score, of_known, too_few
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .layout import counted, facts, fixed, heading, render, table
 

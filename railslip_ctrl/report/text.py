@@ -19,11 +19,10 @@ from railslip_ctrl.design.assessment import Assessment, PadeRow
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.report.laws import PUBLISHED, source_at, words_at
 
-from .jsonable import open_loop_unstable_poles
 from .layout import counted, facts, fixed, heading, render, roots_text, table
 
 
@@ -216,7 +215,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
-        ("Open loop", counted(open_loop_unstable_poles(assessment), "unstable pole")),
+        ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
         ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 
 @dataclass(frozen=True)

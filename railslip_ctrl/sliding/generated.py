@@ -11,7 +11,7 @@ from functools import cache
 from types import ModuleType
 from typing import Any
 
-from railslip_ctrl.model.kernels.text import plain
+from railslip_ctrl.model.kernels import plain
 
 from .code_head import KEPT, PACKAGE, sources_hash
 

@@ -10,7 +10,7 @@ import sympy as sp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .code import LawCode
 from .code_c import c_source

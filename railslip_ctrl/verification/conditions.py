@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import PARK2008, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 
 from .lyapunov_conditions import lyapunov_conditions

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.model.kernels.slots import (
+from railslip_ctrl.model.kernels import (
     adhesion_force,
     compiled,
     entry,

@@ -22,10 +22,9 @@ from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.model.kernels.compilation import module_of
-from railslip_ctrl.model.kernels.text import module_text, plain
+from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
 from railslip_ctrl.sliding.code import generate, python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.gains import LawGains, gain_parameters

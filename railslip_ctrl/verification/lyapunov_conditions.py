@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.gains import LawGains
 from railslip_ctrl.sliding.identities import identical

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.sliding.gains import LawGains
 
 from .ideal_loop import control_function

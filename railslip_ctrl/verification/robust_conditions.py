@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
 from railslip_ctrl.sliding.gains import LawGains
 
 from .ideal_loop import PUBLISHED, IdealRun, simulate, true_theta

@@ -21,7 +21,7 @@ from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail, Vehicle
 from railslip_ctrl.verification.reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from railslip_ctrl.verification.switching import (
     LayerBound,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.verification.switching import LayeredDesign, layer_loop
 from railslip_ctrl.verification.switching.effects import ActuatorEffect
 from railslip_ctrl.verification.verdict import Condition, Verification

@@ -9,7 +9,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
 from railslip_ctrl.model.linearization import LinearPlant, linearize, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 
 
 @dataclass(frozen=True)

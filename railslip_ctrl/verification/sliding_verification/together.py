@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import PARK2008, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.gains import PUBLISHED_LAW
 from railslip_ctrl.verification.conditions import LARGEST_GAIN, Verification, check_arguments, verify
 from railslip_ctrl.verification.switching.effects import ActuatorEffect

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from railslip_ctrl.core.errors import DomainError
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.verification.robust import LAYER_WIDTH, effective_torque
 from railslip_ctrl.verification.switching import SlidingGains
 from railslip_ctrl.verification.switching.effects import published_loop

@@ -14,7 +14,7 @@ from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

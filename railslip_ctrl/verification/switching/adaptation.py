@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .limit_cycle import critical_gains, largest_relay_gain, linear_limit_cycle
 from .nonlinear_cycle import linearisation_change

@@ -11,7 +11,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.adhesion.bristle import Bristle
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Rail, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
 
 from .adaptation import (
     IdealAdaptation,

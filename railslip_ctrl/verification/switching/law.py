@@ -13,7 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 
 class FeedForward(StrEnum):

@@ -24,7 +24,7 @@ import numpy as np
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .actuation import actuator_dead_time, actuator_lag, actuator_response
 from .law import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
