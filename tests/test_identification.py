@@ -185,6 +185,7 @@ def test_long_run_variance_of_filtered_noise_is_its_closed_form():
     assert 0.9 * expected < found.long_run_variance < 4.0 * expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["beam", "burckhardt"])
 def test_intervals_cover_in_95_of_100_repetitions(name):
     """Logs of the rig with random adhesion and a noisy pickup, through the observer: 99 % intervals hold the truth."""

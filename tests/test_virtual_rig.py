@@ -185,6 +185,7 @@ def test_a_release_beyond_the_law_s_domain_is_refused():
 # --- what is identified --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", [BEAM, CURVE], ids=lambda law: law.name)
 def test_intervals_hold_the_truth_in_95_of_100_logs(law):
     """The rig's random force, 431 N, a noisy pickup and a noisy torque sensor."""
@@ -223,6 +224,7 @@ def test_bristles_are_recovered_from_a_rig_that_has_them():
     assert hits >= 14  # of 15; 99 % each
 
 
+@pytest.mark.long
 def test_bristles_at_30_km_h_have_honest_intervals():
     """Up to half slip the force falls by 7 %, less than some logs show: then beta and gamma have no upper end."""
     test, count, spreads = published_tests("bristle")[0], 13, []
@@ -287,6 +289,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
         assert same.interval == pytest.approx(p.interval, rel=1e-2)
 
 
+@pytest.mark.long
 def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     """One log each; the counts of a hundred are what the script is for."""
     module = script("analysis/interval_coverage.py")
@@ -458,6 +461,7 @@ def test_the_rig_s_own_law_is_chosen():
     assert found.chosen.fit.model.name == "burckhardt"
 
 
+@pytest.mark.long
 def test_figures_12_and_13_from_the_virtual_rig(tmp_path, capsys, monkeypatch):
     """The model that is in the rig fits better than the other at every speed, and its polynomials come back."""
     module = script("analysis/virtual_rig.py")
