@@ -40,7 +40,13 @@ BEAM = published_law("beam", Rail.DRY)
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
 RADIUS, LOAD = PARK2008.wheel.radius, PARK2008.wheel_load
 
-without_lag_search = pytest.mark.usefixtures("without_lag_search")
+without_lag_search = pytest.mark.usefixtures("no_lag_search")
+
+
+@pytest.fixture
+def no_lag_search(monkeypatch):
+    """It takes most of the time, and has tests of its own."""
+    monkeypatch.setattr(job, "lag_of", lambda *_: None)
 
 
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:

@@ -283,7 +283,7 @@ def test_without_a_peak_in_the_log_the_data_part_the_regimes(rows):
 
 def test_the_help_says_what_the_observer_affects(railslip):
     text = " ".join(railslip("identify", "--help")[1].split())
-    assert "models fitted along the motion (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
+    assert "prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
 
 
 # --- a lag of the train's speed ------------------------------------------------------------------------------------

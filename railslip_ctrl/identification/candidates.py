@@ -155,7 +155,7 @@ def _at_bound(p: Parameter, low: float, high: float, setting: Setting, cause: st
     side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
     if bound in setting.bounds.get(p.name, ()):
         cause = "which is given by --bound: the log asks for a value beyond it"
-    # the smallest number stands for a nought that is open
+    # the smallest number stands for a 0 that is open
     end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOUGHT else bound:.4g}"
     return f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {cause}"
 
@@ -303,7 +303,7 @@ DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Speeds at which a fit is looked at, of the initial speed."""
 
 OF_EACH_KIND = ("bristle", "beam", "burckhardt")
-"""Models that are followed along the motion: one that builds up, one with a kink, a smooth one."""
+"""Models with a prediction-error fit: one that builds up, one with a kink, a smooth one."""
 
 _NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
 
@@ -353,7 +353,7 @@ class Candidates:
         return found if found.with_profiles else self._fit(found.model.name, profiles=True)
 
     def better_followed(self, found: Fit) -> Fit:
-        """The best of some models that can be followed along the motion, where it is better than one of the user's."""
+        """The best of some models with a prediction-error fit, where it is better than one of the user's."""
         free = Candidates(self.curve, self.vehicle, replace(self.setting, fixed={}, bounds={}))
         others = free.fitted([name for name in OF_EACH_KIND if name != found.model.name]).fits
         return compare([found, *others], self.curve.cells)[0].fit

@@ -147,8 +147,8 @@ def _complaint(lines: Lines, time: Floats, at: int) -> str:
 
 # --- the steps in which values come --------------------------------------------------------------------------------
 
-# Second differences: of values in steps they are whole steps, of a straight ramp they are nought, so that a ramp is
-# not taken for a staircase. Nought is what rounding leaves of the values.
+# Second differences: of values in steps they are whole steps, of a straight ramp they are 0, so that a ramp is
+# not taken for a staircase. 0 is what rounding leaves of the values.
 _NOUGHT = 1e-7
 _LEAST_CHANGES = 20
 _LEAST_SHARE = 0.01  # of the rows: fewer are the corners of ramps

@@ -378,11 +378,11 @@ class Curve:
 
     @property
     def followed_note(self) -> str:
-        """Which rows the fits along the motion are of, where that is not every row under brake; else empty."""
+        """Which rows the prediction-error fits are of, where that is not every row under brake; else empty."""
         if self.record_stride == 1:
             return ""
         return (
-            f"{len(self.record)}: fits along the motion take {MOST_ROWS} rows at most, in whole runs spread evenly "
+            f"{len(self.record)}: prediction-error fits take {MOST_ROWS} rows at most, in whole runs spread evenly "
             f"over the log, here one run of {self.record_stride}; the observed curve and the fits to it are of all rows"
         )
 
@@ -415,6 +415,8 @@ def read_curve(
         gathered = _Gathered(log.name, vehicle, options, stamps.rows(told()), log.columns, observed)
     except InputError as error:  # what was assumed may be what is wrong
         raise InputError("; ".join([str(error), *log.notes])) from None
+    finally:
+        log.close()
     return gathered.curve(log.broken, stamps, log.notes)
 
 

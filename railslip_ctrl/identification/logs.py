@@ -266,6 +266,10 @@ class Log:
         """How much of the file has been read, 0 to 1; 0 where its size is not known."""
         return self._file.share
 
+    def close(self) -> None:
+        """Close the file; its rows do so at their end."""
+        self._file.close()
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed about the columns."""

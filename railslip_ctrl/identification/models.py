@@ -41,8 +41,8 @@ Floats = NDArray[np.float64]
 FLAT = 1e-6
 """Fall of the bristles' force, relative, at the least gamma, below which it is none: 1/gamma ends there."""
 
-_TINY = 1e-12  # stands for the nought that a level and a slope must stay above
-_SMALL = 0.01  # of what is typical: a coordinate that tends to nought is small beside it
+_TINY = 1e-12  # stands for the 0 that a level and a slope must stay above
+_SMALL = 0.01  # of what is typical: a coordinate that tends to 0 is small beside it
 _SMALLEST = 1e-9
 
 
@@ -132,7 +132,7 @@ class Coordinates:
     # --- one parameter after the other ------------------------------------------------------------------------------
 
     def by_inverse(self, index: int) -> bool:
-        """Whether a parameter is followed by its inverse, for which infinity is at nought."""
+        """Whether a parameter is followed by its inverse, for which infinity is at 0."""
         return index == self.inverse or (self.pair is not None and index in self.pair)
 
     def followed(self, index: int, value: float) -> float:
@@ -352,7 +352,7 @@ def _build(
         law,
         names,
         np.array([[start[n] for n in names] for start in starts]),
-        # a bound of 0 is open for most parameters: the smallest number that is not nought stands for it
+        # a bound of 0 is open for most parameters: the smallest number that is not 0 stands for it
         np.array([max(least[n], _TINY) for n in names]),
         np.array([most[n] for n in names]),
         known,

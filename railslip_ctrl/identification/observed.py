@@ -62,7 +62,7 @@ class Readhesion:
         self._falls_back = False
 
     def add(self, time: Floats, slip: Floats, torque: Floats) -> NDArray[np.bool_]:
-        """Whether the wheel regrips in the next rows: times in s, slip ratios and brake torques in N*m as logged."""
+        """Whether the next rows are of readhesion: times in s, slip ratios and brake torques in N*m as logged."""
         now = self._once.run(time, np.stack([slip, torque]))
         fallen = self._twice.run(time, now) - now
         falls = fallen[0] > 0.0
@@ -152,7 +152,7 @@ class Survey:
 
     `used` are rows under brake in the range of slip and speed, in `runs` apart by the settling time; `lost` those under
     brake within the settling time after a gap or the start; `reversed` those with slip and a torque as far below 0 as
-    braking is above; `readhesion` those of a wheel that regrips; `backward` and `forward` those with a train speed
+    braking is above; `readhesion` those of a wheel that readhesion; `backward` and `forward` those with a train speed
     below and above 0. `gaps` are the first (line, seconds), after each of which the observer starts anew; `bridged` are
     long intervals that it runs through. `initial_speed` is the highest train speed, filtered, `slowest_start` and
     `fastest_start` are those at which runs begin; `highest_pull` is the highest brake torque by wheel load and radius.
@@ -453,9 +453,9 @@ class AdhesionStream:
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
         filtered = self._channels.run(time, channels)
         self._last = float(time[-1])
-        braked, regrips = self._braked(torque, load), self._readhesion.add(time, slip, torque)
-        self._count_unused(time, filtered, braked, self._braked(-torque, load), regrips)
-        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~regrips)
+        braked, readhesion = self._braked(torque, load), self._readhesion.add(time, slip, torque)
+        self._count_unused(time, filtered, braked, self._braked(-torque, load), readhesion)
+        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~readhesion)
 
     def _count_unused(
         self,
@@ -463,13 +463,13 @@ class AdhesionStream:
         filtered: Floats,
         braked: NDArray[np.bool_],
         reverse: NDArray[np.bool_],
-        regrips: NDArray[np.bool_],
+        readhesion: NDArray[np.bool_],
     ) -> None:
-        """Count what the rows used do not show: braking not used, braking of the wrong sign, a wheel that regrips."""
+        """Count what the rows used do not show: braking not used, braking of the wrong sign, readhesion."""
         settled, sliding = time >= self._settled, _in_range(filtered)
         self.survey.lost += int((braked & sliding & ~settled).sum())
         self.survey.reversed += int((reverse & sliding).sum())
-        self.survey.readhesion += int((braked & sliding & settled & regrips).sum())
+        self.survey.readhesion += int((braked & sliding & settled & readhesion).sum())
 
     def _samples(
         self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, wanted: NDArray[np.bool_]

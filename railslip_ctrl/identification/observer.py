@@ -67,7 +67,15 @@ State = TypeVar("State", "FilterState", "KalmanState")
 
 @dataclass(frozen=True)
 class Estimates(Generic[State]):
-    """Ta_hat after each sample, N*m, an array (k,), and the state after the last, from which the next rows go on."""
+    """The estimate after each sample.
+
+    Attributes
+    ----------
+    adhesion_torque : array, (k,)
+        Ta_hat, N*m.
+    state : FilterState or KalmanState
+        After the last sample, from which the next rows go on.
+    """
 
     adhesion_torque: Floats
     state: State

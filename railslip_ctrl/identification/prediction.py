@@ -117,7 +117,7 @@ class Intervals:
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
     def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
-        """Second derivative by the interval squared; nought where no neighbour tells it."""
+        """Second derivative by the interval squared; 0 where no neighbour tells it."""
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # where two intervals meet; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
@@ -403,14 +403,14 @@ _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this facto
 
 
 def is_followed(model: FitModel, record: Record) -> bool:
-    """Whether a model is fitted along the motion: not every one is, and not along a short record."""
+    """Whether a model has a prediction-error fit: not every one has, and none to a short record."""
     return model.name in (*STATIC, *DYNAMIC) and enough(record)
 
 
 def prediction_error_fit(
     found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
-    """A fit to the cells, fitted again along the motion; as it was where `is_followed` says no.
+    """A fit to the cells, fitted again to the prediction errors; as it was where `is_followed` says no.
 
     `profiles` as of `fits.fit`. InputError for a log whose wheel the model cannot follow.
     """

@@ -100,7 +100,7 @@ def compare(fits: Sequence[Fit], cells: Cells) -> tuple[Score, ...]:
 
 def _score(fit: Fit, cells: Cells, samples: float, independent: float) -> Score:
     parameters = len(fit.parameters) + 1  # and the variance of the noise
-    # data without noise leave rounding alone, which is not nought
+    # data without noise leave rounding alone, which is not 0
     deviance = independent * math.log(max(fit.residual_squares / samples, np.finfo(float).tiny))
     return Score(
         fit,
