@@ -152,7 +152,7 @@ class Survey:
 
     `used` are rows under brake in the range of slip and speed, in `runs` apart by the settling time; `lost` those under
     brake within the settling time after a gap or the start; `reversed` those with slip and a torque as far below 0 as
-    braking is above; `readhesion` those of a wheel that readhesion; `backward` and `forward` those with a train speed
+    braking is above; `readhesion` those of readhesion; `backward` and `forward` those with a train speed
     below and above 0. `gaps` are the first (line, seconds), after each of which the observer starts anew; `bridged` are
     long intervals that it runs through. `initial_speed` is the highest train speed, filtered, `slowest_start` and
     `fastest_start` are those at which runs begin; `highest_pull` is the highest brake torque by wheel load and radius.
