@@ -26,7 +26,7 @@ from railslip_ctrl.simulation.controllers import Controller
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
     *("model.adhesion", "design", "loop", "paper", "simulation", "simulation.campaign"),
-    *("identification.observer", "verification.switching"),
+    *("identification.observer", "identification.observer_study", "verification.switching"),
 )
 
 ENTRIES = {
