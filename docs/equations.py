@@ -17,7 +17,7 @@ import sympy as sp
 
 from railslip_ctrl.core.notation import latex_names, symbol
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.observer import statement as observer
+from railslip_ctrl.identification import observer_study as observer
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
@@ -250,7 +250,7 @@ def bristle_equations() -> list[Equation]:
 
 def observer_equations() -> list[Equation]:
     """(25)-(29)."""
-    home = "railslip_ctrl.identification.observer.statement"
+    home = "railslip_ctrl.identification.observer_study"
     torque = observer.adhesion_torque()
 
     def estimate(transfers: observer.Transfers) -> sp.Expr:

@@ -18,7 +18,7 @@ import pytest
 import railslip_ctrl
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.observer import AdhesionObserver
+from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
@@ -26,7 +26,7 @@ from railslip_ctrl.simulation.controllers import Controller
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
     *("model.adhesion", "design", "loop", "paper", "simulation", "simulation.campaign"),
-    *("identification.observer", "verification.switching"),
+    *("identification.observer", "identification.observer_study", "verification.switching"),
 )
 
 ENTRIES = {
@@ -45,7 +45,7 @@ ENTRIES = {
 }
 """What is public of the modules that do not list their names."""
 
-PROTOCOLS = (AdhesionObserver, Controller, Distribution)
+PROTOCOLS = (TorqueObserver, Controller, Distribution)
 """What public classes implement without inheriting it."""
 
 UNIT = re.compile(

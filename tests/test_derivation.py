@@ -19,11 +19,11 @@ from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import Rail
+from railslip_ctrl.report.identification import law_toml, polynomials_toml
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.identities import agree_at_random_points, identical, vanishes
 from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol

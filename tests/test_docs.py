@@ -28,8 +28,8 @@ from project import ROOT
 import railslip_ctrl
 from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.cells import BINS
-from railslip_ctrl.identification.record import MOST_ROWS
+from railslip_ctrl.identification.curves import BINS
+from railslip_ctrl.identification.observed import MOST_ROWS
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force

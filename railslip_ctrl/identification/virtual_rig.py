@@ -1,4 +1,4 @@
-"""A brake rig of the mind: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
+"""A virtual brake rig: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
 
 The wheel rolls freely at v0; the brake torque is ramped up; past the peak of the adhesion the slip grows by itself, and
 at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car give way as the train would.
@@ -23,7 +23,7 @@ from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Sc
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.kernel_text import step_text
 
-from .observer.sensors import Encoder
+from .sensors import Encoder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

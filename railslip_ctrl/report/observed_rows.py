@@ -14,7 +14,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.observed import Observed
-from railslip_ctrl.identification.regimes import Regimes
+from railslip_ctrl.identification.results import Regimes
 
 COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),

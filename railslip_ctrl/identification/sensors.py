@@ -6,12 +6,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.errors import InputError
 
-from .forms import SampledForm
-from .samples import Floats, require
+Floats = NDArray[np.float64]
+
+
+def require(name: str, value: float, unit: str, *, zero_allowed: bool = False) -> None:
+    """InputError where a number is not finite, negative, or 0 though that is not allowed."""
+    if not (math.isfinite(value) and (value > 0 or (zero_allowed and value == 0))):
+        bound = ">= 0" if zero_allowed else "> 0"
+        raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound} ({unit})")
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,7 @@ class Encoder:
     Raises
     ------
     InputError
-        Fewer counts than 1.
+        Fewer.
     """
 
     counts: int
@@ -99,19 +105,3 @@ class TorqueSensor:
         true = np.asarray(torque, dtype=float)
         noisy = true + self.noise * generator.standard_normal(true.shape)
         return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
-
-
-def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Standard deviation of Ta_hat, N*m, that both sensors' noise gives a sampled observer.
-
-    Parameters
-    ----------
-    form : SampledForm
-        The observer's recursion, at the interval of the samples.
-    encoder : Encoder
-        Of the wheel's speed.
-    sensor : TorqueSensor
-        Of the brake torque.
-    """
-    gains = form.noise_gains()
-    return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)

@@ -10,13 +10,13 @@ import pytest
 from rig_logs import rig_rows
 from scipy.stats import t as student
 
-from railslip_ctrl.identification.between_runs import LEAST_TESTS, between_runs, whole_tests
-from railslip_ctrl.identification.coordinates import Coordinates
-from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.fits import LEAST_TESTS, clustered_covariance, search, whole_tests
+from railslip_ctrl.identification.identify import identify_curve
 from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.models import Coordinates
+from railslip_ctrl.identification.observed import Record
 from railslip_ctrl.identification.prediction import Intervals
-from railslip_ctrl.identification.record import Record
-from railslip_ctrl.identification.search import search
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
@@ -38,7 +38,7 @@ def straight_line(seed, tests, scatter, rows=ROWS):
 def test_the_covariance_is_that_of_refits_without_each_test():
     """By definition: (G - 1)/G times the scatter of the estimates that leave out one test, here by solving anew."""
     design, residuals, y, test, _ = straight_line(1, 7, 2.0)
-    known = between_runs(design, residuals, test)
+    known = clustered_covariance(design, residuals, test)
     without = np.array([np.linalg.lstsq(design[test != i], y[test != i], rcond=None)[0] for i in range(7)])
     scatter = without - without.mean(axis=0)
     assert known.covariance == pytest.approx(6.0 / 7.0 * scatter.T @ scatter, rel=1e-9)  # rounding of a linear problem
@@ -50,24 +50,24 @@ def test_intervals_hold_the_truth_where_tests_differ_and_where_they_agree():
     held, by_rows = 0, 0
     for seed in range(600):
         design, residuals, _, test, found = straight_line(seed, 6, 1.0)
-        known = between_runs(design, residuals, test)
+        known = clustered_covariance(design, residuals, test)
         assert known is not None
         held += abs(found[0]) <= student.ppf(0.995, known.freedom) * math.sqrt(known.covariance[0, 0])
         by_rows += abs(found[0]) <= 2.576 * math.sqrt(np.linalg.inv(design.T @ design)[0, 0])
     assert held >= 600 * 0.99 - 3.0 * math.sqrt(600 * 0.99 * 0.01)
     assert by_rows < 0.8 * 600
-    agreeing = [between_runs(*(straight_line(seed, 6, 0.0)[i] for i in (0, 1, 3))) for seed in range(200)]
+    agreeing = [clustered_covariance(*(straight_line(seed, 6, 0.0)[i] for i in (0, 1, 3))) for seed in range(200)]
     told = sum(each is not None for each in agreeing)
     assert told <= 2 + 3.0 * math.sqrt(2)  # of 200, 2 by the level of 1 % at which tests are taken to differ
 
 
 def test_it_says_nothing_of_few_tests_nor_of_one_that_alone_shows_a_parameter():
     few = straight_line(0, LEAST_TESTS - 1, 2.0)
-    assert between_runs(few[0], few[1], few[3]) is None
+    assert clustered_covariance(few[0], few[1], few[3]) is None
     design, residuals, _, test, _ = straight_line(0, 6, 2.0)
     design[test > 0, 1] = 0.0
-    assert between_runs(design, residuals, test) is None
-    assert between_runs(design[:0], residuals[:0], test[:0]) is None
+    assert clustered_covariance(design, residuals, test) is None
+    assert clustered_covariance(design[:0], residuals[:0], test[:0]) is None
 
 
 def test_pieces_of_a_test_are_one():
