@@ -19,31 +19,31 @@ from pathlib import Path
 from railslip_ctrl import PARK2008, Rail
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE
-from railslip_ctrl.verification.sliding_verification.layered import (
+from railslip_ctrl.verification.actuator_effects import (
+    POINTS,
+    ActuatorEffect,
+    actuator_effect,
+    conclusion,
+    cycle_table,
+    published_loop,
+    stop_loops,
+)
+from railslip_ctrl.verification.fine_simulation import Run, holding_torque, simulate
+from railslip_ctrl.verification.layered import (
     DURATION,
     OFFSET,
     STEP,
+    LayeredDesign,
+    LayeredLaw,
     RailBounds,
     bounded_errors,
     bounded_torques,
     layered_design,
     rail_bounds,
+    torque_impulse,
 )
-from railslip_ctrl.verification.sliding_verification.published import POINTS, stop_loops
-from railslip_ctrl.verification.switching import (
-    TABLE4_SLIDING,
-    ActuatorEffect,
-    JointAdvice,
-    LayeredDesign,
-    actuator_effect,
-    conclusion,
-    cycle_table,
-    joint_advice,
-    published_loop,
-)
-from railslip_ctrl.verification.switching.layered import torque_impulse
-from railslip_ctrl.verification.switching.simulate import Run, holding_torque, simulate
-from railslip_ctrl.verification.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
+from railslip_ctrl.verification.surviving_gains import JointAdvice, joint_advice
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"

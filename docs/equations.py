@@ -24,10 +24,9 @@ from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.parameters import PARK2008
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.erratum import Erratum
-from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.surface import UNCERTAIN
-from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
+from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.sliding.derivation import UNCERTAIN, Derivation
+from railslip_ctrl.sliding.proof import SLIDING_NOTATION, sliding_symbol
 
 SOURCE = "Park2008"
 

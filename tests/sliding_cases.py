@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
-from railslip_ctrl.verification.switching import ActuatorEffect, LayeredDesign, actuator_effect, published_loop
+from railslip_ctrl.verification.actuator_effects import ActuatorEffect, actuator_effect, published_loop
+from railslip_ctrl.verification.layered import LayeredDesign
 
 ACTUATOR = PARK2008.actuator
 IDEAL = Actuator(dead_time=0.0, lag=0.0)

@@ -25,8 +25,8 @@ from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
-    *("model.adhesion", "model.parameters", "design", "loop", "paper", "simulation", "simulation.campaign"),
-    *("identification.observer", "verification.switching"),
+    *("model.adhesion", "model.parameters", "design", "loop", "simulation", "simulation.campaign"),
+    "identification.observer",
 )
 
 ENTRIES = {
@@ -34,9 +34,8 @@ ENTRIES = {
     "design.sampled": ("SampledController",),
     "design.specification": ("Specification",),
     "model.linearization": ("LinearPlant", "OperatingPoint"),
-    "verification.conditions": ("verify",),
     "sliding.derivation": ("Derivation",),
-    "verification.sliding_verification": ("verify_with_actuator",),
+    "verification.joint_verification": ("verify_with_actuator",),
 }
 """What is public of the modules that do not list their names."""
 

@@ -25,8 +25,7 @@ from railslip_ctrl.model.adhesion import law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.identities import agree_at_random_points, identical, vanishes
-from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
+from railslip_ctrl.sliding.proof import SLIDING_NOTATION, agree_at_random_points, identical, sliding_symbol, vanishes
 
 REFERENCES = ("proportional", "constant")
 STATES = 100_000
@@ -209,8 +208,8 @@ def probe(text, what):
         del sys.modules[name]
     from railslip_ctrl.model.parameters import Rail
     from railslip_ctrl.sliding.derivation import derive
-    from railslip_ctrl.paper.errata_law import law_errata
-    from railslip_ctrl.verification.lyapunov_conditions import derivation_checked
+    from railslip_ctrl.paper.errata import law_errata
+    from railslip_ctrl.verification.published_law import derivation_checked
 
     d = derive()
     found = {"law": str(d.adaptive_law_control), "disturbance": str(d.disturbance)}
@@ -219,7 +218,8 @@ def probe(text, what):
     if "errata" in what:
         found["disagree"] = [row.where for row in law_errata(d) if not row.agrees]
     if "cycle" in what:
-        from railslip_ctrl.verification.switching import predict_limit_cycle, published_loop
+        from railslip_ctrl.verification.actuator_effects import published_loop
+        from railslip_ctrl.verification.limit_cycles import predict_limit_cycle
 
         try:
             found["cycle"] = predict_limit_cycle(published_loop(Rail.DRY)).period

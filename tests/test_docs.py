@@ -41,8 +41,7 @@ from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead
 from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.surface import UNCERTAIN
+from railslip_ctrl.sliding.derivation import UNCERTAIN, derive
 
 DOCS = ROOT / "docs"
 

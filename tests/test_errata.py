@@ -8,9 +8,7 @@ import sympy as sp
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.errata import errata
-from railslip_ctrl.paper.errata_numbers import random_disturbance
-from railslip_ctrl.paper.erratum import Erratum, compared
+from railslip_ctrl.paper.errata import Erratum, compared, errata, random_disturbance
 from railslip_ctrl.sliding.derivation import derive
 
 AGREE = {

@@ -26,9 +26,9 @@ def probe(text):
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
     from railslip_ctrl.model.parameters import PARK2008
-    from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-    from railslip_ctrl.verification.lyapunov_conditions import lyapunov_conditions
-    from railslip_ctrl.verification.reaching_bound import least_gain, reference_set
+    from railslip_ctrl.sliding.law import PUBLISHED_LAW
+    from railslip_ctrl.verification.published_law import lyapunov_conditions
+    from railslip_ctrl.verification.reaching import least_gain, reference_set
 
     found = {one.name: one.holds for one in lyapunov_conditions(PARK2008, PUBLISHED_LAW, seed=1)}
     return found | {"K_min": least_gain(PARK2008, reference_set(PARK2008, sigmas=1.0))}

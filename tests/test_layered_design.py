@@ -11,25 +11,22 @@ from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
 from railslip_ctrl.model.parameters import PARK2008, Rail, load_vehicle
 from railslip_ctrl.report import plots
-from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION
-from railslip_ctrl.verification.sliding_verification.layered import (
+from railslip_ctrl.verification.actuator_effects import published_loop, stop_loops
+from railslip_ctrl.verification.fine_simulation import holding_torque, simulate
+from railslip_ctrl.verification.layered import (
+    PUBLISHED_ADHESION,
+    LayeredDesign,
+    LayeredLaw,
     bounded_disturbance,
+    induced_gains,
+    layer_bound,
+    layer_loop,
     layered_design,
     published_torque,
     random_torque,
 )
-from railslip_ctrl.verification.sliding_verification.layered_stops import open_loop_slip, range_left
-from railslip_ctrl.verification.sliding_verification.published import stop_loops
-from railslip_ctrl.verification.switching import (
-    TABLE4_SLIDING,
-    LayeredDesign,
-    induced_gains,
-    layer_bound,
-    layer_loop,
-    published_loop,
-)
-from railslip_ctrl.verification.switching.simulate import holding_torque, simulate
-from railslip_ctrl.verification.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.layered_conditions import open_loop_slip, range_left
+from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
 
 
 def test_induced_gain_of_a_first_order_loop_in_closed_form():

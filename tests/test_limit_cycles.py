@@ -11,28 +11,22 @@ from sliding_cases import ACTUATOR, effect_on
 
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.verification.switching import (
+from railslip_ctrl.verification.actuator_effects import actuator_effect, cycle_table, published_loop
+from railslip_ctrl.verification.fine_simulation import PublishedLaw, measure_oscillation, simulate
+from railslip_ctrl.verification.limit_cycles import (
     LINEAR_CHANGE,
-    FeedForward,
-    SlidingGains,
-    actuator_effect,
-    cycle_table,
     law_runs,
+    layer_describing_function,
     linear_limit_cycle,
     linearisation_change,
     nonlinear_limit_cycle,
+    predict_layer_cycle,
     predict_limit_cycle,
-    published_loop,
     simulated_limit_cycle,
     smallest_layer,
-)
-from railslip_ctrl.verification.switching.limit_cycle import (
-    layer_describing_function,
-    predict_layer_cycle,
     tsypkin_locus,
 )
-from railslip_ctrl.verification.switching.simulate import measure_oscillation, simulate
-from railslip_ctrl.verification.switching.stepped import PublishedLaw
+from railslip_ctrl.verification.relay_loop import FeedForward, SlidingGains
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 

@@ -14,30 +14,35 @@ from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.parameters import PARK2008
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.verification import reaching_bound, robust
-from railslip_ctrl.verification.closed_loop_samples import AXES, operating_box, surface_rate, worst_point
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification import reaching, robust
 from railslip_ctrl.verification.ideal_loop import simulate
-from railslip_ctrl.verification.reaching_bound import (
+from railslip_ctrl.verification.published_law import (
+    AXES,
+    Drift,
+    drift,
+    measured_drift,
+    operating_box,
+    parameter_step,
+    reaching_simulated,
+    surface_rate,
+    worst_point,
+)
+from railslip_ctrl.verification.reaching import (
+    SEARCHED,
+    approach,
     holding_torque,
     least_gain,
     operating_set,
+    points_of,
     reaching_time,
     reference_set,
     reference_slip,
     rest_adhesion_torque,
+    search,
     surface_needed,
     tolerated_error,
 )
-from railslip_ctrl.verification.reaching_conditions import (
-    Drift,
-    drift,
-    measured_drift,
-    parameter_step,
-    reaching_simulated,
-)
-from railslip_ctrl.verification.reaching_search import AXES as SEARCHED
-from railslip_ctrl.verification.reaching_search import approach, points_of, search
 from railslip_ctrl.verification.robust import (
     ESTIMATE_ERROR,
     design_gain,
@@ -160,7 +165,7 @@ def test_the_effective_disturbance_is_what_the_bound_is_over():
 def test_a_plant_for_which_the_bound_is_no_bound_is_refused(monkeypatch):
     made = derive()
     for module, function, term, words in (
-        (reaching_bound, reaching_bound.required_gain, plant.Tr**2, "not affine"),
+        (reaching, reaching.required_gain, plant.Tr**2, "not affine"),
         (robust, robust.effective_disturbance, robust.s * plant.Tr, "depends on s, D or K"),
     ):
         changed = replace(made, error_dynamics=made.error_dynamics + term)
@@ -278,12 +283,12 @@ def test_a_relay_that_chatters_adds_its_own_drift():
 
 
 def test_a_drift_that_the_prediction_misses_is_said_not_to_be_explained(monkeypatch):
-    from railslip_ctrl.verification import reaching_conditions
+    from railslip_ctrl.verification import published_law
 
     found = Drift(-2e-13, -3e-13, 6e-16, 0.0, 1e-3)
-    monkeypatch.setattr(reaching_conditions, "measured_drift", lambda *_: found)
+    monkeypatch.setattr(published_law, "measured_drift", lambda *_: found)
     assert "which does not explain it" in drift(PARK2008, PUBLISHED_LAW, 1).evidence
-    monkeypatch.setattr(reaching_conditions, "measured_drift", lambda *_: replace(found, predicted=-3e-13))
+    monkeypatch.setattr(published_law, "measured_drift", lambda *_: replace(found, predicted=-3e-13))
     assert "does not explain" not in drift(PARK2008, PUBLISHED_LAW, 1).evidence
 
 

@@ -15,22 +15,19 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.parameters import PARK2008, Rail
-from railslip_ctrl.paper import (
-    ALTERNATIVES,
+from railslip_ctrl.paper import facts as facts_module
+from railslip_ctrl.paper.facts import published_facts
+from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity
+from railslip_ctrl.paper.tables import (
     CASES,
     QUANTITIES,
-    READING,
     TABLE5,
-    Basis,
-    published_facts,
     published_setup,
+    rms_deviation_percent,
     run_setups,
-    sensitivity,
     table3,
     table5,
 )
-from railslip_ctrl.paper import facts as facts_module
-from railslip_ctrl.paper.table5 import rms_deviation_percent
 from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged

@@ -87,8 +87,7 @@ def test_model_curves(tmp_path, capsys):
 
 
 def test_titles_and_labels_come_from_the_data():
-    from railslip_ctrl.paper import published_runs
-    from railslip_ctrl.paper.curves import wet_and_dry
+    from railslip_ctrl.paper.tables import published_runs, wet_and_dry
     from railslip_ctrl.report.plots.reproduction import run_figures, wet_and_dry_figure
 
     runs = published_runs(seed=7, every=200)

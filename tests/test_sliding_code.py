@@ -19,12 +19,10 @@ from railslip_ctrl.model.adhesion import law_names, published_law
 from railslip_ctrl.model.kernels.compilation import module_of
 from railslip_ctrl.model.parameters import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, python_law
-from railslip_ctrl.sliding.code_head import SOURCES
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
-from railslip_ctrl.sliding.generated import LAW_FILE, generate_law, law_source
+from railslip_ctrl.sliding.law import LAW_FILE, PUBLISHED_LAW, SOURCES, gain_parameters, generate_law, law_source
+from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
-from railslip_ctrl.sliding.symbols import sliding_symbol
 from railslip_ctrl.verification import ideal_loop
 from railslip_ctrl.verification.ideal_loop import STEP, Disturbances, simulate
 
@@ -417,6 +415,6 @@ def test_the_committed_law_depends_on_the_sources_that_are_hashed():
 def test_a_law_whose_sources_have_changed_is_derived_at_once(tmp_path, monkeypatch):
     stale = tmp_path / "sliding_law.py"
     stale.write_text(LAW_FILE.read_text(encoding="utf-8").replace("SHA-256 ", "SHA-256 0"), encoding="utf-8")
-    monkeypatch.setattr("railslip_ctrl.sliding.generated.LAW_FILE", stale)
-    monkeypatch.setattr("railslip_ctrl.sliding.generated._derived", lambda: "derived")
+    monkeypatch.setattr("railslip_ctrl.sliding.law.LAW_FILE", stale)
+    monkeypatch.setattr("railslip_ctrl.sliding.law._derived", lambda: "derived")
     assert law_source.__wrapped__() == "derived"

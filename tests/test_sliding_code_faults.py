@@ -21,11 +21,10 @@ import railslip_ctrl
 from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import PARK2008, Rail
-from railslip_ctrl.sliding.code import generate, python_law
-from railslip_ctrl.sliding.code_head import HOLD_TIME, KEPT, NOT_HOLDING
+from railslip_ctrl.sliding.code import generate, law_numbers, python_law, with_numbers
+from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW, gain_parameters
-from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
+from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, gain_parameters
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, OPTIONS
 
 PERIOD = 1e-3  # s

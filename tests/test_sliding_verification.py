@@ -13,32 +13,42 @@ from project import ROOT
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail, load_vehicle
-from railslip_ctrl.sliding.code_head import NOT_HOLDING
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
-from railslip_ctrl.verification.sliding_verification.layered import (
+from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification.actuator_effects import (
+    SPEEDS_KMH,
+    published_behind_actuator,
+    published_loop,
+    stop_loops,
+    variants_behind_actuator,
+)
+from railslip_ctrl.verification.fine_simulation import simulate
+from railslip_ctrl.verification.joint_verification import verify_with_actuator
+from railslip_ctrl.verification.layered import (
     HOLD_ERROR,
+    PUBLISHED_ADHESION,
+    LayeredLaw,
+    RailAdhesion,
+    layer_bound,
     layered_design,
     least_authority,
+    load_cases,
     rail_bounds,
 )
-from railslip_ctrl.verification.sliding_verification.layered_conditions import bounds_kept, layered_stability
-from railslip_ctrl.verification.sliding_verification.layered_stops import (
+from railslip_ctrl.verification.layered_conditions import (
+    bounds_kept,
     cut_out_condition,
     held_under_published_disturbances,
     held_while_the_speed_falls,
     hold_known,
+    layered_stability,
     published_uncertainties,
     stop,
     tolerated,
     uncertainties,
 )
-from railslip_ctrl.verification.sliding_verification.published import SPEEDS_KMH, published_behind_actuator, stop_loops
-from railslip_ctrl.verification.sliding_verification.rail_adhesion import load_cases
-from railslip_ctrl.verification.sliding_verification.variants import variants_behind_actuator
-from railslip_ctrl.verification.switching import SlidingGains, largest_adaptation, layer_bound, published_loop
-from railslip_ctrl.verification.switching.simulate import simulate
-from railslip_ctrl.verification.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.relay_loop import SlidingGains
+from railslip_ctrl.verification.surviving_gains import largest_adaptation
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
@@ -119,7 +129,7 @@ def test_what_the_conclusion_advises_is_stable_at_every_point(published):
 )
 def test_gains_that_leave_no_cycle_are_decided_all_the_same(K, D, holds, monkeypatch):
     monkeypatch.setattr(
-        "railslip_ctrl.verification.switching.effects.COMPARED_RELAYS", ()
+        "railslip_ctrl.verification.actuator_effects.COMPARED_RELAYS", ()
     )  # only of interest for the table
     conditions, effects, told = published_behind_actuator(K, D, PARK2008)
     assert [one.name for one in conditions] == ACTUATOR_CONDITIONS
@@ -135,7 +145,7 @@ def test_gains_that_leave_no_cycle_are_decided_all_the_same(K, D, holds, monkeyp
 
 def test_as_published_the_wheel_is_spared_but_sliding_does_not_exist(monkeypatch):
     monkeypatch.setattr(
-        "railslip_ctrl.verification.switching.effects.COMPARED_RELAYS", ()
+        "railslip_ctrl.verification.actuator_effects.COMPARED_RELAYS", ()
     )  # only of interest for the table
     vehicle = PARK2008.model_copy(update={"inertia_scale": 3.6})
     found, _effects, _told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, vehicle)
@@ -160,9 +170,9 @@ def test_the_published_law_with_the_actuator_of_its_own_proof():
 def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch, published):
     conditions, effects, told = published
     ideal = Verification("paper", 1.0, 70.0, 5.5, 2008, (Condition("first", "What.", True, "symbolic", "Why."),))
-    monkeypatch.setattr("railslip_ctrl.verification.sliding_verification.together.verify", lambda **_: ideal)
+    monkeypatch.setattr("railslip_ctrl.verification.joint_verification.verify", lambda **_: ideal)
     monkeypatch.setattr(
-        "railslip_ctrl.verification.sliding_verification.together.published_behind_actuator",
+        "railslip_ctrl.verification.joint_verification.published_behind_actuator",
         lambda *_: (tuple(conditions.values()), effects, told),
     )
     status, out, _ = railslip("verify")

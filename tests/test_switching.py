@@ -16,34 +16,30 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.sliding.generated import generated_law
-from railslip_ctrl.verification.switching import (
-    FeedForward,
-    SlidingGains,
-    actuation,
-    actuator_effect,
-    conclusion,
+from railslip_ctrl.sliding.law import generated_law
+from railslip_ctrl.verification import relay_loop
+from railslip_ctrl.verification.actuator_effects import actuator_effect, conclusion, cycle_table, published_loop
+from railslip_ctrl.verification.fine_simulation import PublishedLaw, measure_oscillation, simulate
+from railslip_ctrl.verification.layered import induced_gains, layer_bound, layer_loop
+from railslip_ctrl.verification.limit_cycles import (
     critical_gains,
-    cycle_table,
+    linear_limit_cycle,
+    predict_layer_cycle,
+    predict_limit_cycle,
+    smallest_layer,
+)
+from railslip_ctrl.verification.relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
+from railslip_ctrl.verification.surviving_gains import (
+    advice_text,
+    first_limit,
     ideal_adaptation,
-    induced_gains,
     joint_advice,
     largest_adaptation,
     largest_relay,
-    layer_bound,
-    layer_loop,
-    linear_limit_cycle,
-    predict_limit_cycle,
-    published_loop,
-    smallest_layer,
+    survivable_excursion,
     survivors,
+    without_actuator,
 )
-from railslip_ctrl.verification.switching.adaptation import first_limit, survivable_excursion, without_actuator
-from railslip_ctrl.verification.switching.advice import advice_text
-from railslip_ctrl.verification.switching.law import OMEGA_UNIT_FACTOR
-from railslip_ctrl.verification.switching.limit_cycle import predict_layer_cycle
-from railslip_ctrl.verification.switching.simulate import measure_oscillation, simulate
-from railslip_ctrl.verification.switching.stepped import PublishedLaw
 
 # --- the loop around s ---------------------------------------------------------------------------------------------
 
@@ -412,11 +408,11 @@ def test_a_statement_of_two_actuators_is_refused(monkeypatch):
     for name, expression in broken.items():
         with monkeypatch.context() as patch:
             patch.setattr(plant, name, lambda expression=expression: expression)
-            actuation._actuation.cache_clear()
+            relay_loop._actuation.cache_clear()
             with pytest.raises(DomainError, match="do not describe one actuator"):
-                actuation.actuator_dead_time(ACTUATOR)
-    actuation._actuation.cache_clear()
-    assert actuation.actuator_dead_time(ACTUATOR) == ACTUATOR.dead_time
+                relay_loop.actuator_dead_time(ACTUATOR)
+    relay_loop._actuation.cache_clear()
+    assert relay_loop.actuator_dead_time(ACTUATOR) == ACTUATOR.dead_time
 
 
 def test_searches_that_are_refused():
@@ -452,6 +448,6 @@ def test_simulations_that_are_refused():
 
 def test_a_law_without_reference_slip_is_refused(monkeypatch):
     without = published_loop(Rail.DRY).plant.point.law.model_copy(update={"reference": None})
-    monkeypatch.setattr("railslip_ctrl.verification.switching.effects.published_law", lambda *_args, **_kwargs: without)
+    monkeypatch.setattr("railslip_ctrl.verification.actuator_effects.published_law", lambda *_args, **_kwargs: without)
     with pytest.raises(InputError, match="no reference slip"):
         published_loop(Rail.DRY)

@@ -16,36 +16,33 @@ from railslip_ctrl.model.parameters import PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report import plots
 from railslip_ctrl.report.verification import verification_text
-from railslip_ctrl.sliding.code_head import NOT_HOLDING
+from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW, LawGains
-from railslip_ctrl.verification.conditions import verify
-from railslip_ctrl.verification.ideal_loop import Disturbances, simulate, true_theta
-from railslip_ctrl.verification.reaching_conditions import ultimate_bound
-from railslip_ctrl.verification.reaching_search import AXES, approach, points_of
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
+from railslip_ctrl.verification.ideal_loop import Disturbances, simulate
+from railslip_ctrl.verification.joint_verification import FullVerification, verify
+from railslip_ctrl.verification.published_law import ultimate_bound
+from railslip_ctrl.verification.reaching import SEARCHED, approach, points_of, true_theta
 from railslip_ctrl.verification.robust import (
     boundary_layer,
+    boundary_layer_bound,
+    boundary_layer_runs,
     dead_zone,
+    dead_zone_condition,
     effective_torque,
     gain_units,
+    largest_cross_term,
+    layer_bound,
     layered_design,
     leak,
+    leak_bound,
     leaking_design,
     matrix_gain,
     parameter_box,
+    projected,
     projection,
     robust_set,
 )
-from railslip_ctrl.verification.robust_conditions import (
-    boundary_layer_bound,
-    boundary_layer_runs,
-    dead_zone_condition,
-    largest_cross_term,
-    layer_bound,
-    leak_bound,
-    projected,
-)
-from railslip_ctrl.verification.sliding_verification import FullVerification
 
 VERDICTS = {
     "derivation": True,
@@ -235,7 +232,7 @@ def test_the_set_of_the_leak_is_invariant():
     on_sphere *= np.sqrt(2 * start) / np.linalg.norm(on_sphere, axis=0)
     s, tilde = on_sphere[0], on_sphere[1:] * np.sqrt(k)
     hat = theta[:, None] - tilde
-    shares = generator.integers(0, 2, (len(AXES), s.size)).astype(float)
+    shares = generator.integers(0, 2, (len(SEARCHED), s.size)).astype(float)
     shares[3] = 1.0
     points = points_of(robust_set(PARK2008), shares)
     points[6:8], points[-1] = hat, s

@@ -9,8 +9,15 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.report.verification import verification_json, verification_text
-from railslip_ctrl.verification.conditions import INERTIA_SCALES, LARGEST_GAIN, LARGEST_SEED, LEAST_D
-from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION, Law, RailAdhesion, verify_with_actuator
+from railslip_ctrl.verification.joint_verification import (
+    INERTIA_SCALES,
+    LARGEST_GAIN,
+    LARGEST_SEED,
+    LEAST_D,
+    Law,
+    verify_with_actuator,
+)
+from railslip_ctrl.verification.layered import PUBLISHED_ADHESION, RailAdhesion
 
 from .options import CaseOptions, Quantity, is_law_file, stop_options
 from .output import print_json, print_text

@@ -17,11 +17,11 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, published_scenario, simulate
 from railslip_ctrl.simulation.published import COLUMNS, Column, published_controller
+from railslip_ctrl.verification.actuator_effects import published_loop
 from railslip_ctrl.verification.lyapunov_runs import judge_run
-from railslip_ctrl.verification.switching import largest_adaptation
-from railslip_ctrl.verification.switching.effects import published_loop
+from railslip_ctrl.verification.surviving_gains import largest_adaptation
 
-from .runs import CASES, Progress
+from .tables import CASES, Progress
 
 SLIDING_SHARES = (0.65, 0.85)
 """Share of the time with s s' < 0 that counts as about three quarters: neither sliding (1) nor chance (1/2)."""

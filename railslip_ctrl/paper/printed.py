@@ -13,7 +13,7 @@ import sympy as sp
 
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
-from railslip_ctrl.sliding.symbols import sliding_symbol as _own
+from railslip_ctrl.sliding.proof import sliding_symbol as _own
 
 _s, _e, _rho, _sigma_d_rate = _own("s"), _own("e"), _own("rho"), _own("sigma_d_rate")
 _D, _K, _k, _Mn, _Mp, _Bn, _Bp = (_own(name) for name in ("D", "K", "k", "Mn", "Mp", "Bn", "Bp"))

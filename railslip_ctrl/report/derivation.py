@@ -11,11 +11,10 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.paper.erratum import Erratum
-from railslip_ctrl.sliding.code import LawCode
+from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.numbers import LawNumbers
-from railslip_ctrl.sliding.symbols import latex, plain
+from railslip_ctrl.sliding.proof import latex, plain
 
 from .layout import facts, heading, indented, render
 

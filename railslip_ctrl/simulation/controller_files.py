@@ -48,7 +48,7 @@ from railslip_ctrl.model.parameters.validation import (
     read_toml,
     validated,
 )
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .published import FILTER_TIME, published_reference

@@ -8,7 +8,7 @@ from railslip_ctrl.model.adhesion import law_classes
 from railslip_ctrl.model.numeric import generate
 from railslip_ctrl.model.scalar_code import generate_scalar
 
-from .generated import LAW_FILE, generate_law
+from .law import LAW_FILE, generate_law
 
 GENERATED = LAW_FILE.parent
 

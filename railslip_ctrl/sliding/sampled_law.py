@@ -9,7 +9,7 @@ A wheel that locks leaves the domain of the bristle law, whose state would diver
 state is driven with is held to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`, Fs/alpha,
 on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way.
 
-The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gains.gain_parameters`) and anti-windup; at
+The parameters of `OPTIONS` are the robust variants' (`law.LawGains`; see `law.gain_parameters`) and anti-windup; at
 their default 0 the law is the paper's:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
@@ -40,9 +40,9 @@ from railslip_ctrl.core.notation import NOTATION
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 
-from .code_head import file_hash
 from .derivation import Derivation
-from .symbols import SLIDING_NOTATION, sliding_symbol
+from .law import file_hash
+from .proof import SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
 SWITCHING = sp.Symbol("switching", real=True)
@@ -99,7 +99,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lambda_d": ("{} > 0.0", "{} < 1.0"),
     "torque_min": ("{} <= 0.0",),
 }
-"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `gains.LawGains`."""
+"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
 PREFIX = "adhesion_"
 """Before the names of an adhesion law's parameters."""

@@ -6,7 +6,7 @@ The law is the generated one, its `control` compiled into the loop of `ideal_ker
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from inspect import signature
@@ -15,30 +15,36 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.kernels.compilation import module_of
 from railslip_ctrl.model.kernels.text import module_text, plain
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
-from railslip_ctrl.sliding.code import generate, python_law
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import LawGains, gain_parameters
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text
-from railslip_ctrl.sliding.symbols import sliding_symbol
+from railslip_ctrl.sliding.law import LawGains, gain_parameters, generated_law, law_kernel_text
 
 from . import ideal_kernel as loop
-from .reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
+from .reaching import (
+    ADHESION_NOISE,
+    TORQUE_DECAY,
+    TORQUE_FRACTION,
+    TORQUE_FREQUENCY,
+    disturbance_function,
+    law_parameters,
+    lyapunov_function,
+    true_theta,
+)
 
 Floats = NDArray[np.float64]
 
 STEP = 0.002  # s
 END_SPEED = 5.0 * KMH  # the stop ends here ([Park2008] p. 56)
+RUNS = 8
+"""Runs of a simulated condition; seeds follow the one asked for."""
+
 _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 
 
@@ -238,78 +244,3 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 """
     own = plain(Path(loop.__file__).read_text("utf-8"))
     return module_text(law, law_kernel_text(), joined, own, compiled=compiled)
-
-
-# --- the derived expressions as functions ---------------------------------------------------------------------------
-
-
-def _symbols(*names: str) -> list[sp.Symbol]:
-    return [sliding_symbol(name) for name in names]
-
-
-_SWITCH = sp.Symbol("switch", real=True)
-
-
-@cache
-def control_function() -> Callable[..., Any]:
-    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
-    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
-    """
-    s = sliding_symbol("s")
-    law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
-    arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
-    arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
-    return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
-
-
-@cache
-def _generated() -> tuple[ModuleType, tuple[str, ...]]:
-    """The generated law and the arguments of its `control`; kept, as looking it up by its derivation takes time."""
-    return python_law(derive()), generate(derive()).law.control_arguments
-
-
-def law_parameters(**values: float) -> Any:
-    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
-    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": STEP, "filter_time": STEP}
-    return _generated()[0].Parameters(**{**free, **values})
-
-
-def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
-    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
-
-    `parameters`: as of `law_parameters`, one for each column.
-    """
-    module, names = _generated()
-    control, columns = module.control, (signals[name].tolist() for name in names)
-    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
-
-
-@cache
-def disturbance_function() -> Callable[..., Any]:
-    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
-    return _function([plant.Tr, plant.Fr, plant.Td, plant.M, plant.J, plant.r], derive().disturbance)
-
-
-@cache
-def lyapunov_function() -> Callable[..., Any]:
-    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
-    return _function(_symbols("s", "theta1_tilde", "theta2_tilde", "k1", "k2"), derive().V_matrix)
-
-
-@cache
-def _theta_function() -> Callable[..., Any]:
-    names = [plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")]
-    return _function(names, sp.Matrix(derive().theta))
-
-
-def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta, (44) corrected, of a vehicle against the nominal one: 1/(kg m), m/s."""
-    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
-    known = (vehicle.wheel.radius, vehicle.effective_inertia)
-    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(_theta_function()(*known, Mn, *perturbation), dtype=float).ravel()
-
-
-def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
-    return made

@@ -33,7 +33,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.parameters import Actuator, PIGains, Vehicle
 from railslip_ctrl.simulation import LinearControl
 from railslip_ctrl.simulation.designed import is_published
-from railslip_ctrl.verification.sliding_verification import verify_with_actuator
+from railslip_ctrl.verification.joint_verification import verify_with_actuator
 
 from .records import (
     DesignReport,

@@ -1,4 +1,12 @@
-"""The loop around s: what the relay of the sliding-mode law sees once the brake actuator stands between.
+"""The published sliding-mode law's numbers, and how its adhesion feed-forward is formed.
+
+The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho int e, e = lambda_d v - sigma, and
+
+    Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn(s).
+
+The brake actuator in numbers, from the plant's statement: transfer function and state equation, checked to agree.
+
+The loop around s: what the relay of the sliding-mode law sees once the brake actuator stands between.
 
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
@@ -15,25 +23,153 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from enum import StrEnum
+from functools import cache, cached_property
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED, Actuator
 
-from .actuation import actuator_dead_time, actuator_lag, actuator_response
-from .law import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
+class FeedForward(StrEnum):
+    """Where the law takes its adhesion torque Ta_model from.
+
+    MODEL: the adhesion law with a state of its own, driven by the measured slip velocity. It equals the true Ta once
+    its state has met the plant's. REST: the law at rest at the measured slip. OFF: none, Ta held at the operating
+    point's. For a static law MODEL and REST are the same.
+    """
+
+    MODEL = "model"
+    REST = "rest"
+    OFF = "off"
+
+
+@dataclass(frozen=True)
+class SlidingGains:
+    """Gains of the law, SI.
+
+    Parameters
+    ----------
+    K : float
+        Height of the relay, N*m, >= 0.
+    D : float
+        N*m/(m/s), >= 0; D and K are added to the torque.
+    rho : float
+        1/s, >= 0.
+    k : float
+        Adaptation gain as printed, >= 0: theta1' = k s Ta and theta2' = 12.96 k s omega in SI (theta1 in SI is 3.6
+        times smaller than the printed one).
+
+    Raises
+    ------
+    InputError
+        A gain that is negative or not finite.
+    """
+
+    K: float
+    D: float
+    rho: float
+    k: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("K", "D", "rho", "k"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
+
+
+OMEGA_UNIT_FACTOR = 12.96
+"""3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
+
+# [Park2008] Table 4: D printed "1/h" and read as N*m per km/h, K printed "km/h^2" and read as N*m, rho per second.
+TABLE4_SLIDING = MappingProxyType(
+    {
+        name: SlidingGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k=printed.k)
+        for name, printed in TABLE4_SLIDING_PRINTED.items()
+    }
+)
+"""Table 4's sliding-mode gains by column, SI."""
+
+
+# --- the brake actuator in numbers, from the plant's statement -----------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Actuation:
+    """Functions made of the statement.
+
+    response(s, tau, T): Ga; numerator(T), denominator(T): its coefficients in s without the dead time, highest first;
+    delay(tau, T): the dead time.
+    """
+
+    response: Callable[..., Any]
+    numerator: Callable[..., Any]
+    denominator: Callable[..., Any]
+    delay: Callable[..., Any]
+
+
+def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
+    """Ga(s), commanded to acting torque, at complex s (1/s), any shape."""
+    return np.asarray(_actuation().response(s, actuator.dead_time, actuator.lag))
+
+
+def actuator_lag(actuator: Actuator) -> Rational:
+    """Ga without its dead time."""
+    return _lag(actuator.lag)
+
+
+@cache
+def _lag(lag: float) -> Rational:
+    made = _actuation()
+    numerator, denominator = (
+        np.trim_zeros(np.atleast_1d(np.asarray(f(lag), dtype=float)), "f") for f in (made.numerator, made.denominator)
+    )
+    return Rational.from_polynomials(numerator, denominator)
+
+
+def actuator_dead_time(actuator: Actuator) -> float:
+    """Dead time of Ga, s."""
+    return float(_actuation().delay(actuator.dead_time, actuator.lag))
+
+
+@cache
+def _actuation() -> _Actuation:
+    """DomainError where transfer function and state equation of the statement are not the same actuator."""
+    s, tau, T, Tc = (symbol(name) for name in ("s", "tau", "T", "Tc"))
+    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
+    rational, exponential = transfer.as_independent(sp.exp, as_Add=False)
+    delay = sp.simplify(-sp.diff(sp.log(exponential), s))
+    of_state = sp.solve(sp.Eq(s * plant.Tb, rate), plant.Tb)[0] / Tc
+    if sp.simplify(rational - of_state) != 0 or not delay.is_positive or delay.has(s):
+        raise DomainError(
+            f"actuator: transfer function {transfer} and state equation Tb' = {rate} of the plant's statement do not "
+            "describe one actuator with a dead time; mend the statement"
+        )
+    numerator, denominator = (sp.Poly(part, s).all_coeffs() for part in sp.fraction(sp.together(rational)))
+    return _Actuation(
+        response=sp.lambdify((s, tau, T), transfer, "numpy"),
+        numerator=sp.lambdify(T, numerator, "numpy"),
+        denominator=sp.lambdify(T, denominator, "numpy"),
+        delay=sp.lambdify((tau, T), delay, "numpy"),
+    )
+
+
+# --- the loop around s ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

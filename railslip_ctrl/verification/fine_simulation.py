@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
@@ -25,14 +26,19 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import Actuator
 from railslip_ctrl.model.scalar_code import adhesion_table
+from railslip_ctrl.sliding.law import generated_law
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .reaching import law_parameters
+from .relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
 
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
+
 
 _State = tuple[float, float, float, float]  # v, sigma, z, acting torque
 _Stepped = tuple[float, float, float, float, float]  # and v'
+
+END_SPEED = 5.0 * KMH
+"""m/s, where a stop ends ([Park2008] p. 56)."""
 
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
@@ -230,3 +236,69 @@ def measure_oscillation(run: Run) -> Oscillation:
 
 def _half_range(values: Floats) -> float:
     return float(0.5 * (values.max() - values.min()))
+
+
+def switch(s: float, layer: float) -> float:
+    """sgn(s), or sat(s/layer)."""
+    if layer > 0:
+        return max(-1.0, min(1.0, s / layer))
+    return math.copysign(1.0, s) if s else 0.0
+
+
+def slip_range(run: Run) -> tuple[float, float]:
+    """Least and largest slip ratio of a run."""
+    slip = run.sigma / run.speed
+    return float(slip.min()), float(slip.max())
+
+
+class PublishedLaw:
+    """The generated law with the plant's own parameters, for `simulate`: [Park2008] (45) with (49).
+
+    Holds int e, theta and the adhesion model's state, which starts at the point's. The point's slip is the reference,
+    its law the adhesion model; `layer`, m/s, > 0 replaces the relay by K sat(s/layer); `frozen`: the reference is held,
+    so that sigma_d' = 0.
+    """
+
+    def __init__(
+        self,
+        point: OperatingPoint,
+        gains: SlidingGains,
+        *,
+        feed_forward: FeedForward = FeedForward.MODEL,
+        layer: float = 0.0,
+        frozen: bool = True,
+    ) -> None:
+        self.point, self.frozen, self.feed_forward = point, frozen, feed_forward
+        self.integral, self.theta = 0.0, (0.0, 0.0)
+        self.z = point.adhesion_state or 0.0
+        self._functions, self._p = numeric_plant(type(point.law)), plant_parameters(point.law, point.vehicle)
+        M, J, B, r = self._p[:4]
+        k2 = OMEGA_UNIT_FACTOR * gains.k
+        self._parameters = law_parameters(
+            **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip, "boundary": layer},
+            **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
+        )
+
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """See `fine_simulation.Controller`."""
+        r = self._p[3]
+        e, omega = self.point.slip * v - sigma, (v - sigma) / r
+        measured = (e, self.integral, omega, r * self._force(v, sigma), 0.0 if self.frozen else v_rate)
+        torque, s, *rates = generated_law().control(*measured, *self.theta, self._parameters)
+        self.integral += step * e
+        self.theta = (self.theta[0] + step * rates[0], self.theta[1] + step * rates[1])
+        if self.point.law.has_state and self.feed_forward is FeedForward.MODEL:
+            middle = self.z + 0.5 * step * self._z_rate(v, sigma, self.z)
+            self.z += step * self._z_rate(v, sigma, middle)
+        return torque, s
+
+    def _force(self, v: float, sigma: float) -> float:
+        z = self.z
+        if self.feed_forward is FeedForward.OFF:
+            return self.point.adhesion_force
+        if self.feed_forward is FeedForward.REST:
+            z = float(self._functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, self._p))
+        return float(self._functions.force(v, sigma, z, 0.0, 0.0, 0.0, self._p))
+
+    def _z_rate(self, v: float, sigma: float, z: float) -> float:
+        return float(self._functions.rates(v, sigma, z, 0.0, 0.0, 0.0, self._p)[2])
