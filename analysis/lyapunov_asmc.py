@@ -21,8 +21,9 @@ import numpy as np
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate
-from railslip_ctrl.verification.joint_verification import Verification, verify
+from railslip_ctrl.verification.joint_verification import verify
 from railslip_ctrl.verification.published_law import STEP_TIME
+from railslip_ctrl.verification.verdict import Verification
 
 DURATION = 80.0  # s, longer than either stop
 SEED = 2008

@@ -43,22 +43,10 @@ How = Literal["symbolic", "computed", "argument"]
 class Erratum:
     """A printed equation, number or claim beside what the source's own equations give.
 
-    Attributes
-    ----------
-    where : str
-        Equation, table or page of [Park2008].
-    printed_latex, derived_latex, difference_latex : str
-        As printed; as derived or computed; printed less derived ("0" where they agree).
-    printed, derived : str
-        The first two as plain text.
-    agrees : bool
-        True where the difference is proved to be zero.
-    how : str
-        "symbolic": compared as expressions; "computed": numbers; "argument": by what an expression depends on.
-    sign_and_size : str
-        The difference in the paper's own numbers, computed.
-    explanation : str
-        What goes wrong, and what is used instead; says so where only a simulation could show the rest.
+    where: equation, table or page of [Park2008]; as printed, as derived and their difference ("0" where they agree) in
+    LaTeX, the first two as plain text; agrees: the difference is proved to be zero; how: "symbolic": compared as
+    expressions, "computed": numbers, "argument": by what an expression depends on; sign_and_size: the difference in the
+    paper's own numbers, computed; explanation: what goes wrong, and what is used instead.
     """
 
     where: str

@@ -35,18 +35,7 @@ LATE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Fact:
-    """One finding about the published runs.
-
-    Attributes
-    ----------
-    name : str
-    statement, found : str
-        What is said, and what was found.
-    holds : bool
-        Whether the statement holds.
-    how : str
-        How that was decided.
-    """
+    """One finding about the published runs: what is said, what was found, whether it holds and how that was decided."""
 
     name: str
     statement: str
@@ -56,15 +45,7 @@ class Fact:
 
 
 def published_facts(*, seed: int = 0, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """What else the published runs show; takes some seconds.
-
-    Parameters
-    ----------
-    seed : int
-        Of the runs with noise.
-    progress : callable, optional
-        Told each fact's name when it is decided.
-    """
+    """What else the published runs show; takes some seconds; `seed` is the noise's."""
     decisions: tuple[Callable[[], Fact], ...] = (
         pi_margins,
         no_sliding,

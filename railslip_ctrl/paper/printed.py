@@ -176,9 +176,6 @@ RANDOM_FORCE = 431.0
 VISCOUS = (0.25, -0.01)
 """B = 0.25 - 0.01 t, N*m*s, t in s (p. 55)."""
 
-DISTURBANCE_TORQUE = 0.05
-"""Td = 0.05 Tb exp(-4 t) sin(10 pi t): the factor (p. 55)."""
-
 MASS_STEP_TIME = 25.0
 """s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55)."""
 

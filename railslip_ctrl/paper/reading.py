@@ -403,18 +403,11 @@ _UNTOUCHED = np.full(len(QUANTITIES), math.nan)
 
 @dataclass(frozen=True)
 class SensitivityRow:
-    """One alternative.
+    """One alternative: the four columns (one that it does not concern is the reading's own), and the rms deviation from
+    Table 5 over all sixteen numbers, %, NaN where a run did not stop.
 
-    Attributes
-    ----------
-    alternative : Alternative
-    results : tuple of CaseResult
-        The four columns; one that the alternative does not concern is the reading's own.
-    rms_deviation_percent : float
-        From Table 5 over all sixteen numbers, %; NaN where a run did not stop.
-    largest_change_percent, largest_change_of : float, str
-        The number that changes most against the reading, by how much, %, and which it is, among the columns that the
-        alternative concerns and whose runs all stopped; NaN and "" if none did.
+    largest_change_percent, _of: the number that changes most against the reading, by how much, and which it is, among
+    the columns that the alternative concerns and whose runs all stopped; NaN and "" if none did.
     """
 
     alternative: Alternative
@@ -431,17 +424,7 @@ class SensitivityRow:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All alternatives against the reading itself with the same seeds.
-
-    Attributes
-    ----------
-    base : tuple of CaseResult
-        The four columns in the reading.
-    rows : tuple of SensitivityRow
-        One for each alternative.
-    seeds : int
-        Runs of each column.
-    """
+    """All alternatives against the reading itself (`base`, the four columns) with the same seeds."""
 
     base: tuple[CaseResult, ...]
     rows: tuple[SensitivityRow, ...]
@@ -459,21 +442,7 @@ def sensitivity(
     alternatives: Sequence[Alternative] = ALTERNATIVES,
     progress: Progress | None = None,
 ) -> Sensitivity:
-    """Run the reading and each alternative to one of its rules.
-
-    Parameters
-    ----------
-    seeds : int
-        Runs of each column, 2 to `MOST_SEEDS`.
-    alternatives : sequence of Alternative
-    progress : callable, optional
-        Told each alternative's name when it has been run.
-
-    Raises
-    ------
-    InputError
-        A number of seeds out of range.
-    """
+    """Run the reading and each alternative to one of its rules, with 2 to `MOST_SEEDS` seeds."""
     checked_seeds(seeds)
     base = run_setups([published_setup(case) for case in CASES], seeds)
     rows = []

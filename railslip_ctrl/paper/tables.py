@@ -58,16 +58,8 @@ CASES = (Case("pi", "beam"), Case("pi", "bristle"), Case("asmc", "beam"), Case("
 class Setup:
     """What is run for a column, and how its numbers are read.
 
-    Attributes
-    ----------
-    case : Case
-        The column.
-    scenario, controller
-        What is run.
-    own_reference : bool
-        Take the slip error against the controller's reference instead of 0.132/0.092.
-    energy_in_joules : bool
-        Leave the energy as it is instead of multiplying it with the inertia scale.
+    own_reference: the slip error is taken against the controller's reference instead of 0.132/0.092; energy_in_joules:
+    the energy is left as it is instead of multiplied with the inertia scale.
     """
 
     case: Case
@@ -90,16 +82,7 @@ def published_setup(case: Case) -> Setup:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """Runs of a setup.
-
-    Attributes
-    ----------
-    setup : Setup
-    values : array (runs, 4)
-        The `QUANTITIES` of each run, by rows, in the units they name; NaN where it did not stop.
-    failures : tuple of str
-        What became of the runs that did not stop.
-    """
+    """Runs of a setup: the `QUANTITIES` of each, by rows, NaN where it did not stop; and what became of those."""
 
     setup: Setup
     values: Floats
@@ -129,13 +112,7 @@ def checked_seeds(seeds: int) -> int:
 def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None = None) -> tuple[CaseResult, ...]:
     """Run each setup with seeds 0, 1, ... on all cores; a setup without random force runs once.
 
-    Parameters
-    ----------
-    setups : sequence of Setup
-    seeds : int
-        Runs of each, 1 or more; the same seeds for all, so that differences between setups are not noise.
-    progress : callable, optional
-        Told what is run, a line for each setup done.
+    The same seeds for all, so that differences between setups are not noise. `progress` is told each setup done.
     """
     results = []
     with ThreadPoolExecutor(cores()) as pool:  # threads: a run leaves the interpreter's lock
@@ -153,15 +130,7 @@ def run_setups(setups: Sequence[Setup], seeds: int, *, progress: Progress | None
 
 
 def published_runs(*, seed: int | None = 0, every: int = 20) -> dict[str, Run]:
-    """One recorded run of each column of Table 5, by name.
-
-    Parameters
-    ----------
-    seed : int or None
-        Of the random force; None: no noise.
-    every : int
-        Steps of 1 ms from one row of signals to the next.
-    """
+    """One recorded run of each column of Table 5, by name, a row every so many steps; seed None: no noise."""
     setups = [published_setup(case) for case in CASES]
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=every) for s in setups}
 
@@ -190,18 +159,11 @@ The energy is printed as 1.77 10^-7 kN m and, on p. 56, as 1.77 10^7 N m; the la
 
 @dataclass(frozen=True)
 class Row:
-    """One number, published and obtained; deviations in percent of the published one, NaN where runs did not stop.
+    """One number of Table 5 ("Table 5 / PI beam / braking_time_s"), published and obtained, in the unit that the item
+    names.
 
-    Attributes
-    ----------
-    item : str
-        "Table 5 / PI beam / braking_time_s", and so on.
-    published, obtained, standard_error : float
-        In the unit that the item names; the last of `obtained`, from the runs' spread.
-    tolerance_percent : float
-        Largest deviation that counts as reproduced, %.
-    source : str
-        Where it is printed.
+    The standard error is from the runs' spread; the tolerance is the largest deviation that counts as reproduced;
+    deviations in percent of the published one, NaN where runs did not stop.
     """
 
     item: str
@@ -224,17 +186,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table5:
-    """The comparison.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        By column and quantity.
-    results : tuple of CaseResult
-        The runs behind them, by column.
-    seeds : int
-        Runs of each column.
-    """
+    """The comparison: rows by column and quantity, the runs behind them by column, and the number of seeds of each."""
 
     rows: tuple[Row, ...]
     results: tuple[CaseResult, ...]
@@ -257,14 +209,9 @@ def table5(seeds: int = DEFAULT_SEEDS, *, progress: Progress | None = None) -> T
     Parameters
     ----------
     seeds : int
-        Runs of each column, 2 to `MOST_SEEDS`.
+        Runs of each column, 2 to `MOST_SEEDS`; InputError for another number.
     progress : callable, optional
         Told what is run, a line for each column done.
-
-    Raises
-    ------
-    InputError
-        A number of seeds out of range.
     """
     results = run_setups([published_setup(case) for case in CASES], checked_seeds(seeds), progress=progress)
     rows = tuple(
@@ -316,18 +263,9 @@ NOT_REPRODUCIBLE = (
 class Table3:
     """What follows from the printed errors of the adhesion coefficient (ratios), and findings.
 
-    Attributes
-    ----------
-    beam_mean, bristle_mean : float
-        Means of the printed rows.
-    improvement_percent : float
-        Of bristle over beam, %, from these means.
-    improvement_of_printed_means_percent, improvement_in_adhesion_regime_percent : float
-        The same from the printed means, and from the errors where adhesion rises with slip.
-    not_reproducible : str
-        What cannot be computed again, and why.
-    source : str
-        Where it is printed.
+    beam_mean, bristle_mean: of the printed rows; improvement_percent: of bristle over beam, from these means; and from
+    the printed means, and from the errors where adhesion rises with slip; not_reproducible: what cannot be computed
+    again.
     """
 
     beam_mean: float
@@ -379,22 +317,7 @@ _POINTS = 801
 
 @dataclass(frozen=True)
 class AdhesionCurve:
-    """mu over the slip ratio at v = v0, on one rail.
-
-    Attributes
-    ----------
-    law : str
-        Name of the adhesion law.
-    rail : Rail
-    initial_speed_kmh : float
-        v0, km/h.
-    slip, coefficient : array
-        Slip ratio and mu = Fa/N, of one length.
-    peak : Peak
-        Where mu is highest.
-    reference : float or None
-        The published slip ratio to hold; at 100 km/h only.
-    """
+    """mu = Fa/N over the slip ratio at v = v0, km/h; its peak, and the published slip to hold (100 km/h only)."""
 
     law: str
     rail: Rail
@@ -417,24 +340,11 @@ def model_curves(
     rails: Sequence[Rail] = (Rail.DRY,),
     largest_slip: float = 1.0,
 ) -> tuple[AdhesionCurve, ...]:
-    """Curves by law, then initial speed, then rail, at the rig's wheel load. [Park2008] Figs. 13 to 15.
+    """Curves by law, then initial speed (km/h, 30 to 140), then rail, at the rig's wheel load. [Park2008] Figs. 13 to
+    15.
 
-    Parameters
-    ----------
-    laws : sequence of str
-        Names of laws with published parameters.
-    speeds_kmh : sequence of float
-        Initial speeds v0, km/h, 30 to 140.
-    rails : sequence of Rail
-    largest_slip : float
-        Each curve goes from slip 0 to this ratio, or just short of where its law's domain ends.
-
-    Raises
-    ------
-    InputError
-        A law that is not one, or an initial speed out of range.
-    MissingParametersError
-        A law without published parameters.
+    Each goes from slip 0 to `largest_slip`, or just short of where its law's domain ends. InputError for a law that is
+    not one, or a speed out of range; MissingParametersError for a law without published parameters.
     """
     return tuple(_curve(law, rail, v0, largest_slip) for law in laws for v0 in speeds_kmh for rail in rails)
 

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.verification.joint_verification import Condition, Verification
+from railslip_ctrl.verification.verdict import Condition, Verification
 
 from .layout import facts, heading, indented, render, table
 

@@ -60,15 +60,8 @@ _DIGITS = 6
 
 @dataclass(frozen=True)
 class LawNumbers:
-    """The numbers on one rail.
-
-    Attributes
-    ----------
-    rail : Rail
-    parameters : tuple of (str, float)
-        Name and value, SI, in the law's order; of a table one for each of its points.
-    torque : Expr or None
-        Tb, N*m, with the numbers in it; None for a law without a closed form, whose Ta stays an argument.
+    """The numbers on one rail: name and value (SI, in the law's order; of a table one for each of its points), and Tb,
+    N*m, with the numbers in it; None for a law without a closed form, whose Ta stays an argument.
     """
 
     rail: Rail
@@ -79,10 +72,7 @@ class LawNumbers:
 def law_numbers(derivation: Derivation, law: AdhesionLaw) -> tuple[LawNumbers, ...]:
     """The numbers of `law` in the `derivation` made with it, on dry and on wet rail; of a wet one on wet rail alone.
 
-    Raises
-    ------
-    InputError
-        The derivation is one with another law.
+    InputError for a derivation with another law.
     """
     if derivation.adhesion != law.name:
         raise InputError(f"law: {law.name!r} is not the one derived with, {derivation.adhesion!r}; derive with it")

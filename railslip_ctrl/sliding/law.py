@@ -22,32 +22,13 @@ from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED
 
 @dataclass(frozen=True)
 class LawGains:
-    """Gains of the law (45) and of its robust variants.
+    """Gains of the law (45) and of its robust variants; InputError for one that is not finite or below its bound.
 
-    Attributes
-    ----------
-    K : float
-        Gain on the switching term, N*m, >= 0.
-    D : float
-        Gain on s, N*m/(m/s), > 0; added to the torque like K.
-    rho : float
-        Weight of the integral in s, 1/s, > 0.
-    k1, k2 : float
-        Adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i.
-    layer : float
-        Width Phi of the boundary layer, m/s, >= 0; 0 is sgn s. Above 0 the adaptation rests inside it where
-        `dead_zone` is set.
-    leak : float
-        Rate of sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
-    box : tuple of two pairs, or None
-        Projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s).
-    dead_zone : bool
-        The adaptation is driven by s - Phi sat(s/Phi) in place of s.
-
-    Raises
-    ------
-    InputError
-        A gain that is not finite or below its bound.
+    K, gain on the switching term, N*m, >= 0; D, gain on s, N*m/(m/s), > 0, added to the torque like K; rho, weight of
+    the integral in s, 1/s, > 0; k1, k2, adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i;
+    layer, width Phi of the boundary layer, m/s, 0 is sgn s; leak, rate of sigma-modification, 1/s, >= 0: theta_hat_i' =
+    k_i s phi_i - leak theta_hat_i; box, projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); dead_zone:
+    the adaptation is driven by s - Phi sat(s/Phi) in place of s.
     """
 
     K: float

@@ -163,26 +163,9 @@ def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
 
 @dataclass(frozen=True)
 class Step:
-    """One step.
-
-    Attributes
-    ----------
-    name : str
-        Short name, unique in a derivation.
-    statement : str
-        What holds after the step, in words.
-    done : str
-        What was done to get there.
-    equation : Eq
-        The result, in the symbols of `notation` and `sliding.symbols`.
-    equation_latex, equation_text : str
-        The same in LaTeX and in plain text; a column as a tuple.
-    source : str
-        Where the source has it, or what it follows from.
-    checked : bool
-        Whether the machine check holds.
-    check : str
-        How it was checked.
+    """One step: short name, unique in a derivation; the statement that holds after it; what was done to get there; the
+    result as an equation, in LaTeX and as plain text (a column as a tuple); where the source has it; whether the
+    machine check holds, and how it was checked.
     """
 
     name: str

@@ -111,27 +111,12 @@ Assignment = tuple[str, sp.Expr]
 class SampledLaw:
     """The law as assignments in order, before it is printed in a language.
 
-    Attributes
-    ----------
-    measured : tuple of str
-        Arguments of a step: v, omega, and Ta where no adhesion law is put in.
-    parameters, states : tuple of str
-        Names, in order, the `OPTIONS` last. A state starts at 0, `v_filtered` at v.
-    rules : mapping
-        As `RULES`, of every parameter.
-    meanings : mapping
-        Unit and meaning of the adhesion law's parameters.
-    prepare : tuple of assignments
-        From measured values and states to e, e_integral, v_rate, Ta; what is a state is its new value.
-    surface : Expr
-        s.
-    control : tuple of assignments
-        from_adhesion, from_friction, s_drift, Ueq, Ur, torque, drive, theta1_hat_rate, theta2_hat_rate; `SWITCHING`
-        for sgn s.
-    control_arguments : tuple of str
-        What the continuous law is a function of, besides the parameters.
-    note : tuple of str
-        What the reader must know of Ta, in paragraphs.
+    measured: arguments of a step (v, omega, and Ta where no adhesion law is put in). parameters, states: names in
+    order, the `OPTIONS` last; a state starts at 0, `v_filtered` at v. rules: as `RULES`, of every parameter. meanings:
+    unit and meaning of the adhesion law's parameters. prepare: from measured values and states to e, e_integral,
+    v_rate, Ta; what is a state is its new value. surface: s. control: from_adhesion to theta2_hat_rate, `SWITCHING` for
+    sgn s. control_arguments: what the continuous law is a function of, besides the parameters. note: what the reader
+    must know of Ta, in paragraphs.
     """
 
     measured: tuple[str, ...]

@@ -69,25 +69,9 @@ def published_loop(
 ) -> SurfaceLoop:
     """The published law's loop on a rail, at the law's reference slip.
 
-    Parameters
-    ----------
-    rail : Rail
-    inertia_scale : float
-        Factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
-    adhesion : str
-        bristle, curve or beam.
-    speed : float
-        m/s, > 0.
-    vehicle : Vehicle
-    gains : SlidingGains, optional
-        Left out, Table 4's of the bristle column (beam for the beam law).
-    feed_forward : FeedForward
-        Where the law takes its adhesion torque from.
-
-    Raises
-    ------
-    InputError
-        A law that has no published parameters or no reference slip.
+    `inertia_scale`: factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
+    `adhesion`: bristle, curve or beam. `speed` in m/s. `gains` left out: Table 4's bristle column (beam for the beam
+    law). InputError for a law without published parameters or reference slip.
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     law = published_law(adhesion, rail, wheel_load=vehicle.wheel_load)
@@ -105,15 +89,9 @@ def published_loop(
 class RelayCycle:
     """The limit cycle for one K, with the load the law leaves out.
 
-    Attributes
-    ----------
-    predicted, linear : LimitCycle
-        Of the linearised loop: by describing function, and with every harmonic.
-    linear_change : float
-        Change of the wheel's response over the swing of `linear`, a ratio; see `linearisation_change`.
-    actual : LimitCycle or None
-        Of the wheel with its adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated;
-        None where the wheel then locks or leaves the model: it is lost.
+    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: change of
+    the wheel's response over the swing of `linear`, a ratio, see `linearisation_change`; actual: of the wheel with its
+    adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated; None where the wheel is lost.
     """
 
     predicted: LimitCycle
@@ -142,23 +120,10 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    Attributes
-    ----------
-    loop : SurfaceLoop
-    existence : SlidingExistence
-        Whether an ideal sliding mode exists.
-    cycles : tuple of RelayCycle
-        One for each K compared that has one, ascending.
-    no_cycle : str
-        Why the gains' own K has none; empty where it has.
-    ideal : IdealAdaptation
-        What the adaptation would do with an ideal actuator.
-    unstable_ideal, unstable_actual : float
-        Number of right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0.
-    unstable_linear : float
-        Number of those with actuator and without adaptation.
-    survivors : Survivors
-        The largest gains that survive the actuator.
+    cycles: one for each K compared that has one, ascending; no_cycle: why the gains' own K has none, empty where it
+    has; ideal: what the adaptation would do with an ideal actuator; unstable_ideal, unstable_actual: number of
+    right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: of
+    those with actuator and without adaptation.
     """
 
     loop: SurfaceLoop
@@ -215,15 +180,7 @@ class ActuatorEffect:
 
 
 def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
-    """Analyse one loop.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    slip_amplitude : float
-        What K may make of the slip, a ratio, > 0; see `largest_relay`.
-
-    """
+    """Analyse one loop; `slip_amplitude`: what K may make of the slip, a ratio, > 0, see `largest_relay`."""
     relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
     unstable = adaptive_unstable_poles(loop.with_gains(k=0.0))
     cycles = _relay_cycles(loop, relays)
@@ -310,14 +267,9 @@ def _row(cycle: RelayCycle) -> str:
 
 
 def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: str) -> str:
-    """One paragraph for an engineer, from the numbers of some `effects`, closed by the joint `advice`.
+    """One paragraph for an engineer, from the numbers of the effects, closed by the joint advice.
 
-    `points` says in words over which operating points the advice was decided.
-
-    Raises
-    ------
-    DomainError
-        No effect to conclude from.
+    `points` says in words over which operating points the advice was decided. DomainError without any effect.
     """
     if not effects:
         raise DomainError("conclusion: no operating point was analysed; give at least one")

@@ -93,30 +93,14 @@ def simulate(
     frozen: bool = True,
     end_speed: float = 0.0,
 ) -> Run:
-    """Run from an operating point, held until t = 0 by its own torque.
+    """Run from an operating point, held until t = 0 by its own torque, `duration` seconds or until the speed is
+    `end_speed`.
 
-    Parameters
-    ----------
-    controller : Controller
-        Called once a step; holds its own state.
-    duration, step : float
-        s; the step is made smaller so that it divides the dead time.
-    disturbance : callable
-        Torque at the wheel, N*m, as a function of time, s; adds to the brake's.
-    offset : float
-        Initial slip velocity above the point's, m/s.
-    frozen : bool
-        Whether the speed is held; else it falls as it brakes.
-    end_speed : float
-        m/s; the run ends where the speed has fallen to it.
-
-    Raises
-    ------
-    InputError
-        A duration or step that is not positive and finite.
-    DomainError
-        The wheel locked, or left the adhesion law's domain on either side (or is not a number), with the time. Slip
-        below 0, a wheel released, is within it.
+    The controller is called once a step, s, which is made smaller so that it divides the dead time. `disturbance`:
+    torque at the wheel, N*m, over time, s; adds to the brake's. `offset`: initial slip velocity above the point's, m/s.
+    `frozen`: the speed is held; else it falls as it brakes. InputError for a duration or step that is not positive and
+    finite; DomainError where the wheel locked or left the adhesion law's domain on either side (or is not a number).
+    Slip below 0, a wheel released, is within it.
     """
     if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
         raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
@@ -179,63 +163,19 @@ def _stepping(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callab
     return advance
 
 
-@dataclass(frozen=True)
-class Oscillation:
-    """Measured cycle: period, s; half of peak to peak of s and sigma, m/s, and of the acting torque, N*m; mean of s.
-
-    `drift` is the relative change of the amplitude of s over the two halves measured: near 0 once it has settled.
-    """
-
-    period: float
-    surface_amplitude: float
-    sigma_amplitude: float
-    torque_amplitude: float
-    surface_mean: float
-    drift: float
-
-
 def whole_periods(run: Run) -> tuple[float, Run]:
     """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
 
     DomainError where s does not cross zero upwards at least three times.
     """
-    instants, up = _upward_crossings(run)
-    period = float((instants[-1] - instants[0]) / (up.size - 1))
-    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
-
-
-def _upward_crossings(run: Run) -> tuple[Floats, NDArray[np.intp]]:
-    """Instants, s, and the samples before them."""
     s = run.surface
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
         raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
-    share = -s[up] / (s[up + 1] - s[up])
-    return run.time[up] + share * (run.time[up + 1] - run.time[up]), up
-
-
-def measure_oscillation(run: Run) -> Oscillation:
-    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
-
-    DomainError where s does not cross zero upwards at least three times.
-    """
-    instants, up = _upward_crossings(run)
-    s = run.surface
-    whole = slice(int(up[0]), int(up[-1]))
-    middle = int(up[up.size // 2])
-    first, last = _half_range(s[up[0] : middle]), _half_range(s[middle : up[-1]])
-    return Oscillation(
-        period=float((instants[-1] - instants[0]) / (up.size - 1)),
-        surface_amplitude=_half_range(s[whole]),
-        sigma_amplitude=_half_range(run.sigma[whole]),
-        torque_amplitude=_half_range(run.torque[whole]),
-        surface_mean=float(s[whole].mean()),
-        drift=last / first - 1.0,
-    )
-
-
-def _half_range(values: Floats) -> float:
-    return float(0.5 * (values.max() - values.min()))
+    ends = up[[0, -1]]
+    instants = run.time[ends] - s[ends] / (s[ends + 1] - s[ends]) * (run.time[ends + 1] - run.time[ends])
+    period = float((instants[1] - instants[0]) / (up.size - 1))
+    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
 
 
 def switch(s: float, layer: float) -> float:

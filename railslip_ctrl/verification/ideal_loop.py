@@ -52,16 +52,9 @@ _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 class Disturbances:
     """What acts on a run.
 
-    Attributes
-    ----------
-    random_share : float
-        Standard deviation of the random adhesion force over the wheel load, cut at three of them; a value lasts 0.02 s.
-    torque : bool
-        Td = 0.05 Tb exp(-4t) sin(10 pi t).
-    resistance : bool
-        The vehicle's travelling resistance.
-    slip_noise : float
-        Standard deviation of the noise on the measured slip velocity, m/s, white over the steps.
+    random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
+    lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
+    of the noise on the measured slip velocity, m/s, white over the steps.
     """
 
     random_share: float = 0.0

@@ -1,37 +1,25 @@
-"""`verify`: which stability claims of [Park2008] (33)-(49) hold, and which a robust law keeps.
+"""`verify`: which claims of [Park2008] (33)-(49) hold, which a robust law keeps, and what lag and dead time do.
 
-The conditions are decided in `lyapunov_conditions` (symbolic), `reaching_conditions` (the published disturbances) and
-`robust_conditions` (the variants of `robust`). All are about the loop without the actuator: what fails here fails
-before lag and dead time.
-
-One verification of a law, conditions without and with the actuator in it.
+The conditions of `published_law` and `robust` are about the loop without the actuator: what fails there fails before
+lag and dead time, which `actuator_effects` and `layered_conditions` put in.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.parameters import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .actuator_effects import (
-    ActuatorEffect,
-    published_behind_actuator,
-    variants_behind_actuator,
-)
+from .actuator_effects import ActuatorEffect, published_behind_actuator, variants_behind_actuator
 from .layered import PUBLISHED_ADHESION, RailAdhesion
 from .layered_conditions import verify_layered
 from .published_law import lyapunov_conditions, reaching_conditions
 from .robust import design_gain, robust_conditions
-from .verdict import Condition, Verification
-
-__all__ = ["Condition", "LawName", "Verification", "check_arguments", "verify"]
-
-LawName = Literal["paper", "robust"]
+from .verdict import Verification
 
 LARGEST_GAIN = 10_000.0
 """Of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law."""
@@ -42,67 +30,6 @@ INERTIA_SCALES = (0.5, 10.0)
 """Between them a stop takes seconds to minutes."""
 
 LARGEST_SEED = 2**31
-
-
-@checked
-def verify(
-    *,
-    law: LawName = "paper",
-    vehicle: Vehicle = PARK2008,
-    K: float | None = None,
-    D: float | None = None,
-    seed: int = 2008,
-) -> Verification:
-    """Decide the conditions of a law.
-
-    Parameters
-    ----------
-    law : str
-        "paper": the published law's conditions and, after them, the robust variants'; "robust": these alone.
-    vehicle : Vehicle
-        Its `inertia_scale` is the reading: 1 SI, 3.6 as published.
-    K, D : float, optional
-        Gains of `law`, N m (0 to 1e4) and N m/(m/s) (0.1 to 1e4). Left out: Table 4's, bristle column; for the
-        robust law K is 1.1 times what (40) asks for over the published run, Ta and v' estimated to 10 %.
-    seed : int
-        First seed of sampled and simulated conditions, 0 to 2^31.
-
-    Raises
-    ------
-    InputError
-        A value outside its range.
-    """
-    if law not in get_args(LawName):
-        raise InputError(f"law: {law!r} is not known; choose paper or robust")
-    check_arguments(vehicle, K, D, seed)
-    design = design_gain(vehicle)
-    conditions: tuple[Condition, ...] = ()
-    own = PUBLISHED_LAW if law == "paper" else replace(PUBLISHED_LAW, K=design)
-    own = replace(own, K=own.K if K is None else K, D=own.D if D is None else D)
-    if law == "paper":
-        conditions += lyapunov_conditions(vehicle, own, seed=seed)
-        conditions += reaching_conditions(vehicle, own, seed=seed)
-        conditions += robust_conditions(vehicle, K=None, D=PUBLISHED_LAW.D, seed=seed)
-    else:
-        conditions += robust_conditions(vehicle, K=own.K, D=own.D, seed=seed)
-    return Verification(law, vehicle.inertia_scale, own.K, own.D, seed, conditions)
-
-
-@checked
-def check_arguments(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
-    """InputError for a gain, inertia scale or seed outside the range that `verify` takes."""
-    for name, value, low, high in (
-        ("K", K, 0.0, LARGEST_GAIN),
-        ("D", D, LEAST_D, LARGEST_GAIN),
-        ("inertia scale", vehicle.inertia_scale, *INERTIA_SCALES),
-        ("seed", seed, 0, LARGEST_SEED),
-    ):
-        if value is not None and not (math.isfinite(value) and low <= value <= high):
-            raise InputError(f"{name}: {value:g} is not allowed; give a value from {low:g} to {high:g}")
-
-
-# --- one verification of a law, conditions without and with the actuator in it -------------------------------------
-
 
 Law = Literal["paper", "robust", "layered"]
 
@@ -116,6 +43,31 @@ class FullVerification:
     conclusion: str
 
 
+@checked
+def verify(
+    *,
+    law: Literal["paper", "robust"] = "paper",
+    vehicle: Vehicle = PARK2008,
+    K: float | None = None,
+    D: float | None = None,
+    seed: int = 2008,
+) -> Verification:
+    """Decide the conditions of a law without the actuator; arguments as of `verify_with_actuator`."""
+    _check_ranges(vehicle, K, D, seed)
+    own = PUBLISHED_LAW if law == "paper" else replace(PUBLISHED_LAW, K=design_gain(vehicle))
+    own = replace(own, K=own.K if K is None else K, D=own.D if D is None else D)
+    if law == "robust":
+        conditions = robust_conditions(vehicle, K=own.K, D=own.D, seed=seed)
+    else:
+        conditions = (
+            *lyapunov_conditions(vehicle, own, seed=seed),
+            *reaching_conditions(vehicle, own, seed=seed),
+            *robust_conditions(vehicle, K=None, D=PUBLISHED_LAW.D, seed=seed),
+        )
+    return Verification(law, vehicle.inertia_scale, own.K, own.D, seed, conditions)
+
+
+@checked
 def verify_with_actuator(
     *,
     law: Law = "paper",
@@ -131,11 +83,17 @@ def verify_with_actuator(
     Parameters
     ----------
     law : str
-        "paper" and "robust" as of `sliding.conditions.verify`; "layered": the design that accounts for the actuator
-        (`switching.layered`), tuned for the vehicle.
-    vehicle, K, D, seed
-        As of `sliding.conditions.verify`. K of the layered law is its authority, > 0, 1.05 times what its bound
-        and a holding torque known to 10 % ask for if left out; it has no D.
+        "paper": the published law's conditions and, after them, the robust variants'; "robust": these alone;
+        "layered": the design that accounts for the actuator (`layered`), tuned for the vehicle.
+    vehicle : Vehicle
+        Its `inertia_scale` is the reading: 1 SI, 3.6 as published.
+    K, D : float, optional
+        Gains of the law, N m (0 to 1e4) and N m/(m/s) (0.1 to 1e4). Left out: Table 4's, bristle column; for the
+        robust law K is 1.1 times what (40) asks for over the published run, Ta and v' estimated to 10 %. K of the
+        layered law is its authority, > 0, 1.05 times what its bound and a holding torque known to 10 % ask for if
+        left out; it has no D.
+    seed : int
+        First seed of sampled and simulated conditions, 0 to 2^31.
     adhesion : RailAdhesion
         Law, rails and reference slip of the layered law. The others are verified for the published bristle model on
         dry and wet rail alone.
@@ -150,16 +108,14 @@ def verify_with_actuator(
     DomainError, KinkError
         A reference slip at which the adhesion law does not hold, or cannot be linearised.
     """
-    if law not in get_args(Law):
-        raise InputError(f"law: {law!r} is not known; choose one of {', '.join(get_args(Law))}")
     if law == "layered":
         if D is not None:
             raise InputError(f"D: {D:g} is not allowed; the layered law has no D, leave it out")
-        check_arguments(vehicle, K, None, seed)
         if K == 0.0:
             raise InputError(
                 f"K: 0 is not allowed; the layered law takes a value > 0 up to {LARGEST_GAIN:g} (N*m), or leave it out"
             )
+        _check_ranges(vehicle, K, None, seed)
         if ki_min is not None:
             number("ki_min", ki_min, "N*m/m", gt=0)
         return FullVerification(*verify_layered(vehicle, adhesion, K=K, seed=seed, ki_min=ki_min))
@@ -174,6 +130,17 @@ def verify_with_actuator(
     else:
         found, effects, told = published_behind_actuator(ideal.K, damping, vehicle)
     return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), effects, told)
+
+
+def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:
+    for name, value, low, high, unit in (
+        ("K", K, 0.0, LARGEST_GAIN, " (N*m)"),
+        ("D", D, LEAST_D, LARGEST_GAIN, " (N*m/(m/s))"),
+        ("inertia scale", vehicle.inertia_scale, *INERTIA_SCALES, ""),
+        ("seed", seed, 0, LARGEST_SEED, ""),
+    ):
+        if value is not None and not low <= value <= high:
+            raise InputError(f"{name}: {value:g} is not allowed; give a value from {low:g} to {high:g}{unit}")
 
 
 def _check_bristle(law: Law, adhesion: RailAdhesion) -> None:

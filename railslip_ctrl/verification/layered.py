@@ -62,23 +62,11 @@ Floats = NDArray[np.float64]
 class RailAdhesion:
     """An adhesion law, the rails it is taken on, and the reference slip.
 
-    Parameters
-    ----------
-    law : str or AdhesionLaw
-        A published law by name, whose parameters follow rail, wheel load and initial speed and, as a change of units
-        demands, the inertia scale (the stiffness of a dynamic law). Or a law with parameters of its own, which are
-        taken as they are, on wet rail by `AdhesionLaw.wet`.
-    rails : tuple of Rail
-        One or both, in any order.
-    slip : float, optional
-        Reference slip ratio on every rail, 0 < slip < 1; left out, the law's own.
-    initial_speed_kmh : float
-        v0 of a published law, km/h, 30 to 140.
-
-    Raises
-    ------
-    InputError
-        A value outside its range, no rail, a name that is no law, or dry rail asked of parameters for wet rail.
+    `law`: a published law by name, whose parameters follow rail, wheel load and initial speed and, as a change of units
+    demands, the inertia scale (the stiffness of a dynamic law); or a law with parameters of its own, taken as they are,
+    on wet rail by `AdhesionLaw.wet`. `rails`: one or both, in any order. `slip`: reference slip ratio on every rail, 0
+    to 1; left out, the law's own. `initial_speed_kmh`: v0 of a published law, 30 to 140. InputError for a value outside
+    its range, no rail, a name that is no law, or dry rail asked of parameters for wet rail.
     """
 
     law: AdhesionLaw | str = "bristle"
@@ -182,21 +170,10 @@ _OUTGROWN = (
 
 @dataclass(frozen=True)
 class LayeredDesign:
-    """Gains of the layered law, SI.
+    """Gains of the layered law, SI; InputError for a value outside these ranges.
 
-    Parameters
-    ----------
-    kp, ki : float
-        K/layer, N*m/(m/s), and rho K/layer, N*m/m; kp > 0, ki >= 0.
-    lead, lead_filter : float
-        s; lead >= 0, lead_filter > 0.
-    K : float
-        Authority, N*m, > 0.
-
-    Raises
-    ------
-    InputError
-        A value outside these ranges.
+    kp = K/layer, N*m/(m/s), > 0; ki = rho K/layer, N*m/m, >= 0; lead, lead_filter, s, >= 0 and > 0; K, authority, N*m,
+    > 0.
     """
 
     kp: float
@@ -261,13 +238,7 @@ def _actuator_lag(actuator: Actuator) -> Rational:
 
 
 def induced_gains(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> InducedGains:
-    """L1 norms of the loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        That loop is unstable.
-    """
+    """L1 norms of the loop of a design within the layer; InfeasibleDesignError where it is unstable."""
     return _gains_of(torque_impulse(design, plant, actuator))
 
 
@@ -335,22 +306,11 @@ def _norm(time: Floats, signal: Floats) -> float:
 class LayerBound:
     """What the design guarantees at one operating point with the speed frozen.
 
-    Attributes
-    ----------
-    margins : Margins
-        Of the loop within the layer, exact.
-    disturbance, offset : float
-        |d| <= disturbance, N*m; |sigma error| at t = 0, m/s, everything else being at rest.
-    remainder : float
-        Torque that stands for the wheel's nonlinearity within the bound, N*m.
-    error : float
-        Ultimate bound on |sigma error|, m/s; at all times if the offset is 0.
-    largest_error, surface, command : float
-        Bounds at all times on |sigma error|, |s| and |Tb - hold|: m/s, m/s, N*m.
-    reaching_time : float
-        s from which on the offset adds less than a hundredth of itself to `error`; 0 without offset.
-    K : float
-        The design's authority, N*m.
+    margins: of the loop within the layer, exact; |torque at the wheel| <= disturbance, N*m; |sigma error| <= offset,
+    m/s, at t = 0, everything else being at rest; remainder: torque that stands for the wheel's nonlinearity within the
+    bound, N*m; error: ultimate bound on |sigma error|, m/s, at all times if the offset is 0; largest_error, surface,
+    command: bounds at all times on |sigma error|, |s| and |Tb - hold|, m/s, m/s, N*m; reaching_time: s from which on
+    the offset adds less than a hundredth of itself to `error`, 0 without offset; K: the design's authority, N*m.
     """
 
     margins: Margins
@@ -383,27 +343,12 @@ def layer_bound(
     offset: float = 0.0,
     impulse: Impulse | None = None,
 ) -> LayerBound:
-    """What a layered design guarantees at one operating point.
+    """What a layered design guarantees at one operating point, speed frozen; `disturbance` and `offset` as of
+    `LayerBound`.
 
-    Parameters
-    ----------
-    design : LayeredDesign
-    plant : LinearPlant
-        With the speed frozen.
-    actuator : Actuator
-    disturbance : float
-        Bound on |torque at the wheel|, N*m, >= 0.
-    offset : float
-        Bound on |error of the slip velocity| at t = 0, m/s, >= 0.
-    impulse : Impulse, optional
-        `torque_impulse` of the three, where it is known already.
-
-    Raises
-    ------
-    InputError
-        A disturbance or offset that is negative or not finite.
-    InfeasibleDesignError
-        The loop within the layer is unstable, or the wheel's nonlinearity outgrows it: no bound follows.
+    `impulse`: `torque_impulse` of the three, where it is known already. InputError for a disturbance or offset that is
+    negative or not finite; InfeasibleDesignError where the loop within the layer is unstable, or the wheel's
+    nonlinearity outgrows it: no bound follows.
     """
     for name, value in (("disturbance", disturbance), ("offset", offset)):
         if not (math.isfinite(value) and value >= 0):
@@ -652,15 +597,8 @@ def lowest_speeds(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesio
 class LayeredLaw:
     """Tb = hold + K sat(s_lead/layer), s_lead = (lead s + 1)/(lead_filter s + 1) applied to e + rho int e.
 
-    Parameters
-    ----------
-    slip : float
-        Reference slip ratio.
-    hold : float or callable
-        Torque around which the layer works, N*m: of the operating point, or a function of the speed, m/s.
-    design : LayeredDesign
-
-    The integral rests where the layer is left and e drives farther out of it; the torque is not below 0.
+    `slip`: reference slip ratio; `hold`: torque around which the layer works, N*m, or a function of the speed, m/s. The
+    integral rests where the layer is left and e drives farther out of it; the torque is not below 0.
     """
 
     def __init__(self, slip: float, hold: float | Callable[[float], float], *, design: LayeredDesign) -> None:

@@ -67,26 +67,11 @@ _FARTHEST_GAIN = 1e3  # cycles a thousandth as large as the first, from higher t
 class LimitCycle:
     """A periodic solution of the loop with its relay.
 
-    Attributes
-    ----------
-    method : str
-        "describing function" or "linearised" (every harmonic), both of the linearised loop; "nonlinear"; "simulated".
-    K, load, layer : float
-        N*m, N*m, and m/s (0 is the relay).
-    frequency : float
-        rad/s.
-    relay_gain : float
-        N at the cycle, N*m/(m/s): describing-function value; of the others first harmonic over first harmonic.
-    surface_amplitude, sigma_amplitude, torque_amplitude : float
-        m/s, m/s, N*m (acting torque): half of peak to peak.
-    surface_mean : float
-        m/s.
-    slip_amplitude : float
-        sigma_amplitude/v, slip ratio.
-    sigma_range : tuple of float
-        Least and largest slip velocity, m/s.
-    stable : bool
-        By the describing function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
+    method: "describing function" or "linearised" (every harmonic), both of the linearised loop; "nonlinear";
+    "simulated". K, load: N*m; layer: m/s, 0 is the relay; frequency: rad/s; relay_gain: N at the cycle, N*m/(m/s),
+    first harmonic over first harmonic; surface_amplitude, sigma_amplitude (m/s), torque_amplitude (N*m, acting): half
+    of peak to peak; surface_mean: m/s; slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity,
+    m/s; stable: by the describing function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
     """
 
     method: str
@@ -156,23 +141,8 @@ def largest_relay_gain(loop: SurfaceLoop) -> float:
 
 
 def smallest_layer(loop: SurfaceLoop, K: float | None = None) -> float:
-    """Boundary layer, m/s, from which on K sat(s/layer) no longer oscillates: K over the largest stable relay gain.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    K : float, optional
-        Height of the relay, N*m; left out, the gains' own.
-
-    Returns
-    -------
-    float
-        0 where no finite gain destabilises.
-
-    Raises
-    ------
-    DomainError
-        The linear loop is unstable within any layer.
+    """Boundary layer, m/s, from which on K sat(s/layer) no longer oscillates: K (N*m; the gains' own) over the largest
+    stable relay gain; 0 where no finite gain destabilises. DomainError where the linear loop is unstable in any layer.
     """
     gain = largest_relay_gain(loop)
     if gain == 0.0:
@@ -180,58 +150,17 @@ def smallest_layer(loop: SurfaceLoop, K: float | None = None) -> float:
     return (loop.gains.K if K is None else K) / gain
 
 
-def relay_describing_function(amplitude: float, K: float, mean: float = 0.0) -> float:
-    """N of a relay of height K at an input mean + amplitude sin, N*m/(m/s); |mean| < amplitude."""
-    return 4 * K / (math.pi * amplitude) * math.sqrt(1 - (mean / amplitude) ** 2)
-
-
-def layer_describing_function(amplitude: float, K: float, layer: float) -> float:
-    """N of K sat(s/layer) at amplitude sin, N*m/(m/s): K/layer within the layer, the relay's far outside."""
-    if amplitude <= layer:
-        return K / layer
-    x = layer / amplitude
-    return 2 * K / (math.pi * layer) * (math.asin(x) + x * math.sqrt(1 - x * x))
-
-
 def predict_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
     """The stable limit cycle by the describing function.
 
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    K : float, optional
-        Height of the relay, N*m; left out, the gains' own.
-    load : float
-        Constant torque that the relay has to carry, N*m.
-
-    Raises
-    ------
-    DomainError
-        The relay does not oscillate, or is not high enough to carry its share of the load.
+    K: height of the relay, N*m, left out the gains' own; load: constant torque that the relay has to carry, N*m.
+    DomainError where the relay does not oscillate, or is not high enough to carry its share of the load.
     """
     height = loop.gains.K if K is None else K
     critical = _oscillation(loop)
     ratio = _mean_over_amplitude(loop, height, load, critical.gain)
     amplitude = 4 * height / (math.pi * critical.gain) * math.sqrt(1 - ratio**2)
     return _harmonic_cycle(loop, critical, amplitude, ratio * amplitude, (height, load, 0.0))
-
-
-def predict_layer_cycle(loop: SurfaceLoop, layer: float, *, K: float | None = None) -> LimitCycle | None:
-    """The stable limit cycle with a boundary layer (m/s, > 0), by its describing function; None where there is none.
-
-    Without load. InputError for a layer that is not positive, DomainError where even the relay does not oscillate.
-    """
-    from scipy.optimize import brentq
-
-    if not (math.isfinite(layer) and layer > 0):
-        raise InputError(f"layer: {layer} m/s is not allowed; give a finite value > 0")
-    height = loop.gains.K if K is None else K
-    critical = _oscillation(loop)
-    if height / layer <= critical.gain:
-        return None
-    widest = 4 * height / (math.pi * critical.gain)  # the relay's own amplitude, always the larger
-    amplitude = float(brentq(lambda a: layer_describing_function(a, height, layer) - critical.gain, layer, widest))
-    return _harmonic_cycle(loop, critical, amplitude, 0.0, (height, 0.0, layer))
 
 
 def _oscillation(loop: SurfaceLoop) -> CriticalGain:
@@ -291,18 +220,8 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
     """The linearised loop's periodic solution with two switches a period, every harmonic counted.
 
     Exact for the linearised plant to the truncation of its Fourier series, about 1e-5. The solution found is the one
-    the describing function starts from; s is checked to have one sign between switches.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    K, load : float
-        N*m, as of `predict_limit_cycle`.
-
-    Raises
-    ------
-    DomainError
-        As `predict_limit_cycle`; or no such solution exists with two switches a period.
+    the describing function starts from; s is checked to have one sign between switches. K, load and errors as of
+    `predict_limit_cycle`; DomainError too where no such solution exists.
     """
     from scipy.optimize import root
 
@@ -371,17 +290,6 @@ def _over_a_period() -> tuple[Floats, Complexes]:
 
 def _half_range(values: Floats) -> float:
     return float(0.5 * (values.max() - values.min()))
-
-
-def tsypkin_locus(loop: SurfaceLoop, omega: float) -> complex:
-    """Tsypkin's locus at omega (rad/s): sum over odd k of Re W(j k omega) + j Im W(j k omega)/k, (m/s)/(N*m).
-
-    A symmetric limit cycle has Im = 0 and Re < 0 ([Tsypkin1984]): s = 0 at the switch, and passing through it the
-    right way.
-    """
-    k = np.arange(1, 2 * _HARMONICS, 2)
-    w = loop.surface_response(k * omega)
-    return complex(np.sum(w.real), np.sum(w.imag / k))
 
 
 # --- the limit cycle with the adhesion curve as it is --------------------------------------------------------------
@@ -520,19 +428,9 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
 def nonlinear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float | None = None) -> LimitCycle | None:
     """The limit cycle of the wheel with its adhesion curve; None where it leaves 0 to v or the adhesion law's domain.
 
-    It may yet exist on both sides of 0, where the brake releases the wheel once a period: `simulated_limit_cycle`.
-    The series' truncation leaves out 2e-4 of the swing.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    K, load : float, optional
-        N*m, as of `predict_limit_cycle`; the load left out is the vehicle's own.
-
-    Raises
-    ------
-    DomainError
-        As `linear_limit_cycle`.
+    It may yet exist on both sides of 0, where the brake releases the wheel once a period: `simulated_limit_cycle`. The
+    series' truncation leaves out 2e-4 of the swing. K and errors as of `linear_limit_cycle`; the load left out is the
+    vehicle's own.
     """
     height, torque = loop.gains.K if K is None else K, loop.load if load is None else load
     linear = linear_limit_cycle(loop, K=height, load=torque)
@@ -654,17 +552,7 @@ _STOP = 60.0  # s, times the inertia scale: longer than any stop
 def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> LimitCycle | None:
     """The cycle measured in a fine simulation, adaptation off, speed frozen; None where the wheel is lost.
 
-    Parameters
-    ----------
-    loop : SurfaceLoop
-        The load is the vehicle's own.
-    K : float, optional
-        Height of the relay, N*m; left out, the gains' own.
-
-    Raises
-    ------
-    DomainError
-        s does not cycle.
+    The load is the vehicle's own; K, N*m, left out the gains' own. DomainError where s does not cycle.
     """
     height, point = loop.gains.K if K is None else K, loop.plant.point
     law = PublishedLaw(point, replace(loop.gains, K=height, k=0.0), feed_forward=loop.feed_forward)

@@ -62,33 +62,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is asked. Ranges are (lowest, highest).
+    """The box over which (40) is asked. Ranges are (lowest, highest); InputError for one that is not, or c >= 1.
 
-    Attributes
-    ----------
-    random_torque : float
-        |Tr| <= random_torque, N*m.
-    torque_fraction : float
-        c: |Td| <= c |Tb|, 0 <= c < 1.
-    resistance : pair
-        Fr, N.
-    adhesion_torque : pair
-        Ta, N*m.
-    speed, slip : pair
-        m/s and 1: e = (lambda_d - slip) v, omega = (1 - slip) v/r.
-    mass : pair
-        True mass, kg, without the inertia scale.
-    theta_hat1, theta_hat2 : pair
-        Estimates in the law, 1/(kg m) and m/s.
-    torque_error, rate_error : pair
-        Ta_hat/Ta - 1 and v'_hat/v' - 1.
-    heavier : float
-        What Ta and Tr are multiplied by at the largest mass; linear in between.
-
-    Raises
-    ------
-    InputError
-        A value that is not finite, a range whose ends are in the wrong order, a negative bound or c >= 1.
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction; resistance: Fr, N; adhesion_torque: Ta, N*m;
+    speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the inertia
+    scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta - 1 and
+    v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
     """
 
     random_torque: float

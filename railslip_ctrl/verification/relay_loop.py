@@ -61,24 +61,10 @@ class FeedForward(StrEnum):
 
 @dataclass(frozen=True)
 class SlidingGains:
-    """Gains of the law, SI.
+    """Gains of the law, SI, >= 0; InputError for one that is negative or not finite.
 
-    Parameters
-    ----------
-    K : float
-        Height of the relay, N*m, >= 0.
-    D : float
-        N*m/(m/s), >= 0; D and K are added to the torque.
-    rho : float
-        1/s, >= 0.
-    k : float
-        Adaptation gain as printed, >= 0: theta1' = k s Ta and theta2' = 12.96 k s omega in SI (theta1 in SI is 3.6
-        times smaller than the printed one).
-
-    Raises
-    ------
-    InputError
-        A gain that is negative or not finite.
+    K, height of the relay, N*m, and D, N*m/(m/s), are added to the torque; rho, 1/s; k, adaptation gain as printed:
+    theta1' = k s Ta and theta2' = 12.96 k s omega in SI (theta1 in SI is 3.6 times smaller than the printed one).
     """
 
     K: float
@@ -174,20 +160,11 @@ def _actuation() -> _Actuation:
 
 @dataclass(frozen=True)
 class SlidingExistence:
-    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]).
+    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why in a sentence.
 
-    Attributes
-    ----------
-    relative_degree : int
-        Poles minus zeros of W without its dead time.
-    high_frequency_gain : float
-        lim s^relative_degree W(s) (dead time apart), (m/s) s^-relative_degree/(N*m).
-    dead_time : float
-        s.
-    exists : bool
-        Relative degree 1, positive gain, no dead time: only then does a switch turn s' round at once.
-    reason : str
-        One sentence.
+    relative_degree: poles minus zeros of W without its dead time (s); high_frequency_gain: lim s^relative_degree W(s)
+    (dead time apart), (m/s) s^-relative_degree/(N*m). It exists with relative degree 1, positive gain and no dead time:
+    only then does a switch turn s' round at once.
     """
 
     relative_degree: int
@@ -199,23 +176,11 @@ class SlidingExistence:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """The linear loop around the relay of the sliding-mode law.
+    """The linear loop around the relay of the sliding-mode law, the speed frozen; InputError for a plant with it as a
+    state.
 
-    Parameters
-    ----------
-    plant : LinearPlant
-        With the speed frozen.
-    gains : SlidingGains
-        rho and D close the linear part; K and k are used where a method says so.
-    actuator : Actuator
-        Dead time and lag; both 0 is the ideal actuator.
-    feed_forward : FeedForward
-        How Ta_model is formed; its parameters are the plant's own.
-
-    Raises
-    ------
-    InputError
-        A plant with the speed as a state: s is stated about a constant reference.
+    rho and D close the linear part; K and k are used where a method says so. `feed_forward`: how Ta_model is formed;
+    its parameters are the plant's own.
     """
 
     plant: LinearPlant

@@ -75,17 +75,8 @@ LOWEST_FRICTION = -0.25  # N m s: the printed 0.25 - 0.01 t after 50 s, the long
 
 @dataclass(frozen=True)
 class Variant:
-    """A variant as derived.
-
-    Attributes
-    ----------
-    name : str
-    result : Expr
-        The bound, or V', that the variant promises.
-    proved : bool
-        Whether every identity and sign of the derivation was proved.
-    argument : str
-        The proof in a sentence.
+    """A variant as derived: the bound, or V', that it promises; whether every identity and sign was proved; the proof
+    in a sentence.
     """
 
     name: str

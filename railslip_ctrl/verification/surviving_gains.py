@@ -73,14 +73,8 @@ def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> fl
 def first_limit(stable: Callable[[float], bool], start: float) -> float:
     """Smallest value above `start` (> 0) at which `stable` is lost, bisected to 1e-9; inf beyond 1e6 start.
 
-    Raised in steps of 20 %: an unstable interval narrower than that may be passed over.
-
-    Raises
-    ------
-    InputError
-        `start` is not positive.
-    UnstableLoopError
-        The loop is not stable at `start`.
+    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. InputError for a start that is
+    not positive, UnstableLoopError where the loop is not stable there.
     """
     if not (math.isfinite(start) and start > 0):
         raise InputError(f"start: {start} is not allowed; give a finite value > 0")
@@ -105,18 +99,8 @@ def first_limit(stable: Callable[[float], bool], start: float) -> float:
 
 
 def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
-    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    relay_gain : float
-        What stands for the relay, N*m/(m/s), >= 0.
-
-    Returns
-    -------
-    float
-        0 where the loop is unstable without adaptation.
+    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound, 0 where it is
+    unstable without adaptation. `relay_gain` stands for the relay, N*m/(m/s), >= 0.
     """
     start = _FIRST / loop.regressor_power
     if not loop.is_stable(relay_gain=relay_gain, adaptation=start):
@@ -160,20 +144,8 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 
 
 def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
-    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude; a load makes it smaller.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    slip_amplitude : float
-        Half of the slip's swing, a ratio, > 0.
-
-    Raises
-    ------
-    InputError
-        The amplitude is not positive.
-    DomainError
-        The relay does not oscillate.
+    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude (half of the slip's
+    swing, a ratio, > 0, else InputError); a load makes it smaller. DomainError where the relay does not oscillate.
     """
     if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
         raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
@@ -184,26 +156,12 @@ def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
-    Attributes
-    ----------
-    stable : bool
-        Whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0.
-    k, k_any_relay, relay_gain_for_k : float
-        Largest k; over all relay gains; and that relay gain, N*m/(m/s).
-    K, slip_amplitude : float
-        Largest K, N*m, for a limit cycle within this slip amplitude, linearised; 0 where no K gives a stable cycle,
-        inf where none oscillates.
-    linear_change : float
-        `linearisation_change` over that amplitude, a ratio; beyond `LINEAR_CHANGE` the K is no more than a hint.
-    rho, D : float
-        1/s, N*m/(m/s); inf without bound.
-    relay_gain : float
-        Largest gain that may replace the relay, N*m/(m/s).
-        0 where none makes the loop stable.
-    layer : float
-        Smallest boundary layer without limit cycle at the gains' own K, m/s: K/relay_gain; inf where there is none.
-    excursion : float
-        Amplitude of s, m/s, from which the loop with the gains' own k and K comes back; see `survivable_excursion`.
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k,
+    k_any_relay, relay_gain_for_k: largest k; over all relay gains; and that relay gain, N*m/(m/s). K: largest, N*m, for
+    a limit cycle within slip_amplitude, linearised; 0 where no K gives a stable cycle, inf where none oscillates.
+    linear_change: `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho,
+    D: 1/s, N*m/(m/s); inf without bound. relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest
+    without limit cycle at the gains' own K, m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
     """
 
     stable: bool
@@ -221,14 +179,7 @@ class Survivors:
 
 
 def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
-    """Bisect each gain on exact stability; K by the linearised limit cycle.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    slip_amplitude : float
-        What K may make of the slip, a ratio, > 0; see `largest_relay`.
-    """
+    """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
     gains = loop.gains
     k_any, relay_for_k = most_favourable_adaptation(loop)
     stable = loop.is_stable()
@@ -270,25 +221,14 @@ _JOINT_TOLERANCE = 1e-3  # relative, of the bisections: far below the margin tak
 
 @dataclass(frozen=True)
 class JointAdvice:
-    """Gains decided together.
+    """Gains decided together over `points` operating points.
 
-    Attributes
-    ----------
-    points : int
-        Operating points looked at.
-    unstable : tuple of str
-        Points that are unstable without relay and adaptation: with any, the gains below are 0.
-    relay_limit, relay_gain : float
-        Largest K/layer, N*m/(m/s), that all points bear with k = 0; the advised one.
-    k_limit, k : float
-        Largest k, as printed, that all points bear with `relay_gain`, and the advised one.
-    ms, ms_with_k, ms_without : float
-        Largest sensitivity peak, a ratio, over the points with `relay_gain`, with `k` too, and with neither; inf where
-        unstable.
-    worst : str
-        The point of `ms`.
-    D_limit : float
-        Largest D, N*m/(m/s), with which no point is unstable; 0 where there is none. NaN where none is unstable.
+    unstable: points that are unstable without relay and adaptation; with any, the gains below are 0. relay_limit,
+    relay_gain: largest K/layer, N*m/(m/s), that all points bear with k = 0; the advised one. k_limit, k: largest k, as
+    printed, that all points bear with `relay_gain`, and the advised one. ms, ms_with_k, ms_without: largest sensitivity
+    peak over the points with `relay_gain`, with `k` too, and with neither; inf where unstable. worst: the point of
+    `ms`. D_limit: largest D, N*m/(m/s), with which no point is unstable; 0 where there is none, NaN where none is
+    unstable.
     """
 
     points: int
@@ -310,13 +250,7 @@ class JointAdvice:
 
 
 def joint_advice(loops: Mapping[str, SurfaceLoop]) -> JointAdvice:
-    """Decide K/layer and k together; D and rho stay as they are.
-
-    Parameters
-    ----------
-    loops : mapping
-        Loops of the same law by their names: the operating points.
-    """
+    """Decide K/layer and k together for loops of one law, by the names of their points."""
     unstable = tuple(name for name, loop in loops.items() if not loop.is_stable())
     every = list(loops.values())
     if unstable:
