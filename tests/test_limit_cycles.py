@@ -35,7 +35,6 @@ from railslip_ctrl.verification.relay_loop import OMEGA_UNIT_FACTOR, FeedForward
 from railslip_ctrl.verification.surviving_gains import (
     advice_text,
     first_limit,
-    ideal_adaptation,
     joint_advice,
     largest_adaptation,
     largest_relay,
@@ -295,20 +294,6 @@ def test_the_law_in_steps_is_the_derived_one(rail, scale, feed_forward, frozen):
 # --- the adaptation --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("rail", "scale"), READINGS)
-def test_ideal_adaptation_is_an_oscillator_that_only_D_damps(rail, scale):
-    loop = published_loop(rail, inertia_scale=scale)
-    ideal = ideal_adaptation(loop)
-    assert ideal.damping_ratio < 0.06
-    poles = without_actuator(loop).linear_loop(adaptation=loop.gains.k).closed_loop_poles(6)
-    for root in np.roots([1.0, ideal.damping, ideal.stiffness]):
-        assert np.abs(poles - root).min() < 1e-6
-    # published units: s, omega in km/h, Ta in N*m
-    point = loop.plant.point
-    Ta, omega = 0.43 * point.adhesion_force, 3.6 * (point.speed - point.sigma) / 0.43
-    assert ideal.stiffness == pytest.approx(2.1e-8 * (Ta**2 + omega**2), rel=1e-12)
-
-
 def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without():
     loop = published_loop(Rail.DRY)
     k = loop.gains.k
@@ -351,7 +336,6 @@ def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
         assert loop.with_gains(**{name: value * (1 - 1e-6)}).is_stable()
         assert not loop.with_gains(**{name: value * (1 + 1e-6)}).is_stable()
     assert linear_limit_cycle(loop, K=found.K).slip_amplitude == pytest.approx(0.02, rel=1e-6)
-    assert found.k_any_relay >= found.k
     assert found.relay_gain == pytest.approx(critical_gains(loop)[0].gain, rel=1e-9)
 
 
@@ -395,7 +379,7 @@ def test_conclusion_is_made_from_the_numbers():
 def _stop(**gains):
     vehicles = {"empty": PARK2008, "loaded": PARK2008.loaded()}
     return {
-        f"{rail} {speed_kmh} {load}": published_loop(rail, speed=speed_kmh / 3.6, vehicle=vehicle).with_gains(**gains)
+        f"{rail} {speed_kmh} {load}": published_loop(rail, speed_kmh=speed_kmh, vehicle=vehicle).with_gains(**gains)
         for rail in Rail
         for speed_kmh in (20.0, 60.0, 80.0, 90.0, 100.0)
         for load, vehicle in vehicles.items()
@@ -537,10 +521,3 @@ def test_simulations_that_are_refused():
         simulate(point, law, ACTUATOR, duration=0.0)
     with pytest.raises(DomainError, match="the wheel is lost at"):
         simulate(point, law, ACTUATOR, duration=20.0, step=5e-3, disturbance=lambda t: 4000.0)
-
-
-def test_a_law_without_reference_slip_is_refused(monkeypatch):
-    without = published_loop(Rail.DRY).plant.point.law.model_copy(update={"reference": None})
-    monkeypatch.setattr("railslip_ctrl.verification.actuator_effects.published_law", lambda *_args, **_kwargs: without)
-    with pytest.raises(InputError, match="no reference slip"):
-        published_loop(Rail.DRY)

@@ -6,11 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.adhesion.bristle import Bristle
-from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.model.parameters import (
     AS_PUBLISHED_INERTIA_SCALE,
     INITIAL_SPEED_KMH,
@@ -20,6 +16,7 @@ from railslip_ctrl.model.parameters import (
 )
 from railslip_ctrl.simulation.designed import is_published
 
+from .layered import RailAdhesion
 from .limit_cycles import (
     LINEAR_CHANGE,
     LimitCycle,
@@ -40,12 +37,10 @@ from .relay_loop import (
 )
 from .robust import LAYER_WIDTH, effective_torque
 from .surviving_gains import (
-    IdealAdaptation,
     JointAdvice,
     Survivors,
     adaptive_unstable_poles,
     advice_text,
-    ideal_adaptation,
     joint_advice,
     largest_adaptation,
     survivors,
@@ -62,26 +57,19 @@ def published_loop(
     *,
     inertia_scale: float = 1.0,
     adhesion: str = "bristle",
-    speed: float = 100 * KMH,
+    speed_kmh: float = INITIAL_SPEED_KMH,
     vehicle: Vehicle = PARK2008,
     gains: SlidingGains | None = None,
     feed_forward: FeedForward = FeedForward.MODEL,
 ) -> SurfaceLoop:
-    """The published law's loop on a rail, at the law's reference slip.
+    """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
-    `inertia_scale`: factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
-    `adhesion`: bristle, curve or beam. `speed` in m/s. `gains` left out: Table 4's bristle column (beam for the beam
-    law). InputError for a law without published parameters or reference slip.
+    `inertia_scale` is a factor on M, J, B and, as a change of units demands, the stiffness of the bristle model.
+    `gains` left out: Table 4's bristle column (beam for the beam law).
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
-    law = published_law(adhesion, rail, wheel_load=vehicle.wheel_load)
-    if isinstance(law, Bristle):
-        law = law.model_copy(update={"alpha": inertia_scale * law.alpha})
-    slip = law.reference_slip(rail)
-    if slip is None:
-        raise InputError(f"adhesion: {adhesion!r} has no reference slip; choose bristle, curve or beam")
-    column = TABLE4_SLIDING["beam" if law.name == "beam" else "bristle"]
-    plant = linearize(operating_point(law, scaled, speed, slip, rail=rail))
+    plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
+    column = TABLE4_SLIDING["beam" if adhesion == "beam" else "bristle"]
     return SurfaceLoop(plant, gains or column, scaled.actuator, feed_forward)
 
 
@@ -130,7 +118,6 @@ class ActuatorEffect:
     existence: SlidingExistence
     cycles: tuple[RelayCycle, ...]
     no_cycle: str
-    ideal: IdealAdaptation
     unstable_ideal: float
     unstable_actual: float
     unstable_linear: float
@@ -190,7 +177,6 @@ def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Actua
         existence=loop.sliding_existence(),
         cycles=cycles,
         no_cycle="" if own else _why_no_cycle(loop, unstable),
-        ideal=ideal_adaptation(loop),
         unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
         unstable_actual=adaptive_unstable_poles(loop),
         unstable_linear=unstable,
@@ -340,10 +326,8 @@ SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
 
 
-def published_behind_actuator(
-    K: float, D: float, vehicle: Vehicle
-) -> tuple[tuple[Condition, ...], tuple[ActuatorEffect, ...], str]:
-    """Conditions, analyses and conclusion with these gains (N*m, N*m/(m/s)), rho and k as printed.
+def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:
+    """Conditions and conclusion with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
     Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
     cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
@@ -353,7 +337,7 @@ def published_behind_actuator(
     told = conclusion(effects, advice, POINTS)
     if is_published(vehicle) and not effects[0].existence.exists:  # of another vehicle nothing is published
         told = f"{told} {_as_published(D, vehicle)}"
-    return tuple(_conditions(effects)), effects, told
+    return tuple(_conditions(effects)), told
 
 
 def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
@@ -369,7 +353,7 @@ def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
 
 
 def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> SurfaceLoop:
-    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle, speed=speed_kmh * KMH)
+    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle, speed_kmh=speed_kmh)
     return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho, k=loop.gains.k))
 
 

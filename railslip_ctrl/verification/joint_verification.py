@@ -14,7 +14,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.parameters import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .actuator_effects import ActuatorEffect, published_behind_actuator, variants_behind_actuator
+from .actuator_effects import published_behind_actuator, variants_behind_actuator
 from .layered import PUBLISHED_ADHESION, RailAdhesion
 from .layered_conditions import verify_layered
 from .published_law import lyapunov_conditions, reaching_conditions
@@ -36,10 +36,9 @@ Law = Literal["paper", "robust", "layered"]
 
 @dataclass(frozen=True)
 class FullVerification:
-    """All conditions, the analyses behind those of the published law, and what an engineer may conclude."""
+    """All conditions, and what an engineer may conclude."""
 
     verification: Verification
-    effects: tuple[ActuatorEffect, ...]
     conclusion: str
 
 
@@ -124,12 +123,9 @@ def verify_with_actuator(
     _check_bristle(law, adhesion)
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
     damping = PUBLISHED_LAW.D if D is None else D
-    if law == "robust":
-        found, told = variants_behind_actuator(ideal.K, damping, vehicle)
-        effects: tuple[ActuatorEffect, ...] = ()
-    else:
-        found, effects, told = published_behind_actuator(ideal.K, damping, vehicle)
-    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), effects, told)
+    behind = variants_behind_actuator if law == "robust" else published_behind_actuator
+    found, told = behind(ideal.K, damping, vehicle)
+    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), told)
 
 
 def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:

@@ -22,7 +22,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.designed import is_published
 
-from .actuator_effects import SPEEDS_KMH, ActuatorEffect
+from .actuator_effects import SPEEDS_KMH
 from .fine_simulation import END_SPEED, simulate, slip_range
 from .layered import (
     DISTURBANCE,
@@ -70,8 +70,8 @@ def verify_layered(
     K: float | None,
     seed: int,
     ki_min: float | None = None,
-) -> tuple[Verification, tuple[ActuatorEffect, ...], str]:
-    """The conditions, no analyses of the published law, and the conclusion.
+) -> tuple[Verification, str]:
+    """The conditions and the conclusion.
 
     Where no gains stabilise the rails the first condition does not hold, and the others, which are about a law that
     there is none of, are not decided; K is then 0 unless given.
@@ -81,7 +81,7 @@ def verify_layered(
     except InfeasibleDesignError as error:
         conditions = _without_design(str(error), vehicle, adhesion)
         none = Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions))
-        return none, (), _no_design(vehicle, adhesion)
+        return none, _no_design(vehicle, adhesion)
     conditions = [layered_stability(design, vehicle, adhesion)]
     try:
         bounds = rail_bounds(design, vehicle, adhesion)
@@ -106,8 +106,8 @@ def verify_layered(
     if failing or cut_out is None:
         asked = least_authority(design, vehicle, adhesion)
         more = failing == [HOLD_NAME] and asked <= design.K
-        return found, (), _refusal(found, failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
-    return found, (), _promise(design, bounds, promised, cut_out) + _unknown_advice(unknown)
+        return found, _refusal(found, failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
+    return found, _promise(design, bounds, promised, cut_out) + _unknown_advice(unknown)
 
 
 def _no_design(vehicle: Vehicle, adhesion: RailAdhesion) -> str:

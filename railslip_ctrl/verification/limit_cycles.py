@@ -67,17 +67,14 @@ _FARTHEST_GAIN = 1e3  # cycles a thousandth as large as the first, from higher t
 class LimitCycle:
     """A periodic solution of the loop with its relay.
 
-    method: "describing function" or "linearised" (every harmonic), both of the linearised loop; "nonlinear";
-    "simulated". K, load: N*m; layer: m/s, 0 is the relay; frequency: rad/s; relay_gain: N at the cycle, N*m/(m/s),
-    first harmonic over first harmonic; surface_amplitude, sigma_amplitude (m/s), torque_amplitude (N*m, acting): half
-    of peak to peak; surface_mean: m/s; slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity,
-    m/s; stable: by the describing function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
+    K, load: N*m; frequency: rad/s; relay_gain: N at the cycle, N*m/(m/s), first harmonic over first harmonic;
+    surface_amplitude, sigma_amplitude (m/s), torque_amplitude (N*m, acting): half of peak to peak; surface_mean: m/s;
+    slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity, m/s; stable: by the describing
+    function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
     """
 
-    method: str
     K: float
     load: float
-    layer: float
     frequency: float
     relay_gain: float
     surface_amplitude: float
@@ -160,7 +157,21 @@ def predict_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: floa
     critical = _oscillation(loop)
     ratio = _mean_over_amplitude(loop, height, load, critical.gain)
     amplitude = 4 * height / (math.pi * critical.gain) * math.sqrt(1 - ratio**2)
-    return _harmonic_cycle(loop, critical, amplitude, ratio * amplitude, (height, load, 0.0))
+    omega, relay = critical.frequency, critical.gain * amplitude
+    sigma, point = relay * abs(complex(loop.slip_response(omega))), loop.plant.point
+    return LimitCycle(
+        K=height,
+        load=load,
+        frequency=omega,
+        relay_gain=critical.gain,
+        surface_amplitude=amplitude,
+        sigma_amplitude=sigma,
+        torque_amplitude=relay * abs(complex(loop.torque_response(omega))),
+        surface_mean=ratio * amplitude,
+        slip_amplitude=sigma / point.speed,
+        sigma_range=(point.sigma - sigma, point.sigma + sigma),
+        stable=critical.stable_below,
+    )
 
 
 def _oscillation(loop: SurfaceLoop) -> CriticalGain:
@@ -188,29 +199,6 @@ def _mean_over_amplitude(loop: SurfaceLoop, K: float, load: float, gain: float) 
         return 2 * K / math.pi * math.asin(x) + loop.gains.D * x * amplitude - abs(load)
 
     return math.copysign(float(brentq(excess, 0.0, 1.0)), load)
-
-
-def _harmonic_cycle(
-    loop: SurfaceLoop, critical: CriticalGain, amplitude: float, mean: float, case: tuple[float, float, float]
-) -> LimitCycle:
-    omega = critical.frequency
-    relay = critical.gain * amplitude
-    sigma = relay * abs(complex(loop.slip_response(omega)))
-    return LimitCycle(
-        method="describing function",
-        K=case[0],
-        load=case[1],
-        layer=case[2],
-        frequency=omega,
-        relay_gain=critical.gain,
-        surface_amplitude=amplitude,
-        sigma_amplitude=sigma,
-        torque_amplitude=relay * abs(complex(loop.torque_response(omega))),
-        surface_mean=mean,
-        slip_amplitude=sigma / loop.plant.point.speed,
-        sigma_range=(loop.plant.point.sigma - sigma, loop.plant.point.sigma + sigma),
-        stable=critical.stable_below,
-    )
 
 
 # --- with every harmonic ---------------------------------------------------------------------------------------------
@@ -252,10 +240,8 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
     sigma = _half_range(swing)
     fundamental = complex(loop.surface_response(omega))
     return LimitCycle(
-        method="linearised",
         K=height,
         load=load,
-        layer=0.0,
         frequency=omega,
         relay_gain=1.0 / abs(fundamental),
         surface_amplitude=height * _half_range(surface),
@@ -522,10 +508,8 @@ def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats, stable: bool) ->
     torque = equations.at(equations.torque_series(x), phase)
     swing = _half_range(signals[1])
     return LimitCycle(
-        method="nonlinear",
         K=K,
         load=load,
-        layer=0.0,
         frequency=float(omega[0]),
         relay_gain=K * abs(complex(equations.relay_series(share)[1] / surface[1])),
         surface_amplitude=_half_range(signals[0]),
@@ -567,10 +551,8 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     gain = abs(np.sum(height * np.sign(run.surface) * turn) / np.sum(run.surface * turn))
     swing = 0.5 * float(np.ptp(run.sigma))
     return LimitCycle(
-        method="simulated",
         K=height,
         load=loop.load,
-        layer=0.0,
         frequency=2 * math.pi / period,
         relay_gain=float(gain),
         surface_amplitude=0.5 * float(np.ptp(run.surface)),

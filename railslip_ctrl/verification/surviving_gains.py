@@ -34,32 +34,6 @@ _FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation w
 _RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
 
 
-@dataclass(frozen=True)
-class IdealAdaptation:
-    """s'' + damping s' + stiffness s = 0 of the adaptive loop with an ideal actuator: (r/J) D and k |phi|^2.
-
-    damping in 1/s, stiffness in 1/s^2.
-    """
-
-    damping: float
-    stiffness: float
-
-    @property
-    def frequency(self) -> float:
-        """Undamped frequency, rad/s."""
-        return math.sqrt(self.stiffness)
-
-    @property
-    def damping_ratio(self) -> float:
-        """Share of critical damping; inf without adaptation."""
-        return self.damping / (2 * self.frequency) if self.stiffness > 0 else math.inf
-
-
-def ideal_adaptation(loop: SurfaceLoop) -> IdealAdaptation:
-    """The oscillator that the adaptation makes of s with an ideal actuator; k of the loop's gains."""
-    return IdealAdaptation(loop.plant.gain * loop.gains.D, loop.gains.k * loop.regressor_power)
-
-
 def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
     """The same loop with an ideal actuator."""
     return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
@@ -108,21 +82,6 @@ def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
     return first_limit(lambda k: loop.is_stable(relay_gain=relay_gain, adaptation=k), start)
 
 
-def most_favourable_adaptation(loop: SurfaceLoop) -> tuple[float, float]:
-    """Largest k over all relay gains, and the relay gain that allows it; sampled between 0 and the limit cycle's.
-
-    Above this k the adaptive loop is unstable however large the excursion, so it has no resting place at all.
-    """
-    top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
-    best, at = largest_adaptation(loop), 0.0
-    for n in np.linspace(0.0, top, _RELAY_SAMPLES).tolist()[1:]:
-        if math.isinf(best):  # as with an ideal actuator: nothing to better
-            break
-        if best == 0.0 or loop.is_stable(relay_gain=n, adaptation=best * (1 + _TOLERANCE)):  # else no better
-            best, at = max((best, at), (largest_adaptation(loop, relay_gain=n), n))
-    return best, at
-
-
 def survivable_excursion(loop: SurfaceLoop) -> float:
     """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back, by the describing function.
 
@@ -156,8 +115,8 @@ def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
-    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k,
-    k_any_relay, relay_gain_for_k: largest k; over all relay gains; and that relay gain, N*m/(m/s). K: largest, N*m, for
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k:
+    largest k. K: largest, N*m, for
     a limit cycle within slip_amplitude, linearised; 0 where no K gives a stable cycle, inf where none oscillates.
     linear_change: `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho,
     D: 1/s, N*m/(m/s); inf without bound. relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest
@@ -166,8 +125,6 @@ class Survivors:
 
     stable: bool
     k: float
-    k_any_relay: float
-    relay_gain_for_k: float
     K: float
     slip_amplitude: float
     linear_change: float
@@ -181,7 +138,6 @@ class Survivors:
 def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
     """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
     gains = loop.gains
-    k_any, relay_for_k = most_favourable_adaptation(loop)
     stable = loop.is_stable()
     gain = largest_relay_gain(loop)
     # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
@@ -190,8 +146,6 @@ def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop),
-        k_any_relay=k_any,
-        relay_gain_for_k=relay_for_k,
         K=relay,
         slip_amplitude=slip_amplitude,
         linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)) if finite else 0.0,
