@@ -324,7 +324,7 @@ def test_an_equation_shows_as_printed_only_what_is_printed_there():
     assert "**Erratum**: printed" in texts[39]
     rate = derive().closed_rate.subs(UNCERTAIN)
     assert equations.tex(sp.factor(rate)) in texts[39]
-    assert sp.expand(rate + plant.r / plant.J * -equations.printed.asked_rate()) == 0
+    assert sp.expand(rate + plant.r / plant.J * -equations.printed.asked_rate) == 0
 
 
 def test_the_beam_stated_here_integrates_to_the_package_s():

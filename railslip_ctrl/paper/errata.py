@@ -138,12 +138,12 @@ def adhesion_errata() -> tuple[Erratum, ...]:
 def _force_per_length() -> Erratum:
     """(6): what must multiply each branch is solved for, from (5), (9) and the full sliding force mu_d N."""
     length, slip, mu_d, xc, N = printed.length, printed.slip, printed.mu_d, printed.xc, printed.wheel_load
-    locking, slipping = printed.force_per_length()
+    locking, slipping = printed.force_per_length
     p = sp.Symbol("p", positive=True)
     a, b = sp.symbols("a b")
     stiffness = sp.integrate(a * locking / slip, (xc, 0, length))
-    sliding = sp.integrate(b * slipping.subs(p, printed.pressure()), (xc, 0, length))
-    factors = sp.solve([stiffness - printed.travelling_stiffness(), sliding - mu_d * N], [a, b])
+    sliding = sp.integrate(b * slipping.subs(p, printed.pressure), (xc, 0, length))
+    factors = sp.solve([stiffness - printed.travelling_stiffness, sliding - mu_d * N], [a, b])
     derived = (locking * factors[a], slipping * factors[b])
     w = beam.CONTACT_WIDTH
     kx = beam.CONTACT_STIFFNESS * beam.CONTACT_LENGTH**2 / 2
@@ -162,7 +162,7 @@ def _force_per_length() -> Erratum:
 
 
 def _beam_force() -> Erratum:
-    derived, as_printed = beam.integrated_force(), printed.beam_force()
+    derived, as_printed = beam.integrated_force(), printed.beam_force
     half = beam.printed_force(width=False)
     mended = beam.printed_force(width=False, last_factor=sp.Rational(1, 4))
     law = published_law("beam", Rail.DRY, 100.0, PARK2008.wheel_load)
@@ -193,7 +193,7 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
     sigma, Fs, Fc, vs = plant.sigma, printed.Fs, printed.Fc, printed.vs
     beta, gamma = sp.symbols("beta gamma")
     # beta/(gamma - sigma) = 1/g for every sigma: coefficients of sigma in beta g - (gamma - sigma)
-    equation = sp.Poly(sp.expand(beta * printed.bristle_g() - (gamma - sigma)), sigma)
+    equation = sp.Poly(sp.expand(beta * printed.bristle_g - (gamma - sigma)), sigma)
     found = sp.solve(equation.coeffs(), [beta, gamma], dict=True)[0]
     derived = tuple(_positive_first(found[name]) for name in (beta, gamma))
     law = published_law("bristle", Rail.DRY, 100.0, PARK2008.wheel_load)
@@ -201,7 +201,7 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
     static = fitted["gamma"] / fitted["beta"]
     literal = compared(
         "(22)-(24)",
-        printed.bristle_coefficients(),
+        printed.bristle_coefficients,
         derived,
         sign_and_size=(
             f"v0 = 100 km/h: (31), (32) give Fs = gamma/beta = {static:.0f} N; with a Coulomb force of any size above "
@@ -230,7 +230,7 @@ def _observer() -> Erratum:
     s, tau = printed.laplace, printed.tau
     true = sp.solve(plant.WHEEL.subs({plant.omega_rate: s * plant.omega, plant.Td: 0, plant.Tr: 0}), plant.Ta)[0]
     derived = true / (tau * s + 1)
-    as_printed = printed.observer()
+    as_printed = printed.observer
     jump = [sp.limit(sp.diff(expression, plant.Tb), s, sp.oo) for expression in (as_printed, derived)]
     return compared(
         "(27)",
@@ -245,8 +245,8 @@ def _observer() -> Erratum:
 def _observer_forms() -> Erratum:
     return compared(
         "(28) = (27)",
-        (printed.observer_without_derivative(),),
-        (printed.observer(),),
+        (printed.observer_without_derivative,),
+        (printed.observer,),
         sign_and_size="no difference",
         explanation="The two printed forms of the observer are the same transfer function.",
     )
@@ -281,12 +281,12 @@ def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
 
 def _known_parameters(derivation: Derivation) -> tuple[Erratum, ...]:
     pairs = (
-        ("(35)", printed.s_rate(), derivation.s_rate, "with Fr read as the travelling resistance of (4)"),
-        ("(36)", printed.equivalent_control(), derivation.equivalent_control, ""),
-        ("(37)", printed.reaching(), derivation.reaching, ""),
-        ("(41)", printed.robust_control(), derivation.robust_term, "for s' = -D0 s - K0 sgn s"),
-        ("(42)", printed.reaching_product(), derivation.reaching_product, "(first line)"),
-        ("(43)", printed.control_law(), derivation.control_law, ""),
+        ("(35)", printed.s_rate, derivation.s_rate, "with Fr read as the travelling resistance of (4)"),
+        ("(36)", printed.equivalent_control, derivation.equivalent_control, ""),
+        ("(37)", printed.reaching, derivation.reaching, ""),
+        ("(41)", printed.robust_control, derivation.robust_term, "for s' = -D0 s - K0 sgn s"),
+        ("(42)", printed.reaching_product, derivation.reaching_product, "(first line)"),
+        ("(43)", printed.control_law, derivation.control_law, ""),
     )
     return tuple(
         _expected_to_agree(where, as_printed, derived, note, derivation) for where, as_printed, derived, note in pairs
@@ -309,7 +309,7 @@ def _asked_rate(derivation: Derivation) -> Erratum:
     derived = derivation.closed_rate.subs(UNCERTAIN)
     return compared(
         "(38)-(39) with (41)",
-        (printed.asked_rate(),),
+        (printed.asked_rate,),
         (sp.factor(derived),),
         sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times as fast (r/J = {_RATIO:.3e} 1/(kg m))",
         explanation="(37) with (41) has the factor r/J. Table 4's 1/h and km/h^2 are the units of (39); in (41) D and "
@@ -320,7 +320,7 @@ def _asked_rate(derivation: Derivation) -> Erratum:
 def _random_force(derivation: Derivation) -> Erratum:
     """Fr as a random force: the plant has it through Tr once, (35) would have it twice."""
     force = sp.Symbol("F_random", real=True)
-    twice = printed.s_rate().subs({plant.Fr: force, plant.Tr: plant.r * force})
+    twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})
     speed = printed.SPEEDS_KMH[0] / 3.6
     travelling = PARK2008.resistance.quadratic * speed**2
@@ -339,7 +339,7 @@ def _random_force(derivation: Derivation) -> Erratum:
 
 
 def _theta(derivation: Derivation) -> tuple[Erratum, Erratum]:
-    first, second = printed.theta()
+    first, second = printed.theta
     values = {
         sliding_symbol("Mn"): _MASS[0],
         sliding_symbol("Mp"): _MASS[1] - _MASS[0],
@@ -366,9 +366,9 @@ def _theta(derivation: Derivation) -> tuple[Erratum, Erratum]:
 def _adaptive(derivation: Derivation) -> tuple[Erratum, Erratum]:
     return (
         _expected_to_agree(
-            "(45)", printed.adaptive_law(), derivation.adaptive_law_control, "with theta corrected", derivation
+            "(45)", printed.adaptive_law, derivation.adaptive_law_control, "with theta corrected", derivation
         ),
-        _expected_to_agree("(46)", printed.lyapunov(), derivation.V, "(chosen, not derived)", derivation),
+        _expected_to_agree("(46)", printed.lyapunov, derivation.V, "(chosen, not derived)", derivation),
     )
 
 
@@ -377,7 +377,7 @@ def _lyapunov_rate(derivation: Derivation) -> tuple[Erratum, Erratum]:
     hat = [sliding_symbol("theta1_hat"), sliding_symbol("theta2_hat")]
     errors = dict(zip(THETA_TILDE, (a - b for a, b in zip(theta, hat, strict=True)), strict=True))
     # (47) before the law is put in: put the derived law in, and it must be the derived V'
-    before = _named(printed.lyapunov_rate(), derivation).subs(plant.Tb, derivation.adaptive_law_control)
+    before = _named(printed.lyapunov_rate, derivation).subs(plant.Tb, derivation.adaptive_law_control)
     first = compared(
         "(47) with (45)",
         (sp.expand(before.subs(errors)),),
@@ -387,7 +387,7 @@ def _lyapunov_rate(derivation: Derivation) -> tuple[Erratum, Erratum]:
     )
     second = compared(
         "(47)-(48)",
-        (printed.lyapunov_rate_with_law(),),
+        (printed.lyapunov_rate_with_law,),
         (derivation.V_rate,),
         sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times too large (r/J = {_RATIO:.3e} 1/(kg m))",
         explanation="V' = -(r/J)(D s^2 + K |s|) + cross term: the factor r/J is lost; and the text cites (46) where "
@@ -400,7 +400,7 @@ def _adaptation(derivation: Derivation) -> Erratum:
     units = _gain_units(derivation)
     return compared(
         "(49)",
-        printed.adaptation(),
+        printed.adaptation,
         derivation.adaptation_matrix,
         sign_and_size=f"units that follow: k1 in {units[0]}, k2 in {units[1]} (kg, m, s); printed: one number, "
         "dimensionless",
