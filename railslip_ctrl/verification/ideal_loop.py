@@ -122,9 +122,16 @@ def simulate(
     force, noise = _random(disturbances, seeds, steps)
     force *= vehicle.wheel_load
     rows = np.full((len(seeds), steps, loop.COLUMNS), np.nan)
-    left = _kernel(type(law)).run(
+    kernel = _kernel(type(law))
+    settings = kernel.Settings(
+        *(STEP, slip, held_speed is not None, END_SPEED, limit),
+        *(TORQUE_FRACTION if disturbances.torque else 0.0, TORQUE_DECAY, TORQUE_FREQUENCY),
+        # the box is kept by the loop, as the generated step keeps it
+        *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
+    )
+    left = kernel.run(
         *(rows, np.array([*start, *start_estimate]), force, noise, plants, changed),
-        _common(disturbances, gains, slip, held_speed is not None, limit),
+        settings,
         np.array(_law_of(gains, slip, vehicle, nominal or vehicle)),
         np.zeros(1),  # the bristle model is in closed form
     )
@@ -152,19 +159,6 @@ def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tup
         force[row] = np.repeat(held, each)[:steps]
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
-
-
-def _common(disturbances: Disturbances, gains: LawGains, slip: float, held: bool, limit: float) -> Floats:
-    """What holds for all runs, in the kernel's order."""
-    common = np.empty(12)
-    common[[loop.STEP, loop.REFERENCE, loop.HELD, loop.SLIP_LIMIT]] = STEP, slip, held, limit
-    common[loop.END_SPEED] = END_SPEED
-    common[loop.FRACTION] = TORQUE_FRACTION if disturbances.torque else 0.0
-    common[[loop.DECAY, loop.FREQUENCY]] = TORQUE_DECAY, TORQUE_FREQUENCY
-    # the box is kept by the loop, as the generated step keeps it
-    box = ((-np.inf, np.inf), (-np.inf, np.inf)) if gains.box is None else gains.box
-    common[[loop.LOW1, loop.HIGH1, loop.LOW2, loop.HIGH2]] = np.ravel(box)
-    return common
 
 
 def _law_of(gains: LawGains, slip: float, vehicle: Vehicle, nominal: Vehicle) -> Any:
