@@ -28,7 +28,7 @@ from railslip_ctrl.verification.actuator_effects import (
     published_loop,
     stop_loops,
 )
-from railslip_ctrl.verification.fine_simulation import Run, holding_torque, simulate
+from railslip_ctrl.verification.fine_simulation import FineRun, holding_torque, simulate_fine
 from railslip_ctrl.verification.layered import (
     DURATION,
     OFFSET,
@@ -65,7 +65,7 @@ class RobustDesign:
     design: LayeredDesign
     bounds: dict[Rail, RailBounds]
     simulated: dict[Rail, dict[str, tuple[float, float]]]
-    worst: dict[Rail, Run]
+    worst: dict[Rail, FineRun]
 
 
 def design_for(inertia_scale: float) -> RobustDesign:
@@ -87,13 +87,13 @@ def design_for(inertia_scale: float) -> RobustDesign:
     )
 
 
-def worst_run(design: LayeredDesign, bounds: RailBounds) -> Run:
+def worst_run(design: LayeredDesign, bounds: RailBounds) -> FineRun:
     """The nonlinear wheel from rest under the worst disturbance of the linear loop."""
     point, actuator = bounds.plant.point, bounds.plant.point.vehicle.actuator
     impulse = torque_impulse(design, bounds.plant, actuator)
     torque = bounded_torques(bounds.at_rest.disturbance, impulse)[WORST]
     law = LayeredLaw(point.slip, holding_torque(point), design=design)
-    return simulate(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
+    return simulate_fine(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
 
 
 def run() -> dict[str, RobustDesign]:

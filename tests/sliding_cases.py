@@ -9,7 +9,7 @@ import numpy as np
 
 from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
 from railslip_ctrl.verification.actuator_effects import ActuatorEffect, actuator_effect, published_loop
-from railslip_ctrl.verification.fine_simulation import Run, whole_periods
+from railslip_ctrl.verification.fine_simulation import FineRun, whole_periods
 from railslip_ctrl.verification.layered import LayeredDesign
 
 ACTUATOR = PARK2008.actuator
@@ -25,7 +25,7 @@ def effect_on(rail: Rail) -> ActuatorEffect:
     return actuator_effect(published_loop(rail))
 
 
-def measured_cycle(run: Run) -> SimpleNamespace:
+def measured_cycle(run: FineRun) -> SimpleNamespace:
     """Period and amplitudes over the whole periods of s in a run."""
     period, whole = whole_periods(run)
     amplitudes = {f"{name}_amplitude": np.ptp(getattr(whole, name)) / 2 for name in ("surface", "sigma", "torque")}

@@ -18,7 +18,7 @@ from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
 from railslip_ctrl.sliding.law import generated_law
 from railslip_ctrl.verification import relay_loop
 from railslip_ctrl.verification.actuator_effects import actuator_effect, conclusion, cycle_table, published_loop
-from railslip_ctrl.verification.fine_simulation import PublishedLaw, simulate
+from railslip_ctrl.verification.fine_simulation import PublishedLaw, simulate_fine
 from railslip_ctrl.verification.layered import induced_gains, layer_bound
 from railslip_ctrl.verification.limit_cycles import (
     LINEAR_CHANGE,
@@ -72,7 +72,7 @@ def test_limit_cycle_against_the_nonlinear_wheel(rail, scale, K):
 def _simulated(loop, K, amplitude):
     """The measured cycle of the fine nonlinear simulation, 30 s after 50 s for the transient."""
     law = PublishedLaw(loop.plant.point, replace(loop.gains, K=K, k=0.0), feed_forward=loop.feed_forward)
-    run = simulate(loop.plant.point, law, ACTUATOR, duration=80.0, step=2e-3, offset=0.5 * amplitude)
+    run = simulate_fine(loop.plant.point, law, ACTUATOR, duration=80.0, step=2e-3, offset=0.5 * amplitude)
     return measured_cycle(run.after(50.0))
 
 
@@ -246,7 +246,7 @@ def test_relay_slides_with_an_ideal_actuator_and_cycles_with_the_real_one():
     swing = {}
     for actuator in (IDEAL, ACTUATOR):
         law = PublishedLaw(loop.plant.point, replace(loop.gains, k=0.0))
-        run = simulate(loop.plant.point, law, actuator, duration=30.0, step=1e-3, offset=0.2)
+        run = simulate_fine(loop.plant.point, law, actuator, duration=30.0, step=1e-3, offset=0.2)
         swing[actuator.lag] = float(np.abs(run.after(20.0).surface).max())
     assert swing[0.0] < 2e-3  # one step of the fastest s': (r/J)(K + load) 1 ms, and s' left of the step before
     assert swing[0.6] > 0.5
@@ -316,7 +316,7 @@ def test_published_adaptation_grows_in_the_simulation_only_with_the_actuator():
     growth = {}
     for actuator in (IDEAL, ACTUATOR):
         law = PublishedLaw(loop.plant.point, replace(loop.gains, K=0.0))
-        run = simulate(loop.plant.point, law, actuator, duration=16.0, step=2e-3, offset=0.05)
+        run = simulate_fine(loop.plant.point, law, actuator, duration=16.0, step=2e-3, offset=0.05)
         early, late = run.sigma[run.time < 8.0], run.sigma[run.time >= 8.0]
         growth[actuator.lag] = float(np.ptp(late) / np.ptp(early))
     assert growth[0.0] < 1
@@ -471,7 +471,7 @@ def test_cycles_that_do_not_exist():
     heavy = published_loop(Rail.DRY, inertia_scale=3.6)
     with pytest.raises(DomainError, match="two switches a period"):
         linear_limit_cycle(heavy, K=19.6, load=heavy.load)  # the load takes all but 1 % of K
-    run = simulate(
+    run = simulate_fine(
         loop.plant.point, PublishedLaw(loop.plant.point, loop.gains, layer=5.0), ACTUATOR, duration=2.0, step=5e-3
     )
     with pytest.raises(DomainError, match="simulate longer"):
@@ -518,6 +518,6 @@ def test_simulations_that_are_refused():
     point = published_loop(Rail.DRY).plant.point
     law = PublishedLaw(point, SlidingGains(K=70.0, D=5.5, rho=1.54), feed_forward=FeedForward.REST)
     with pytest.raises(InputError, match="finite values > 0"):
-        simulate(point, law, ACTUATOR, duration=0.0)
+        simulate_fine(point, law, ACTUATOR, duration=0.0)
     with pytest.raises(DomainError, match="the wheel is lost at"):
-        simulate(point, law, ACTUATOR, duration=20.0, step=5e-3, disturbance=lambda t: 4000.0)
+        simulate_fine(point, law, ACTUATOR, duration=20.0, step=5e-3, disturbance=lambda t: 4000.0)

@@ -40,7 +40,7 @@ from railslip_ctrl.sliding.law import (
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 from railslip_ctrl.verification import ideal_loop
-from railslip_ctrl.verification.ideal_loop import STEP, Disturbances, simulate
+from railslip_ctrl.verification.ideal_loop import STEP, IdealDisturbances, simulate_ideal
 
 REFERENCES = ("proportional", "constant")
 CASES = [(reference, law) for law in (None, *ALL_LAWS) for reference in REFERENCES]
@@ -195,8 +195,8 @@ def test_adhesion_in_the_code_or_said_to_be_outside(name) -> None:
 
 def test_the_law_of_the_ideal_loop_is_fed_the_measured_slip() -> None:
     """At rest Ta is the model's at the slip velocity with its noise, which s tells: s = slip v - sigma - noise."""
-    noisy = Disturbances(slip_noise=0.05)
-    run = simulate(PARK2008, PUBLISHED_LAW, duration=STEP, held_speed=20.0, disturbances=noisy, seeds=(3,))
+    noisy = IdealDisturbances(slip_noise=0.05)
+    run = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=STEP, held_speed=20.0, disturbances=noisy, seeds=(3,))
     law, s = published_law("bristle", Rail.DRY), float(run.s[0, 0])
     slip = law.reference_slip(Rail.DRY)
     measured = slip * 20.0 - s
@@ -213,12 +213,15 @@ def test_the_law_of_the_ideal_loop_is_fed_the_measured_slip() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_the_compiled_ideal_loop_is_the_interpreted_one(monkeypatch, noise) -> None:
     """A relay would drive rounding apart; without it the two arithmetics differ by rounding alone."""
-    options = {"duration": 1.0, "disturbances": Disturbances(random_share=90 / 34_500, torque=True, slip_noise=noise)}
+    options = {
+        "duration": 1.0,
+        "disturbances": IdealDisturbances(random_share=90 / 34_500, torque=True, slip_noise=noise),
+    }
     gains = replace(PUBLISHED_LAW, K=0.0)
-    compiled = simulate(PARK2008, gains, seeds=(1, 2), **options)
+    compiled = simulate_ideal(PARK2008, gains, seeds=(1, 2), **options)
     text = ideal_loop.kernel_text(type(sample_law("bristle")), compiled=False)
     monkeypatch.setattr(ideal_loop, "_kernel", lambda law: module_of(text, compiled=False))
-    interpreted = simulate(PARK2008, gains, seeds=(1, 2), **options)
+    interpreted = simulate_ideal(PARK2008, gains, seeds=(1, 2), **options)
     for name, values in vars(interpreted).items():
         size = np.max(np.abs(values))
         assert np.max(np.abs(getattr(compiled, name) - values)) <= 1e-12 * size, name  # 500 steps of 1e-16
@@ -228,7 +231,7 @@ def test_the_ideal_loop_adapts_as_the_generated_step() -> None:
     """Leak, dead zone and box of one record in the simulated loop and in `step`, from the same start."""
     gains = replace(PUBLISHED_LAW, layer=0.01, dead_zone=True, leak=0.4, box=((-2e-5, 2e-5), (-1.0, 1.0)))
     start = (3e-5, 0.01)
-    run = simulate(PARK2008, gains, duration=2 * STEP, held_speed=20.0, start_estimate=start)
+    run = simulate_ideal(PARK2008, gains, duration=2 * STEP, held_speed=20.0, start_estimate=start)
     law, sigma = published_law("bristle", Rail.DRY), run.sigma[0, 0]
     values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": law.reference_slip(Rail.DRY)}
     module = python_law(derive())

@@ -25,7 +25,7 @@ from railslip_ctrl.verification.actuator_effects import (
     stop_loops,
     variants_behind_actuator,
 )
-from railslip_ctrl.verification.fine_simulation import holding_torque, simulate
+from railslip_ctrl.verification.fine_simulation import holding_torque, simulate_fine
 from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
 from railslip_ctrl.verification.layered import (
     HOLD_ERROR,
@@ -235,7 +235,7 @@ def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(l
     assert found.time == pytest.approx(8.5, abs=0.06)
     # holding on to the torque of 100 km/h, as it was, the slip is lost about 10 km/h
     law = LayeredLaw(plant.point.slip, plant.point.brake_torque, design=design)
-    run = simulate(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
+    run = simulate_fine(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
     slow = run.speed[np.argmax(run.sigma <= 0.0)]
     assert 2.0 < slow < 4.0
 
@@ -566,7 +566,7 @@ def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
     plant = published_loop(rail).plant
     bound = layer_bound(DESIGN, plant, ACTUATOR, 20.0, offset=0.1)
     point, hold = plant.point, holding_torque(plant.point)
-    run = simulate(
+    run = simulate_fine(
         point,
         LayeredLaw(point.slip, hold, design=DESIGN),
         ACTUATOR,
@@ -600,7 +600,7 @@ def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
     slow = PUBLISHED_ADHESION.plants(loaded, speed_kmh=10.0)[Rail.WET].point
     law = LayeredLaw(slow.slip, holding_torque(slow), design=design)
     torque = published_torque(design, slow, 3000, 15.0)
-    run = simulate(slow, law, loaded.actuator, duration=15.0, step=5e-3, disturbance=torque)
+    run = simulate_fine(slow, law, loaded.actuator, duration=15.0, step=5e-3, disturbance=torque)
     assert np.abs(run.sigma - slow.sigma).max() > slow.sigma
     # what takes the law's place
     point = PUBLISHED_ADHESION.plants(loaded, speed_kmh=20.0)[Rail.WET].point

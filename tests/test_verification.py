@@ -22,7 +22,7 @@ from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import reaching, robust
-from railslip_ctrl.verification.ideal_loop import Disturbances, simulate
+from railslip_ctrl.verification.ideal_loop import IdealDisturbances, simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify
 from railslip_ctrl.verification.published_law import (
     AXES,
@@ -223,13 +223,13 @@ def test_projection_is_needed_and_never_raises_V():
 
 def test_projection_and_leak_hold_the_estimate_where_the_published_law_does_not():
     # an estimate far outside: with noise it stays where s does not see it, projected or leaking it comes back
-    noise = Disturbances(slip_noise=0.1)
+    noise = IdealDisturbances(slip_noise=0.1)
     far = (0.0, 0.05)
     common = {"duration": 4.0, "held_speed": 100 / 3.6, "disturbances": noise, "start_estimate": far}
     box = parameter_box(PARK2008)
-    free = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
-    boxed = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
-    leaking = simulate(PARK2008, leaking_design(PARK2008), **common)
+    free = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
+    boxed = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
+    leaking = simulate_ideal(PARK2008, leaking_design(PARK2008), **common)
     assert abs(free.theta_hat[-1, 0, 1] - 0.05) < 1e-3
     assert boxed.theta_hat[-1, 0, 1] <= box[1][1]
     assert leaking.theta_hat[-1, 0, 1] < 0.05 * math.exp(-0.9 * leaking_design(PARK2008).leak * 4.0)
@@ -521,7 +521,7 @@ def test_sets_are_checked(change, word):
 
 def test_reaching_time_is_the_simulated_one():
     exact = replace(PUBLISHED_LAW, k1=0.0, k2=0.0, K=400.0)
-    run = simulate(PARK2008, exact, duration=5.0)
+    run = simulate_ideal(PARK2008, exact, duration=5.0)
     expected = reaching_time(PARK2008, K=400.0, D=exact.D, start=float(run.s[0, 0]))
     crossed = run.time[np.argmax(run.s[:, 0] <= 0.0)]
     assert crossed == pytest.approx(expected, abs=0.01)  # five steps
@@ -556,8 +556,8 @@ def test_an_estimate_rests_off_theta_only_while_the_speed_is_held():
     speed, c = 100 / 3.6, 1e-7
     Ta = rest_adhesion_torque(PARK2008, speed, reference_slip())
     start = (-c * (1 - 0.132) * speed / 0.43, c * Ta)
-    held = simulate(PARK2008, PUBLISHED_LAW, duration=5.0, held_speed=speed, start_estimate=start)
-    stop = simulate(PARK2008, PUBLISHED_LAW, duration=20.0, start_estimate=start)
+    held = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=5.0, held_speed=speed, start_estimate=start)
+    stop = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=20.0, start_estimate=start)
     assert np.ptp(held.V) < 1e-9 * held.V[0, 0]
     alive = stop.theta_hat[np.isfinite(stop.V[:, 0]), 0]
     assert np.linalg.norm((alive[-1] - alive[0]) / start) > 0.1
@@ -565,7 +565,7 @@ def test_an_estimate_rests_off_theta_only_while_the_speed_is_held():
 
 
 def test_V_falls_in_the_ideal_loop_and_theta_need_not_converge():
-    run = simulate(PARK2008.loaded(), PUBLISHED_LAW, nominal=PARK2008, duration=20.0)
+    run = simulate_ideal(PARK2008.loaded(), PUBLISHED_LAW, nominal=PARK2008, duration=20.0)
     V = run.V[np.isfinite(run.V[:, 0]), 0]
     assert np.max(np.diff(V)) < 1e-4 * V[0]  # chatter of the sampled relay
     assert V[-1] < 1e-3 * V[0]
@@ -579,7 +579,7 @@ def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
     errors = []
     for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
         monkeypatch.setattr("railslip_ctrl.verification.ideal_loop.STEP", step)
-        run = simulate(PARK2008, gains, duration=3.0)
+        run = simulate_ideal(PARK2008, gains, duration=3.0)
         rate = np.gradient(run.V[:, 0], run.time)
         expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
         errors.append(np.max(np.abs(rate - expected)[5:-5]))
@@ -605,7 +605,7 @@ def test_step_of_V_at_25_s(scale):
 
 def test_a_diverging_run_leaves_the_domain():
     with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
-        simulate(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
+        simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
 
 
 def test_with_enough_gain_sliding_is_reached_and_kept():

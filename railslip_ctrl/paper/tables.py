@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Case:
+class TableColumn:
     """A column of Table 5: kind of controller, and the column of Table 4 whose gains and reference it has."""
 
     kind: Kind
@@ -50,7 +50,12 @@ class Case:
         return f"{self.kind.upper()} {self.gains}"
 
 
-CASES = (Case("pi", "beam"), Case("pi", "bristle"), Case("asmc", "beam"), Case("asmc", "bristle"))
+CASES = (
+    TableColumn("pi", "beam"),
+    TableColumn("pi", "bristle"),
+    TableColumn("asmc", "beam"),
+    TableColumn("asmc", "bristle"),
+)
 """The columns of Table 5, in its order."""
 
 
@@ -62,7 +67,7 @@ class Setup:
     the energy is left as it is instead of multiplied with the inertia scale.
     """
 
-    case: Case
+    case: TableColumn
     scenario: Scenario
     controller: Controller
     own_reference: bool = False
@@ -75,7 +80,7 @@ class Setup:
         return run.braking_time, run.braking_distance, unit * run.brake_energy, error
 
 
-def published_setup(case: Case) -> Setup:
+def published_setup(case: TableColumn) -> Setup:
     """The setup of a `case`, a column of Table 5, in the reading of `reading.READING`."""
     return Setup(case, published_scenario(), published_controller(case.kind, case.gains))
 

@@ -1,7 +1,4 @@
-"""The derived law as a program: the sampled controller of `sampled_law`, printed in Python and in C99.
-
-An adhesion law's own numbers in the derived law and in its code.
-"""
+"""The derived law as a program in Python and in C99, with an adhesion law's own numbers where a file gives them."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.sources import cite
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
-from railslip_ctrl.sliding.proof import Step, identical, linear_solution, sliding_symbol, step, vanishes
+from railslip_ctrl.sliding.proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
 
 Reference = Literal["proportional", "constant"]
 """sigma_d = lambda_d v, or sigma_d constant."""
@@ -35,7 +35,7 @@ _SIGMA_RATE = sliding_symbol("sigma_rate")
 class Surface:
     """The sliding variable and its rate; fields as of `Derivation`."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[DerivationStep, ...]
     s: sp.Expr
     error: sp.Expr
     reference_rate: sp.Expr
@@ -75,7 +75,7 @@ def derive_surface(reference: Reference) -> Surface:
     )
 
 
-def _accelerations() -> tuple[Step, sp.Expr, sp.Expr]:
+def _accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
     """v' and omega' in Ta, Fr, omega from the statement, and the step that shows them."""
     force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
     train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
@@ -102,7 +102,7 @@ def _accelerations() -> tuple[Step, sp.Expr, sp.Expr]:
     return made, train, wheel
 
 
-def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[Step, sp.Expr]:
+def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
     """sigma' with v' kept apart, so that a measured v' may stand for it."""
     definition = plant.SLIP_VELOCITY.rhs
     rate = sp.expand(sp.diff(definition, plant.v) * train + sp.diff(definition, plant.omega) * wheel)
@@ -118,7 +118,7 @@ def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[Step, sp.Expr]:
     return made, rate
 
 
-def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, Step, sp.Expr]:
+def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
     """(e, e', s, the step, s') by differentiating (33) along time; s' in sigma', v' and e."""
     t, x = sp.symbols("t x", real=True)
     v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
@@ -232,7 +232,7 @@ def _robust(reaching: sp.Expr) -> sp.Expr:
     return sp.expand(in_rates.subs({D0: ratio * D, K0: ratio * K})).subs(sign, sp.sign(s))
 
 
-def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> Step:
+def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> DerivationStep:
     return step(
         "equivalent control",
         (Ueq, grouped(equivalent)),
@@ -244,7 +244,7 @@ def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> Step:
     )
 
 
-def _reaching_step(surface: Surface, reaching: sp.Expr) -> Step:
+def _reaching_step(surface: Surface, reaching: sp.Expr) -> DerivationStep:
     kept = surface.disturbance.free_symbols | {Ur}
     return step(
         "reaching dynamics",
@@ -260,7 +260,7 @@ def _reaching_step(surface: Surface, reaching: sp.Expr) -> Step:
     )
 
 
-def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> Step:
+def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> DerivationStep:
     found = reaching.subs(UNCERTAIN).subs(Ur, robust)
     ratio = plant.r / plant.J
     return step(
@@ -274,7 +274,7 @@ def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> Step:
     )
 
 
-def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> Step:
+def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> DerivationStep:
     expected = surface.disturbance - plant.r / plant.J * (D * s + K * sp.sign(s))
     return step(
         "control law",
@@ -287,7 +287,7 @@ def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> Step:
     )
 
 
-def _product_step(surface: Surface, product: sp.Expr) -> Step:
+def _product_step(surface: Surface, product: sp.Expr) -> DerivationStep:
     ratio = plant.r / plant.J
     size = sp.Dummy("|d|", positive=True)
     bound = sp.Abs(s) * (size - ratio * D * sp.Abs(s) - ratio * K)
@@ -410,7 +410,7 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
     return Lyapunov(V, rate, cross, adaptation, final, final + sp.diff(V, s) * disturbance)
 
 
-def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> Step:
+def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> DerivationStep:
     remainder = uncertainty - sum(a * b for a, b in zip(theta, PHI, strict=True))
     by_mass = (1 / (Mn + Mp) - 1 / Mn) / plant.r
     return step(
@@ -428,7 +428,9 @@ def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> Step:
     )
 
 
-def _control_step(surface: Surface, law: sp.Expr, theta: tuple[sp.Expr, ...], error_dynamics: sp.Expr) -> Step:
+def _control_step(
+    surface: Surface, law: sp.Expr, theta: tuple[sp.Expr, ...], error_dynamics: sp.Expr
+) -> DerivationStep:
     # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
     true = surface.s_rate.subs(TRUE).subs(plant.Tb, law)
     errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
@@ -444,7 +446,7 @@ def _control_step(surface: Surface, law: sp.Expr, theta: tuple[sp.Expr, ...], er
     )
 
 
-def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> Step:
+def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> DerivationStep:
     expected = (
         sum(tilde * variable for tilde, variable in zip(THETA_TILDE, PHI, strict=True))
         + disturbance
@@ -461,7 +463,7 @@ def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> Step:
     )
 
 
-def _function_step(scalar: Lyapunov) -> Step:
+def _function_step(scalar: Lyapunov) -> DerivationStep:
     hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
     return step(
         "Lyapunov function",
@@ -474,7 +476,7 @@ def _function_step(scalar: Lyapunov) -> Step:
     )
 
 
-def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> Step:
+def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> DerivationStep:
     second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
     rest = scalar.V_rate - scalar.cross_term
     return step(
@@ -492,7 +494,7 @@ def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> Step:
     )
 
 
-def _adaptation_step(function: Lyapunov, name: str, source: str, note: str) -> Step:
+def _adaptation_step(function: Lyapunov, name: str, source: str, note: str) -> DerivationStep:
     solved = dict(zip(THETA_HAT_RATE, function.adaptation, strict=True))
     return step(
         name,
@@ -505,7 +507,7 @@ def _adaptation_step(function: Lyapunov, name: str, source: str, note: str) -> S
     )
 
 
-def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> Step:
+def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> DerivationStep:
     expected = -plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
     return step(
         "rate of V, ideal",
@@ -518,7 +520,7 @@ def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> Step:
     )
 
 
-def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) -> Step:
+def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) -> DerivationStep:
     expected = s * disturbance - plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
     return step(
         "rate of V, disturbed",
@@ -534,12 +536,12 @@ def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) ->
 # --- what else the plant states, checked by what it must do --------------------------------------------------------
 
 
-def statement_steps() -> tuple[Step, ...]:
+def statement_steps() -> tuple[DerivationStep, ...]:
     """The steps, one an equation."""
     return _slip_ratio(), _resistance(), _actuator()
 
 
-def _slip_ratio() -> Step:
+def _slip_ratio() -> DerivationStep:
     ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
     rolling = ratio.subs(plant.omega, plant.v / plant.r)
     return step(
@@ -553,7 +555,7 @@ def _slip_ratio() -> Step:
     )
 
 
-def _resistance() -> Step:
+def _resistance() -> DerivationStep:
     coefficients = (plant.Fr0, plant.Fr1, plant.Fr2)
     power = sp.expand(plant.v * plant.RESISTANCE.rhs)
     parts = [sp.diff(power, coefficient) for coefficient in coefficients]
@@ -569,7 +571,7 @@ def _resistance() -> Step:
     )
 
 
-def _actuator() -> Step:
+def _actuator() -> DerivationStep:
     s, tau, Tc = (symbol(name) for name in ("s", "tau", "Tc"))
     transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
     # the command after the dead time is exp(-tau s) of the command
@@ -609,7 +611,7 @@ class Derivation(Adaptation):
         "proportional" (sigma_d = lambda_d v, sigma_d' = lambda_d v') or "constant".
     adhesion : str or None
         Name of the adhesion law put in for Ta, or None.
-    steps : tuple of Step
+    steps : tuple of DerivationStep
         In order; `all_checked` tells whether every check holds.
     s, error, reference_rate : Expr
         s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
@@ -705,11 +707,11 @@ def _whatever_the_adhesion(reference: Reference) -> Adaptation:
 
 
 @cache
-def _statement_steps() -> tuple[Step, ...]:
+def _statement_steps() -> tuple[DerivationStep, ...]:
     return statement_steps()
 
 
-def _estimates(adaptive: Adaptation) -> tuple[Step, sp.Expr]:
+def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
     """What estimates of Ta and v' in the law add to s'."""
     estimates = {plant.Ta: sliding_symbol("Ta_hat"), plant.v_rate: sliding_symbol("v_rate_hat")}
     law = adaptive.adaptive_law_control
@@ -734,7 +736,7 @@ def _estimates(adaptive: Adaptation) -> tuple[Step, sp.Expr]:
 
 def _with_adhesion(
     law: str | None, adaptive: Adaptation
-) -> tuple[tuple[Step, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
+) -> tuple[tuple[DerivationStep, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
     """The step, torque, state rate and control law with an adhesion law in place of Ta."""
     control = adaptive.adaptive_law_control
     if law is None:

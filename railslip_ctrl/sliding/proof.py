@@ -162,7 +162,7 @@ def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
 
 
 @dataclass(frozen=True)
-class Step:
+class DerivationStep:
     """One step: short name, unique in a derivation; the statement that holds after it; what was done to get there; the
     result as an equation, in LaTeX and as plain text (a column as a tuple); where the source has it; whether the
     machine check holds, and how it was checked.
@@ -188,10 +188,10 @@ def step(
     source: str,
     holds: Sequence[bool],
     check: str,
-) -> Step:
+) -> DerivationStep:
     """A step whose `equation` is (left, right); `holds` are the outcomes of its checks."""
     left, right = equation
-    return Step(
+    return DerivationStep(
         name=name,
         statement=statement,
         done=done,

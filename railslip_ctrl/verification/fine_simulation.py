@@ -43,7 +43,7 @@ END_SPEED = 5.0 * KMH
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
 
-class Controller(Protocol):
+class SteppedLaw(Protocol):
     """What the simulation asks for a command."""
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
@@ -52,7 +52,7 @@ class Controller(Protocol):
 
 
 @dataclass(frozen=True)
-class Run:
+class FineRun:
     """Signals of a run, arrays of one shape: s, m/s, m/s, m/s, N*m (commanded), N*m (acting)."""
 
     time: Floats
@@ -62,10 +62,10 @@ class Run:
     command: Floats
     torque: Floats
 
-    def after(self, start: float) -> Run:
+    def after(self, start: float) -> FineRun:
         """The part from a time, s, on."""
         kept = self.time >= start
-        return Run(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+        return FineRun(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
 
 
 def holding_torque(point: OperatingPoint) -> float:
@@ -81,9 +81,9 @@ def slip_velocity_limit(law: AdhesionLaw, speed: float) -> float:
     return min(1.0, law.domain_limit(speed)[0]) * speed
 
 
-def simulate(
+def simulate_fine(
     point: OperatingPoint,
-    controller: Controller,
+    controller: SteppedLaw,
     actuator: Actuator,
     *,
     duration: float,
@@ -92,7 +92,7 @@ def simulate(
     offset: float = 0.0,
     frozen: bool = True,
     end_speed: float = 0.0,
-) -> Run:
+) -> FineRun:
     """Run from an operating point, held until t = 0 by its own torque, `duration` seconds or until the speed is
     `end_speed`.
 
@@ -117,7 +117,7 @@ def simulate(
         t = n * h
         v, sigma, _, torque = state
         if v <= end_speed:
-            return Run(*log[:n].T)
+            return FineRun(*log[:n].T)
         limit = slip_velocity_limit(point.law, v)
         if not -limit < sigma < limit:
             raise DomainError(
@@ -132,7 +132,7 @@ def simulate(
         now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
         *after, v_rate = advance(state, float(now), (load(t), load(t + 0.5 * h), load(t + h)), h)
         state = (after[0], after[1], after[2], after[3])
-    return Run(*log.T)
+    return FineRun(*log.T)
 
 
 def _nothing(_t: float) -> float:
@@ -163,7 +163,7 @@ def _stepping(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callab
     return advance
 
 
-def whole_periods(run: Run) -> tuple[float, Run]:
+def whole_periods(run: FineRun) -> tuple[float, FineRun]:
     """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
 
     DomainError where s does not cross zero upwards at least three times.
@@ -175,7 +175,7 @@ def whole_periods(run: Run) -> tuple[float, Run]:
     ends = up[[0, -1]]
     instants = run.time[ends] - s[ends] / (s[ends + 1] - s[ends]) * (run.time[ends + 1] - run.time[ends])
     period = float((instants[1] - instants[0]) / (up.size - 1))
-    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
+    return period, FineRun(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
 
 
 def switch(s: float, layer: float) -> float:
@@ -185,14 +185,14 @@ def switch(s: float, layer: float) -> float:
     return math.copysign(1.0, s) if s else 0.0
 
 
-def slip_range(run: Run) -> tuple[float, float]:
+def slip_range(run: FineRun) -> tuple[float, float]:
     """Least and largest slip ratio of a run."""
     slip = run.sigma / run.speed
     return float(slip.min()), float(slip.max())
 
 
 class PublishedLaw:
-    """The generated law with the plant's own parameters, for `simulate`: [Park2008] (45) with (49).
+    """The generated law with the plant's own parameters, for `simulate_fine`: [Park2008] (45) with (49).
 
     Holds int e, theta and the adhesion model's state, which starts at the point's. The point's slip is the reference,
     its law the adhesion model; `layer`, m/s, > 0 replaces the relay by K sat(s/layer); `frozen`: the reference is held,

@@ -23,7 +23,7 @@ SPEED, SIGMA, SURFACE, THETA1, THETA2, TORQUE = range(6)
 COLUMNS = 6
 
 
-class Settings(NamedTuple):
+class IdealSettings(NamedTuple):
     """What holds for all runs; SI."""
 
     step: float

@@ -49,7 +49,7 @@ _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 
 
 @dataclass(frozen=True)
-class Disturbances:
+class IdealDisturbances:
     """What acts on a run.
 
     random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
@@ -63,8 +63,8 @@ class Disturbances:
     slip_noise: float = 0.0
 
 
-UNDISTURBED = Disturbances()
-PUBLISHED = Disturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
+UNDISTURBED = IdealDisturbances()
+PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
 """The published run's."""
 
 
@@ -87,14 +87,14 @@ class IdealRun:
     theta: Floats
 
 
-def simulate(
+def simulate_ideal(
     vehicle: Vehicle,
     gains: LawGains,
     *,
     duration: float,
     nominal: Vehicle | None = None,
     rail: Rail = Rail.DRY,
-    disturbances: Disturbances = UNDISTURBED,
+    disturbances: IdealDisturbances = UNDISTURBED,
     seeds: Sequence[int] = (0,),
     held_speed: float | None = None,
     start_estimate: tuple[float, float] = (0.0, 0.0),
@@ -123,7 +123,7 @@ def simulate(
     force *= vehicle.wheel_load
     rows = np.full((len(seeds), steps, loop.COLUMNS), np.nan)
     kernel = _kernel(type(law))
-    settings = kernel.Settings(
+    settings = kernel.IdealSettings(
         *(STEP, slip, held_speed is not None, END_SPEED, limit),
         *(TORQUE_FRACTION if disturbances.torque else 0.0, TORQUE_DECAY, TORQUE_FREQUENCY),
         # the box is kept by the loop, as the generated step keeps it
@@ -149,7 +149,7 @@ def _start(law: AdhesionLaw, p: Floats, speed: float, sigma: float) -> tuple[flo
     return speed, sigma, float(state)
 
 
-def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
+def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
     """Random forces over the wheel load and slip noise, m/s: one row a seed, each with a generator of its own."""
     each = round(_NOISE_HELD / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
@@ -176,7 +176,7 @@ def _law_of(gains: LawGains, slip: float, vehicle: Vehicle, nominal: Vehicle) ->
 def _run(
     rows: Floats,
     force: Floats,
-    disturbances: Disturbances,
+    disturbances: IdealDisturbances,
     vehicles: tuple[Vehicle, ...],
     changed: int,
     gains: LawGains,
@@ -202,7 +202,7 @@ def _run(
 
 
 def _disturbance(
-    vehicle: Vehicle, disturbances: Disturbances, time: Floats, speed: Floats, torque: Floats, force: Floats
+    vehicle: Vehicle, disturbances: IdealDisturbances, time: Floats, speed: Floats, torque: Floats, force: Floats
 ) -> Floats:
     """(J/r) d, N*m, arrays (steps, seeds)."""
     M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius

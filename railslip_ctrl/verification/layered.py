@@ -1,6 +1,4 @@
-"""The adhesion that the layered law is verified for: a law on each rail, and the slip held there.
-
-A sliding-mode design that accounts for the actuator: lead on the surface, a boundary layer of known margins, bounds.
+"""A sliding-mode design that accounts for the actuator: lead on the surface, a boundary layer of known margins, bounds.
 
     s = e + rho int e,    s_lead = (lead s + 1)/(lead_filter s + 1) s,    Tb = hold + K sat(s_lead/layer)
 
@@ -19,10 +17,7 @@ What the wheel's nonlinearity adds to the linearisation counts as a torque too; 
 so that the bound solves R = ||h||_1 (d_max + remainder(R)). The remainder is sampled over the box |sigma error| <= R.
 Speed frozen throughout.
 
-The layered law with a lead on the actuator's lag, tuned for a vehicle and its adhesion, its bounds and runs at
-frozen speed.
-
-Gains: the PI of least worst Ms over the rails with the lead in the loop, as layer and rho (`switching.layered`).
+Gains: the PI of least worst Ms over the rails with the lead in the loop, as layer and rho .
 Integral gain and disturbance grow with the inertia scale, which leaves the error that is guaranteed about as it is.
 K only widens the layer, and costs nothing within it: it is what the bound asks, and what a holding torque that is
 known to `HOLD_ERROR` asks.
@@ -52,7 +47,7 @@ from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
 from .actuator_effects import SPEEDS_KMH
-from .fine_simulation import holding_torque, simulate, switch
+from .fine_simulation import holding_torque, simulate_fine, switch
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 
 Floats = NDArray[np.float64]
@@ -661,7 +656,7 @@ def run_errors(
     point, hold = plant.point, holding_torque(plant.point)
     law = LayeredLaw(point.slip, hold, design=design)
     actuator = point.vehicle.actuator
-    run = simulate(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque, offset=offset)
+    run = simulate_fine(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque, offset=offset)
     return float(np.abs(run.sigma - point.sigma).max()), float(np.abs(run.command - hold).max())
 
 

@@ -23,7 +23,7 @@ from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail, Ve
 from railslip_ctrl.simulation.designed import is_published
 
 from .actuator_effects import SPEEDS_KMH
-from .fine_simulation import END_SPEED, simulate, slip_range
+from .fine_simulation import END_SPEED, simulate_fine, slip_range
 from .layered import (
     DISTURBANCE,
     DURATION,
@@ -293,7 +293,7 @@ def _unknown_advice(unknown: Uncertainties) -> str:
     return told + (_rail_advice(unknown.mistaken) if unknown.rail_matters else "")
 
 
-def _rail_advice(mistaken: dict[Rail, Stop]) -> str:
+def _rail_advice(mistaken: dict[Rail, LayeredStop]) -> str:
     """What it means that the law has to know the rail."""
     told = []
     for on, found in mistaken.items():
@@ -371,7 +371,7 @@ HOLD_KNOWN = (
 
 
 @dataclass(frozen=True)
-class Stop:
+class LayeredStop:
     """One stop: range of the slip ratio, time (s) at its end, and where the wheel was lost, or None.
 
     `ended`: `END_SPEED` was reached. `held`: it was, and the slip stayed between 0 and twice the reference.
@@ -405,7 +405,7 @@ def hold_table(point: OperatingPoint) -> Callable[[float], float]:
 
 def stop(
     design: LayeredDesign, point: OperatingPoint, *, known: OperatingPoint | None = None, share: float = 1.0
-) -> Stop:
+) -> LayeredStop:
     """Brake the wheel of `point` from its speed, undisturbed.
 
     The law knows the vehicle and rail of `known` (left out: of `point`) and applies `share` of the torque that holds
@@ -417,13 +417,13 @@ def stop(
     actuator = point.vehicle.actuator
     longest = _longest(point)
     try:
-        run = simulate(point, law, actuator, duration=longest, step=STEP, frozen=False, end_speed=END_SPEED)
+        run = simulate_fine(point, law, actuator, duration=longest, step=STEP, frozen=False, end_speed=END_SPEED)
     except DomainError as error:
-        return Stop((0.0, 1.0), float("nan"), str(error), False, ended=False)
+        return LayeredStop((0.0, 1.0), float("nan"), str(error), False, ended=False)
     low, high = slip_range(run)
     end = float(run.time[-1])
     ended = end < longest - 2.0 * STEP
-    return Stop((low, high), end, None, ended and low > 0.0 and high < 2.0 * believed.slip, ended)
+    return LayeredStop((low, high), end, None, ended and low > 0.0 and high < 2.0 * believed.slip, ended)
 
 
 def _longest(point: OperatingPoint) -> float:
@@ -443,7 +443,7 @@ class _Watched:
         self.law, self.left = law, 0.0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `simulate.Controller`."""
+        """See `fine_simulation.SteppedLaw`."""
         if self.left == 0.0 and not 0.0 < sigma < 2.0 * self.law.slip * v:
             self.left = v
         return self.law.command(v, sigma, v_rate, step)
@@ -456,7 +456,7 @@ class _OpenLoop:
         self.hold, self.slip = hold, 0.0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `simulate.Controller`."""
+        """See `fine_simulation.SteppedLaw`."""
         self.slip = max(self.slip, sigma / v)
         return CUT_OUT_SHARE * self.hold(v), 0.0
 
@@ -478,7 +478,7 @@ def _disturbed(point: OperatingPoint, law: _Watched | _OpenLoop, torque: Torque)
     """Run a stop; whether the wheel was not lost."""
     longest, actuator = _longest(point), point.vehicle.actuator
     try:
-        simulate(
+        simulate_fine(
             point, law, actuator, duration=longest, step=STEP, disturbance=torque, frozen=False, end_speed=END_SPEED
         )
     except DomainError:
@@ -623,7 +623,7 @@ class Uncertainties:
     """Mass and friction not known, as errors of the torque; and the rail, as whole stops by the rail there is."""
 
     errors: tuple[TorqueError, ...]
-    mistaken: dict[Rail, Stop]
+    mistaken: dict[Rail, LayeredStop]
 
     @property
     def beyond(self) -> tuple[TorqueError, ...]:

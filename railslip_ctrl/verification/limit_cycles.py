@@ -1,4 +1,4 @@
-"""The limit cycle of the relay in the linearised loop around s: describing function, and with every harmonic.
+"""The limit cycle of the relay behind the actuator: of the linearised loop, of the nonlinear wheel, and as simulated.
 
 The relay's input is s, its output K sgn(s), and W leads from there to -s. A load (a constant torque the law leaves
 out) shifts s until relay and D carry it together; the cycle is then not symmetric.
@@ -9,17 +9,11 @@ N = 4 K/(pi A) sqrt(1 - (s0/A)^2), (2 K/pi) asin(s0/A) + D s0 = load. So frequen
 With every harmonic, so exactly for the linearised plant: v = K on a share of the period and -K on the rest, all
 harmonics through W, s = 0 at both switches, and D s0 + K (2 share - 1) = load. Without load: Tsypkin's locus.
 
-Both are the wheel's own only while the swing is small beside what the adhesion curve bends over: see
-`nonlinear_cycle`, which also has the cycle of the wheel as it is.
-
-The limit cycle with the adhesion curve as it is: where its amplitude is no longer small beside the slip.
-
-Periodic solution of the wheel's own rates, the law with its model, lag, dead time and relay, the speed frozen: slip
-velocity and adhesion state at equidistant instants of a period, so that the rates hold at each of them (derivatives,
-lag, dead time and relay by Fourier series), with s = 0 at both switches. The unknowns are these samples, the
-frequency, the relay's share and the mean of s; Newton's method, from the linearised cycle or from a lower relay's.
-
-The wheel behind the published law as it is simulated: the relay's cycle on both sides of 0, and the whole law.
+Both are the wheel's own only while the swing is small beside what the adhesion curve bends over. The nonlinear cycle
+is the periodic solution of the wheel's own rates, the law with its model, lag, dead time and relay, the speed frozen:
+slip velocity and adhesion state at equidistant instants of a period, so that the rates hold at each of them
+(derivatives, lag, dead time and relay by Fourier series), with s = 0 at both switches. The unknowns are these samples,
+the frequency, the relay's share and the mean of s; Newton's method, from the linearised cycle or a lower relay's.
 
 Slip below 0 is a wheel that the brake has released and that runs ahead; the adhesion laws are odd in it. A wheel is
 lost where it locks or leaves its adhesion law's domain.
@@ -42,7 +36,7 @@ from railslip_ctrl.loop.rootfinding import bracketed_roots
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
-from .fine_simulation import END_SPEED, PublishedLaw, simulate, slip_range, slip_velocity_limit, whole_periods
+from .fine_simulation import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
 from .relay_loop import (
     FeedForward,
     SurfaceLoop,
@@ -543,7 +537,7 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     scale = point.vehicle.inertia_scale
     duration = (_SETTLING + _MEASURED) * scale
     try:
-        run = simulate(point, law, loop.actuator, duration=duration, step=_STEP, offset=_OFFSET * point.sigma)
+        run = simulate_fine(point, law, loop.actuator, duration=duration, step=_STEP, offset=_OFFSET * point.sigma)
     except DomainError:
         return None
     period, run = whole_periods(run.after(_SETTLING * scale))
@@ -601,7 +595,7 @@ def _law_run(loop: SurfaceLoop, *, frozen: bool) -> LawRun:
     law = PublishedLaw(point, loop.gains, feed_forward=loop.feed_forward, frozen=frozen)
     duration = (_FROZEN if frozen else _STOP) * point.vehicle.inertia_scale
     try:
-        run = simulate(
+        run = simulate_fine(
             point,
             law,
             loop.actuator,

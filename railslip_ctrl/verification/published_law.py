@@ -1,11 +1,7 @@
-"""The closed loop at random states: s' and V' from the plant's numeric rates, and the worst point of s s' in a box.
+"""The published law's conditions: the Lyapunov argument decided with SymPy, reaching and theta by numbers over sets.
 
-The rates are those the simulation uses (`numeric`); where s' and V' are compared with the derived expressions the law
-is the one generated for the controller.
-
-The paper's Lyapunov argument, condition by condition, decided with SymPy on the derived expressions.
-
-Reaching, the boundary layer with the published K, and theta as it is: decided by numbers over stated sets.
+Where s' and V' of the plant's numeric rates are compared with the derived expressions, at random states, the law is
+the one generated for the controller.
 """
 
 from __future__ import annotations
@@ -29,7 +25,7 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
 
-from .ideal_loop import PUBLISHED, RUNS, Disturbances, IdealRun, simulate
+from .ideal_loop import PUBLISHED, RUNS, IdealDisturbances, IdealRun, simulate_ideal
 from .reaching import (
     ADHESION_NOISE,
     TORQUE_FRACTION,
@@ -569,7 +565,7 @@ def counterexample(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
 
 def reaching_simulated(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
     """|s| and the sign of s s' along disturbed ideal stops."""
-    run = simulate(vehicle, gains, duration=_LONGEST_STOP, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP, disturbances=PUBLISHED, seeds=seeds)
     fall = np.diff(0.5 * run.s**2, axis=0)
     valid = np.isfinite(fall)
     share = float(np.mean(fall[valid] < 0))
@@ -639,7 +635,7 @@ class ParameterStep:
 
 def parameter_step(vehicle: Vehicle, gains: LawGains) -> ParameterStep:
     """V's jump at 25 s, after an undisturbed ideal stop up to it."""
-    run = simulate(vehicle, gains, duration=_LONGEST_STOP)
+    run = simulate_ideal(vehicle, gains, duration=_LONGEST_STOP)
     alive = run.time[np.isfinite(run.speed[:, 0])]
     end = float(alive[-1])
     reached = end > STEP_TIME
@@ -724,13 +720,13 @@ class Drift:
 def measured_drift(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Drift:
     """Drift at 100 km/h held, dry, from theta_hat = theta, slip noise `DRIFT_NOISE`, over `DRIFT_TIME`."""
     speed = INITIAL_SPEED_KMH * KMH
-    quiet = simulate(vehicle, gains, duration=DRIFT_TIME, held_speed=speed)
-    run = simulate(
+    quiet = simulate_ideal(vehicle, gains, duration=DRIFT_TIME, held_speed=speed)
+    run = simulate_ideal(
         vehicle,
         gains,
         duration=DRIFT_TIME,
         held_speed=speed,
-        disturbances=Disturbances(slip_noise=DRIFT_NOISE),
+        disturbances=IdealDisturbances(slip_noise=DRIFT_NOISE),
         seeds=seeds,
     )
     r, sigma = vehicle.wheel.radius, float(quiet.sigma[0, 0])

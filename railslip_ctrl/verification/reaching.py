@@ -10,9 +10,7 @@ That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a an
 largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
 in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
 
-A counterexample to the reaching condition over a `ReachingSet`: s' sgn s from the plant's numeric rates, maximised.
-
-Independent of the bound in `reaching_bound`: the torque is that of the law, Td its fraction, s' the plant's.
+`search` looks for a counterexample independently of that: the torque is the law's, Td its fraction, s' the plant's.
 """
 
 from __future__ import annotations

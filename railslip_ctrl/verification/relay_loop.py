@@ -1,12 +1,10 @@
-"""The published sliding-mode law's numbers, and how its adhesion feed-forward is formed.
+"""The loop around s: what the relay of the published sliding-mode law sees once the brake actuator stands between.
 
 The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho int e, e = lambda_d v - sigma, and
 
     Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn(s).
 
-The brake actuator in numbers, from the plant's statement: transfer function and state equation, checked to agree.
-
-The loop around s: what the relay of the sliding-mode law sees once the brake actuator stands between.
+The actuator is the plant's statement in numbers, its transfer function and state equation checked to agree.
 
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's

@@ -4,9 +4,7 @@ All start from the derived error dynamics and from V with a gain for each compon
 are s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), h = 1 + q > 0, phi = (Ta_hat, omega) as the law has it, with an
 effective disturbance d in which the errors of Ta_hat and v'_hat are, and neither s, D nor K (`effective_disturbance`).
 d_max bounds |d|, m/s^2; in torque it is (J/r) d_max, which is K_min of (40). Nothing here is about the actuator: the
-torque acts at once.
-
-The robust variants' conditions: what `robust` proves, for numbers that meet its hypotheses, and seen in runs.
+torque acts at once. The conditions are what is proved, for numbers that meet its hypotheses, and what runs show.
 """
 
 from __future__ import annotations
@@ -25,7 +23,7 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
 
-from .ideal_loop import PUBLISHED, RUNS, IdealRun, simulate
+from .ideal_loop import PUBLISHED, RUNS, IdealRun, simulate_ideal
 from .reaching import (
     LOWEST_SPEED_KMH,
     TORQUE_DECAY,
@@ -443,7 +441,7 @@ def boundary_layer_bound(gains: LawGains, largest: float) -> Condition:
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
     """Disturbed ideal stops against that bound."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
-    run = simulate(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
     disturbed = float(np.nanmax(np.abs(disturbance_along(run, gains))))
     met = largest <= gains.K + gains.D * gains.layer
     if met:
@@ -562,7 +560,7 @@ def largest_cross_term(gains: LawGains, *, seed: int, samples: int = _SAMPLES) -
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
     """The whole design on a loaded vehicle it takes for empty."""
     loaded = vehicle.loaded()
-    run = simulate(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
     V = layered_lyapunov(run, gains)
     rise = _largest_rise(V) / float(V[0, 0])
     assert gains.box is not None, "the design has one"
@@ -650,7 +648,7 @@ def leak_condition(vehicle: Vehicle, gains: LawGains) -> Condition:
 
 def _leak_runs(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
     loaded = vehicle.loaded()
-    run = simulate(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
+    run = simulate_ideal(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
     bound = leak_bound(vehicle, gains)
     decay = np.exp(-bound.rate * run.time)[:, None]
     envelope = run.V[0] * decay + bound.level * (1.0 - decay)
