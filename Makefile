@@ -13,13 +13,17 @@ DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification l
 	compensators limits sampled sampled_margins stabilizing tuning loop_properties loop_regressions certificate \
 	limit_cycles lyapunov_runs sliding_verification))
 
-.PHONY: report test test-kernels lint check benchmark generate docs clean
+.PHONY: report test test-all test-kernels lint check benchmark generate docs pictures clean
 
 report: $(READY)          ## the main job: stability-margin report, dry and wet rail
 	$(BIN)/railslip report --out railslip-report
 
 test: lint                ## linter, formatter, types, import contract, tests
-	$(BIN)/python -m pytest -n auto  # tests/conftest.py has the order, and what shares a process
+	$(BIN)/python -m pytest -n auto -m "not long"  # tests/conftest.py has the order, and what shares a process
+
+test-all: lint            ## every test, then the numerically delicate ones under each kernel
+	$(BIN)/python -m pytest -n auto
+	$(MAKE) test-kernels
 
 test-kernels: $(READY)    ## the numerically delicate tests under each of the processors' kernels
 	for kernel in $(KERNELS); do echo $$kernel; OPENBLAS_CORETYPE=$$kernel $(BIN)/python -m pytest -n auto -q $(DELICATE) || exit 1; done
@@ -41,6 +45,11 @@ docs: $(READY)            ## the documentation site: equations, gallery, API, wi
 	$(BIN)/python -m sphinx --builder html --fresh-env --jobs auto --nitpicky --fail-on-warning --keep-going --quiet \
 		docs docs/_build/html
 	@echo "open docs/_build/html/index.html"
+
+pictures: $(READY)        ## those that README.md and CONTRIBUTING.md show
+	$(BIN)/railslip report --vehicle designs/vehicles/coach.toml --out $(VENV)/pictures
+	cp $(VENV)/pictures/loop.svg docs/_static/report_loop.svg
+	$(BIN)/python docs/house.py docs/_static/house.svg
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify

@@ -15,7 +15,7 @@ from pathlib import Path
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, judge
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 
 CONTROLLERS = {
     "PI 211/5": PIController(PIGains(kp=210.6, ki=5.0)),  # designs/pi_robust.py

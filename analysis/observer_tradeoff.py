@@ -37,7 +37,7 @@ from railslip_ctrl.identification.observer import (
     trade_off,
 )
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 VEHICLE = PARK2008
 INITIAL_SPEED_KMH = 140.0  # Fig. 12

@@ -22,7 +22,7 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.polynomials import over_initial_speed
 from railslip_ctrl.identification.virtual_rig import RigLog, RigTest, published_tests, run_tests
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 MODELS = ("bristle", "beam")
 SPREAD = 0.03  # of the adhesion from test to test, relative: the width of the marks in Fig. 13

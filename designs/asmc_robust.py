@@ -18,7 +18,7 @@ from pathlib import Path
 
 from railslip_ctrl import PARK2008, Rail
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.verification.actuator_effects import (
     POINTS,
     ActuatorEffect,

@@ -45,7 +45,7 @@ from railslip_ctrl.design.rules import RuleTuning, rotstein_lewin, simc_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.curves import GangOfFour, gang_of_four
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.parameters import TABLE4_PI
+from railslip_ctrl.model.vehicle import TABLE4_PI
 
 SPEED_KMH = 100.0
 KI_MIN = 5.0  # N*m/m

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008, Assessment, PIController, Rail, assess, linearize, operating_point, published_law
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
 from railslip_ctrl.report import margins_text
 
 SPEED = 100 / 3.6  # m/s

@@ -22,7 +22,7 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.sliding.derivation import UNCERTAIN, Derivation

@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from .model.linearization import linearize as linearize
     from .model.linearization import nonlinear_plant as nonlinear_plant
     from .model.linearization import operating_point as operating_point
-    from .model.parameters import PARK2008 as PARK2008
-    from .model.parameters import Actuator as Actuator
-    from .model.parameters import PIGains as PIGains
-    from .model.parameters import Rail as Rail
-    from .model.parameters import Vehicle as Vehicle
-    from .model.parameters import load_vehicle as load_vehicle
+    from .model.vehicle import PARK2008 as PARK2008
+    from .model.vehicle import Actuator as Actuator
+    from .model.vehicle import PIGains as PIGains
+    from .model.vehicle import Rail as Rail
+    from .model.vehicle import Vehicle as Vehicle
+    from .model.vehicle_files import load_vehicle as load_vehicle
     from .simulation import LinearControl as LinearControl
     from .simulation import Scenario as Scenario
     from .simulation import StepControl as StepControl
@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
-    "Actuator": ".model.parameters",
+    "Actuator": ".model.vehicle",
     "Assessment": ".design.assessment",
     "DeadTimeLoop": ".loop",
     "DomainError": ".core.errors",
@@ -84,16 +84,16 @@ _HOME = {
     "LinearPlant": ".model.linearization",
     "Margins": ".loop",
     "MissingParametersError": ".core.errors",
-    "PARK2008": ".model.parameters",
+    "PARK2008": ".model.vehicle",
     "PIController": ".design",
-    "PIGains": ".model.parameters",
-    "Rail": ".model.parameters",
+    "PIGains": ".model.vehicle",
+    "Rail": ".model.vehicle",
     "RailslipError": ".core.errors",
     "ReferenceSlip": ".model.adhesion",
     "Scenario": ".simulation",
     "StepControl": ".simulation",
     "UnstableLoopError": ".core.errors",
-    "Vehicle": ".model.parameters",
+    "Vehicle": ".model.vehicle",
     "actuated_plant": ".design",
     "assess": ".design.assessment",
     "built_in_scenario": ".simulation",
@@ -110,7 +110,7 @@ _HOME = {
     "load_envelope": ".design.envelope",
     "load_law": ".model.adhesion",
     "load_scenario": ".simulation.files",
-    "load_vehicle": ".model.parameters",
+    "load_vehicle": ".model.vehicle_files",
     "most_phase": ".design",
     "nonlinear_plant": ".model.linearization",
     "operating_point": ".model.linearization",

@@ -9,7 +9,7 @@ import numpy as np
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.adhesion.curve import Curve
-from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Resistance, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Resistance, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Scenario, Simulator, TorqueProfile
 from railslip_ctrl.simulation import kernel as layout
 

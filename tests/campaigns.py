@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from railslip_ctrl.design import PIController
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Uniform
 from railslip_ctrl.simulation.published import published_pi

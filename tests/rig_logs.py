@@ -9,7 +9,7 @@ import numpy as np
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 HEADER = "time [s],train speed [km/h],wheel angular speed [rad/s],brake torque [kN*m]"
 

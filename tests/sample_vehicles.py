@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from railslip_ctrl.model.parameters import GRAVITY, Actuator, Resistance, Vehicle, Wheel
+from railslip_ctrl.model.vehicle import GRAVITY, Actuator, Resistance, Vehicle, Wheel
 
 COACH = Vehicle(
     name="Coach, quarter car",

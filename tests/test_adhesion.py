@@ -22,7 +22,7 @@ from railslip_ctrl.model.adhesion.bristle import Bristle
 from railslip_ctrl.model.adhesion.curve import Curve, curve_force
 from railslip_ctrl.model.adhesion.table import Table
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 LOAD = 34_500.0
 V100 = 100.0 * KMH

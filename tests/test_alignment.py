@@ -16,7 +16,7 @@ from railslip_ctrl.identification.identify import Identification, Options, curve
 from railslip_ctrl.identification.observer.sensors import Encoder
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests, write_log
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 BEAM = published_tests("beam")[2]
 HALF = BEAM.interval / 2

@@ -25,7 +25,7 @@ from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled_loop import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import operating_point
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report import margins_json, margins_text
 from railslip_ctrl.simulation import LinearControl
 

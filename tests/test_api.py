@@ -19,13 +19,13 @@ import railslip_ctrl
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.sources import SOURCES
 from railslip_ctrl.identification.observer import AdhesionObserver
-from railslip_ctrl.model.parameters import Record
+from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.campaign.sampling import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
-    *("model.adhesion", "model.parameters", "design", "loop", "simulation", "simulation.campaign"),
+    *("model.adhesion", "design", "loop", "simulation", "simulation.campaign"),
     "identification.observer",
 )
 
@@ -33,6 +33,11 @@ ENTRIES = {
     "identification.identify": ("Identification", "Options", "identify", "identify_several"),
     "design.sampled": ("SampledController",),
     "design.specification": ("Specification",),
+    "model.vehicle": (
+        *("GRAVITY", "INITIAL_SPEED_KMH", "PARK2008", "Actuator", "PIGains", "Rail", "Record", "Resistance", "Vehicle"),
+        *("Wheel", "doubts", "remarks", "table4_gains"),
+    ),
+    "model.vehicle_files": ("load_vehicle",),
     "model.linearization": ("LinearPlant", "OperatingPoint"),
     "sliding.derivation": ("Derivation",),
     "verification.joint_verification": ("verify_with_actuator",),

@@ -23,7 +23,7 @@ from railslip_ctrl.design.holding import needs_feedback
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 
 SPEED = 100 / 3.6
 

@@ -18,7 +18,7 @@ from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.identification.record import Record
 from railslip_ctrl.identification.search import search
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 ROWS = 40  # of a test
 

@@ -25,7 +25,7 @@ import railslip_ctrl.simulation.campaign.execution as execution
 import railslip_ctrl.simulation.campaign.statistics as statistics
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome

@@ -19,9 +19,9 @@ from rich.text import Text
 from railslip_ctrl.cli.output import print_text
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.columns import UNITS
+from railslip_ctrl.model import kernels
 from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
-from railslip_ctrl.model.kernels import compilation
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.layout import WIDTH, columns, render, table
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
@@ -241,8 +241,8 @@ def test_options_of_the_named_controllers_do_not_go_with_a_python_file(railslip,
 
 
 def test_compiling_is_told_once_in_a_process(caplog, tmp_path):
-    compilation._tell_of_compiling.cache_clear()
+    kernels._tell_of_compiling.cache_clear()
     with caplog.at_level(logging.WARNING):
         for _ in range(3):
-            compilation._tell_of_compiling(tmp_path)
+            kernels._tell_of_compiling(tmp_path)
     assert [record.getMessage().startswith("compiling the simulation") for record in caplog.records] == [True]

@@ -18,7 +18,7 @@ from railslip_ctrl.design.compensators import filtered_smith_predictor, observer
 from railslip_ctrl.design.effort import control_effort
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 PI_LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06).transfer_function

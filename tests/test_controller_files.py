@@ -16,7 +16,7 @@ from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller

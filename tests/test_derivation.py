@@ -22,7 +22,7 @@ from railslip_ctrl.identification.model_files import law_toml, polynomials_toml
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_class, law_names, published_law
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import derive
@@ -190,7 +190,7 @@ def probe(text, what):
     FILE.write_text(text)
     for name in [name for name in sys.modules if name.startswith("railslip_ctrl")]:
         del sys.modules[name]
-    from railslip_ctrl.model.parameters import Rail
+    from railslip_ctrl.model.vehicle import Rail
     from railslip_ctrl.sliding.derivation import derive
     from railslip_ctrl.paper.errata import law_errata
     from railslip_ctrl.verification.published_law import derivation_checked

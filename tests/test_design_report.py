@@ -15,7 +15,7 @@ from test_law_files import LAW
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
 from railslip_ctrl.report.html.blocks import Table
 from railslip_ctrl.report.html.design_sections import design_sections

@@ -13,7 +13,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 

@@ -12,7 +12,8 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.parameters import PIGains, load_vehicle
+from railslip_ctrl.model.vehicle import PIGains
+from railslip_ctrl.model.vehicle_files import load_vehicle
 
 COACH_FILE = """
 name = "Coach, quarter car"

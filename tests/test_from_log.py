@@ -8,7 +8,7 @@ from project import script, show
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import load_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 
 def test_from_log(tmp_path, capsys, monkeypatch):

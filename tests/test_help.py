@@ -24,9 +24,9 @@ from railslip_ctrl.cli.program import _COMMANDS, railslip
 from railslip_ctrl.cli.settings import HELP
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMPLETION = (ROOT / "docs/howto/completion.md").read_text(encoding="utf-8")
 
 CONTEXT = click.Context(railslip, **HELP)
 COMMANDS = {name: railslip.get_command(CONTEXT, name) for name in _COMMANDS}
@@ -45,9 +45,6 @@ def example(text: str) -> str:
 
 
 EXAMPLES = {name: example(command.help) for name, command in COMMANDS.items()} | {"--help": example(railslip.help)}
-
-SHOWN = [line.partition("#")[0].strip() for line in README.splitlines() if line.startswith("railslip ")]
-"""The README's commands, each of which its own test runs."""
 
 IN_A_PIPE = "campaign"  # has a progress bar; its example is run in a process of its own
 
@@ -79,7 +76,7 @@ def prepare(name: str, folder: Path) -> list[str]:
     return []
 
 
-@pytest.mark.parametrize("name", [name for name, line in EXAMPLES.items() if line not in SHOWN and name != IN_A_PIPE])
+@pytest.mark.parametrize("name", [name for name, line in EXAMPLES.items() if name != IN_A_PIPE])
 @pytest.mark.usefixtures("without_lag_search")
 def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
     words = shlex.split(EXAMPLES[name])[1:] + prepare(name, tmp_path)
@@ -89,7 +86,7 @@ def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
         main(words)
     printed = capsys.readouterr()
     written = set(tmp_path.iterdir()) - before
-    assert caught.value.code == 0, printed.err
+    assert caught.value.code == (name == "verify"), printed.err  # the layered law has a condition that fails
     assert "\x1b" not in printed.out + printed.err
     assert {path.name for path in written} == {after for word, after in pairwise(words) if word in ("--out", "--csv")}
     assert printed.out or written
@@ -177,8 +174,8 @@ def test_completing_a_command_s_name_imports_no_command():
     assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
 
 
-def test_the_readme_s_line_for_completion_is_the_program_s():
-    (variable, shell) = re.findall(r'eval "\$\((\w+)=(\w+)_source railslip\)"', README)[0]
+def test_the_documented_line_for_completion_is_the_program_s():
+    (variable, shell) = re.findall(r'eval "\$\((\w+)=(\w+)_source railslip\)"', COMPLETION)[0]
     assert shell in ("bash", "zsh")
     code = "import sys; sys.argv[0] = 'railslip'; from railslip_ctrl.cli import main; main()"
     done = subprocess.run(

@@ -34,7 +34,7 @@ from railslip_ctrl.model.adhesion import (
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH

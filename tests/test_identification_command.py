@@ -17,7 +17,7 @@ from rig_logs import HEADER, rig_rows, write_log
 from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.identify import Options, identify
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.plots import adhesion_figure, drift_figure
 
 BEAM = published_law("beam", Rail.DRY)

@@ -46,8 +46,9 @@ from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
-from railslip_ctrl.model.parameters import Record, Wheel
+from railslip_ctrl.model.vehicle import Record, Wheel
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.files import load_scenario
@@ -248,7 +249,7 @@ def test_a_call_refuses_in_one_line_of_the_package(line: str) -> None:
     assert refusal(CALLS[line]) == line.rstrip()
 
 
-ROOMS = ("model.adhesion", "model.parameters", "design", "loop", "simulation")
+ROOMS = ("model.adhesion", "design", "loop", "simulation")
 
 VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
@@ -297,6 +298,7 @@ def functions() -> dict[str, Callable[..., object]]:
     """What takes arguments, at the top and in the rooms."""
     modules = [railslip_ctrl, *(importlib.import_module(f"railslip_ctrl.{room}") for room in ROOMS)]
     found = {name: getattr(module, name) for module in modules for name in module.__all__}
+    found |= {one.__name__: one for one in (vehicle.doubts, vehicle.remarks, vehicle.table4_gains)}
     return {name: thing for name, thing in found.items() if inspect.isfunction(thing)}
 
 

@@ -11,9 +11,9 @@ from project import refused
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law, published_law
 from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
-from railslip_ctrl.model.law_sources import source_at
 from railslip_ctrl.model.linearization import operating_point
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
+from railslip_ctrl.report.laws import source_at
 from railslip_ctrl.report.text import case_title
 
 PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"

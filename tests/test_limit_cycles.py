@@ -14,8 +14,8 @@ from sliding_cases import ACTUATOR, DESIGN, IDEAL, READINGS, effect_on, measured
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
-from railslip_ctrl.sliding.law import generated_law
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.verification import relay_loop
 from railslip_ctrl.verification.actuator_effects import actuator_effect, conclusion, cycle_table, published_loop
 from railslip_ctrl.verification.fine_simulation import PublishedLaw, simulate_fine

@@ -17,7 +17,7 @@ from railslip_ctrl.design import actuated_plant
 from railslip_ctrl.design.compensators import observer_compensator
 from railslip_ctrl.design.limits import fundamental_limits, least_peak
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 

@@ -19,7 +19,7 @@ from railslip_ctrl.model.adhesion import law_class, published_law
 from railslip_ctrl.model.adhesion.beam import Beam
 from railslip_ctrl.model.linearization import _residual, frozen_speed_plant, linearize, nonlinear_plant, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 V100 = 100.0 * KMH
 

@@ -15,7 +15,7 @@ from railslip_ctrl.identification.plausibility import mu_warning
 from railslip_ctrl.identification.rolling import FreeRolling
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BEAM = published_law("beam", Rail.DRY)
 

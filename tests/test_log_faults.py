@@ -19,7 +19,7 @@ from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.timing import Lag, lag_warning
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
 RADIUS = PARK2008.wheel.radius

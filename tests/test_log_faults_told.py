@@ -24,7 +24,7 @@ from railslip_ctrl.identification.motion import slip_ramp
 from railslip_ctrl.identification.record import Record
 from railslip_ctrl.identification.timing import Lag, lag_warning
 from railslip_ctrl.model.adhesion import load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import identification_text, model_toml
 from railslip_ctrl.report.identification_json import identification_json
 

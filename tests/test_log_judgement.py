@@ -30,7 +30,7 @@ from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.identification.timing import Lag, train_lag
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
 from railslip_ctrl.report.identification_json import campaign_json, identification_json
 from railslip_ctrl.report.plots import drift_figure

@@ -20,7 +20,7 @@ from railslip_ctrl.identification.outliers import OutlierFilter
 from railslip_ctrl.identification.record import Recorder
 from railslip_ctrl.identification.rows import Rows
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 # --- columns -------------------------------------------------------------------------------------------------------
 

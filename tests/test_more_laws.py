@@ -14,13 +14,13 @@ from scipy.interpolate import PchipInterpolator
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names, load_law, published_law
+from railslip_ctrl.model.adhesion.base import curtius_kniffler
 from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
-from railslip_ctrl.model.adhesion.envelope import curtius_kniffler
 from railslip_ctrl.model.adhesion.polach import Polach
 from railslip_ctrl.model.adhesion.table import Table, table_force, table_slope
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 LOAD = 34_500.0
 V100 = 100.0 * KMH

@@ -34,7 +34,7 @@ from railslip_ctrl.model.numeric import (
     peak,
     plant_parameters,
 )
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 GENERATED = PACKAGE / "model" / "_generated"
 
@@ -186,7 +186,7 @@ TORQUE = """
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 law = published_law("bristle", Rail.DRY)
 point = operating_point(law, PARK2008, 100 / 3.6, 0.132)
 linearize(point)

@@ -13,7 +13,7 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observed import AdhesionStream, Observer
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.identification.record import Record, Recorder
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 LOAD = PARK2008.wheel_load
 V100 = 100.0 * KMH

@@ -19,7 +19,7 @@ from railslip_ctrl.identification.observer import (
 )
 from railslip_ctrl.identification.observer.recursion import linear_recursion
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008
 from railslip_ctrl.paper import printed as sliding_printed
 
 TAU = 0.08

@@ -13,7 +13,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.observer import Encoder, KalmanObserver, TorqueSensor, Vibration, observer_responses
 from railslip_ctrl.identification.observer.riccati import sampled_noise
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 
 INTERVAL = 5e-3
 SHAKE = Vibration(frequency=10 * math.pi, decay=4.0, deviation=200.0)  # [Park2008] p. 55, its size assumed

@@ -24,7 +24,7 @@ from railslip_ctrl.identification.observer import (
 )
 from railslip_ctrl.identification.observer.tradeoff import estimated
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 INTERVAL = 5e-3
 SPEED = 140 / 3.6

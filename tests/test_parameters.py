@@ -17,11 +17,9 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import GRAVITY, PARK2008, TABLE4_PI, Vehicle, doubts, load_vehicle, remarks
-from railslip_ctrl.model.parameters.files import VehicleKeys
-from railslip_ctrl.model.parameters.plausibility import USUAL_RANGES
-from railslip_ctrl.model.parameters.railtoolkit import read_rolling_stock
-from railslip_ctrl.model.parameters.validation import LARGEST_FILE, one_line, read_toml
+from railslip_ctrl.core.user_files import LARGEST_FILE, one_line, read_toml
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Vehicle, doubts, remarks
+from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
 
 DATA = Path(__file__).parent / "data" / "rolling-stock"
 DESIRO = DATA / "siemens_desiro_classic.yaml"
@@ -570,6 +568,6 @@ def test_read_toml_returns_the_tables(tmp_path: Path) -> None:
 
 def test_importing_the_records_loads_no_parser_and_no_unit_library() -> None:
     heavy = ("yaml", "tomllib", "pint")
-    code = f"import sys, railslip_ctrl.model.parameters; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, railslip_ctrl.model.vehicle; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

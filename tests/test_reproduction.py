@@ -15,7 +15,7 @@ from scipy.stats import sem
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper import facts as facts_module
 from railslip_ctrl.paper.facts import published_facts
 from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity

@@ -12,7 +12,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant
 from railslip_ctrl.design.rules import Kind, first_order_model, rotstein_lewin, simc_pi
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 TAU = PARK2008.actuator.dead_time
 

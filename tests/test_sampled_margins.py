@@ -15,7 +15,7 @@ from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.loop import Rational, sampled_delay
 from railslip_ctrl.loop.sampled_boxes import BoxedResponse
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 
 
 def gain(value: float) -> Rational:

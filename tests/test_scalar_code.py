@@ -11,8 +11,8 @@ from sample_laws import ALL_LAWS, sample_law
 
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Resistance
 from railslip_ctrl.model.scalar_code import FOLDER, WORKS, adhesion_table, generate_scalar, has_table, scalar_source
+from railslip_ctrl.model.vehicle import PARK2008, Resistance
 from railslip_ctrl.simulation.kernel_text import kernel_text, step_text
 
 # all terms of the resistance at work

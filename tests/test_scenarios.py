@@ -13,7 +13,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,

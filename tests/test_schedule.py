@@ -16,7 +16,7 @@ from railslip_ctrl.design.schedule import (
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 

@@ -10,7 +10,7 @@ from project import ROOT, script, show
 
 from railslip_ctrl.design.region_maps import region_map
 from railslip_ctrl.design.schedule import GainSchedule
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 
 def test_pi_published(tmp_path, capsys, monkeypatch):

@@ -12,7 +12,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.selection import REACH_SHARE, Choice, select
-from railslip_ctrl.model.parameters import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 
 SMALL = Envelope(speeds=(20, 40, 100), rails="dry", laws="curve", loads="empty", radius=1.0)
 

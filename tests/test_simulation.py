@@ -7,7 +7,7 @@ import pytest
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import TABLE4_PI
+from railslip_ctrl.model.vehicle import TABLE4_PI
 from railslip_ctrl.simulation import LinearControl, Outcome, Simulator, built_in_scenario, simulate
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)

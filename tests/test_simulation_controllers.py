@@ -19,8 +19,8 @@ from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.identification.virtual_rig import RigProcedure
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 from railslip_ctrl.model.scalar_code import adhesion_table
+from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 from railslip_ctrl.simulation import (
     LinearControl,
     ScheduledControl,

@@ -20,7 +20,7 @@ from braking_runs import (
 from scipy.signal import lfilter
 
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.parameters import PARK2008, TABLE4_PI, Actuator, Rail, Resistance
+from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, Rail, Resistance
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,

@@ -25,7 +25,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.adhesion.curve import curve_force
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import (
     BrakeLimits,
     Disturbances,

@@ -21,22 +21,14 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 import railslip_ctrl
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
-from railslip_ctrl.model.kernels.compilation import module_of
+from railslip_ctrl.model.kernels import module_of
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import generate, law_numbers, python_law, with_numbers
 from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.law import (
-    HOLD_TIME,
-    KEPT,
-    LAW_FILE,
-    PUBLISHED_LAW,
-    SOURCES,
-    gain_parameters,
-    generate_law,
-    law_source,
-)
+from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
+from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, gain_parameters
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 from railslip_ctrl.verification import ideal_loop
@@ -380,8 +372,8 @@ def test_the_committed_law_depends_on_the_sources_that_are_hashed():
 def test_a_law_whose_sources_have_changed_is_derived_at_once(tmp_path, monkeypatch):
     stale = tmp_path / "sliding_law.py"
     stale.write_text(LAW_FILE.read_text(encoding="utf-8").replace("SHA-256 ", "SHA-256 0"), encoding="utf-8")
-    monkeypatch.setattr("railslip_ctrl.sliding.law.LAW_FILE", stale)
-    monkeypatch.setattr("railslip_ctrl.sliding.law._derived", lambda: "derived")
+    monkeypatch.setattr("railslip_ctrl.sliding.generate.LAW_FILE", stale)
+    monkeypatch.setattr("railslip_ctrl.sliding.generate._derived", lambda: "derived")
     assert law_source.__wrapped__() == "derived"
 
 

@@ -14,7 +14,7 @@ from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import load_law, published_law
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail, load_vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, load_vehicle
 from railslip_ctrl.report import plots
 from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW

@@ -11,7 +11,7 @@ from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 SPEED = 100 / 3.6
 STEP = 1e-3  # s; the dead time is 150 steps

@@ -15,7 +15,7 @@ from railslip_ctrl.design import actuated_plant, intersection, stabilizing_pid
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.parameters import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 S = ct.tf("s")
 UNSTABLE = 1 / ((4 * S - 1) * (0.6 * S + 1))

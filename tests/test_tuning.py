@@ -16,7 +16,7 @@ from railslip_ctrl.design.forbidden import Forbidden
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.tuning import pi_for_crossover, pi_transfer_function
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.model.parameters import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=1.0, ki=0.0), lead=0.6, lead_filter=0.06).transfer_function

@@ -14,7 +14,7 @@ from sliding_cases import AS_PUBLISHED
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import PARK2008
+from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report import plots
 from railslip_ctrl.report.verification import verification_text

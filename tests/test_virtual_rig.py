@@ -31,7 +31,7 @@ from railslip_ctrl.identification.reference import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.report.identification import campaign_toml
 from railslip_ctrl.report.identification_json import campaign_json
 from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure

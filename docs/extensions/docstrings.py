@@ -16,7 +16,7 @@ from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 
-from railslip_ctrl.model.parameters import Record
+from railslip_ctrl.model.vehicle import Record
 
 _CODE = re.compile(r"(``.+?``|`[^`]+`)", re.DOTALL)
 _SIGNS = re.compile(r"[*|]|(?<=\w)_(?=\W|$)")

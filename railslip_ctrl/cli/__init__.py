@@ -1,4 +1,6 @@
-"""The `railslip` command; what it is made of is in `program`, which takes a moment to import."""
+"""The `railslip` command, one command a file: parse, call, show.
+
+What it is made of is in `program`, which takes a moment to import."""
 
 from __future__ import annotations
 

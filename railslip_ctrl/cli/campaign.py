@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import remarks
+from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.simulation.campaign.execution import Replay, execute, replay

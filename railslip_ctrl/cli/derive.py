@@ -10,7 +10,7 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.files import check_directory, write_files

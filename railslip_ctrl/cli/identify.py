@@ -17,7 +17,8 @@ from railslip_ctrl.identification.identify import Campaign, Identification, Opti
 from railslip_ctrl.identification.log_files import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.model.parameters import PARK2008, Rail, Vehicle, load_vehicle, remarks
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml

@@ -28,7 +28,8 @@ from railslip_ctrl.model.adhesion import (
     wheel_load_in,
 )
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, load_vehicle, remarks
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle_files import load_vehicle
 
 F = TypeVar("F", bound=Callable[..., Any])
 L = TypeVar("L")

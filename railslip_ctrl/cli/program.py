@@ -57,7 +57,7 @@ class _LazyGroup(click.Group):
         """The command, after a look at its options for one that is given twice; InputError for one there is not."""
         if args[0] not in _COMMANDS and not ctx.resilient_parsing:
             from railslip_ctrl.core.units import shown
-            from railslip_ctrl.model.parameters.validation import close_match
+            from railslip_ctrl.core.user_files import close_match
 
             near = close_match(args[0].lower(), _COMMANDS).rstrip()
             raise InputError(f"{shown(args[0])} is no command; {near or 'choose one of ' + ', '.join(_COMMANDS)}")

@@ -15,7 +15,7 @@ import click
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.linearization import OperatingPoint
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
 from railslip_ctrl.report.html.design_sections import design_sections

@@ -16,7 +16,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
 from railslip_ctrl.paper.facts import Fact, published_facts
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity

@@ -13,9 +13,9 @@ import click
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_names
-from railslip_ctrl.model.parameters import Rail, Vehicle, remarks
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.model.vehicle import Rail, Vehicle, remarks
 from railslip_ctrl.simulation import Scenario
 from railslip_ctrl.simulation.catalogue import NAMES, controller_named, default_column, reference_of
 from railslip_ctrl.simulation.controllers import Controller
@@ -109,7 +109,7 @@ class ScenarioOptions:
         """The scenario's vehicle or the file's, with what was given of it."""
         vehicle = own
         if self.vehicle is not None:
-            from railslip_ctrl.model.parameters import load_vehicle
+            from railslip_ctrl.model.vehicle_files import load_vehicle
 
             path = self.vehicle
             vehicle = _naming("--vehicle", lambda: load_vehicle(path))

@@ -8,7 +8,7 @@ from typing import get_args
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.verification import verification_json, verification_text
 from railslip_ctrl.verification.joint_verification import (
     LARGEST_GAIN,

@@ -1,4 +1,4 @@
-"""What every room needs: errors, units, checks of arguments, sources, notation, folders, results kept, processes.
+"""What every room needs: errors, units, argument checks, sources, files, cache.
 
 Imports nothing of the package. A newcomer begins with `errors`.
 """

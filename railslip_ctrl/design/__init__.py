@@ -1,4 +1,4 @@
-"""Controllers, and gains computed for the plants at hand. Knows nothing of simulation."""
+"""Controllers as systems, the envelope and the verdict over it, tuning, limits."""
 
 from .controllers import (
     PIController,

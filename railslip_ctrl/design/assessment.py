@@ -18,13 +18,12 @@ from railslip_ctrl.design import actuated_plant, wheel_slip_loop
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import MOST_POLES
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.loop.sampled_system import MOST_PERIODS
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import Actuator
+from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import LinearController, linear_controller
 from .limits import Limits, fundamental_limits
-from .sampled import sampled_loop
+from .sampled import loop_as_run
 from .specification import is_robust
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
@@ -170,7 +169,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     loop = wheel_slip_loop(plant, design, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
-    run = None if isinstance(loop, SampledLoop) else _as_run(controller, plant, actuator)
+    run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
     return Assessment(
         label=label or design.structure,
         plant=plant,
@@ -186,14 +185,6 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         sampled=run.margins() if run is not None and run.is_stable() else None,
         **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
     )
-
-
-def _as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
-    """The sampled loop of a controller that says how it is run, unless its period is too short to make a difference."""
-    sampled = getattr(controller, "as_run", None)
-    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
-        return None
-    return sampled_loop(sampled, plant, actuator)
 
 
 def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

@@ -31,11 +31,12 @@ from pydantic import Field, InstanceOf, field_validator
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH, quantity, to_unit
+from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_in, load_law, published_law, wheel_load_in
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle, load_vehicle
-from railslip_ctrl.model.parameters.validation import file_name, given_path, read_toml, validated
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle
+from railslip_ctrl.model.vehicle_files import load_vehicle
 
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]

@@ -12,7 +12,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .controllers import PIController
 from .envelope import Envelope, EnvelopePoints

@@ -12,7 +12,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import Actuator, PIGains
+from railslip_ctrl.model.vehicle import Actuator, PIGains
 
 from .controllers import PIController, actuated_plant
 

@@ -12,7 +12,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 
 # Relative imaginary part that rounding leaves of a triple real root of an expanded polynomial.
 _REAL = 1e-3

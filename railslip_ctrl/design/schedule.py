@@ -12,11 +12,11 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields, checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.user_files import validated
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import LinearPlant, linearize, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.model.parameters.validation import validated
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
 from .controllers import PIController, actuated_plant, wheel_slip_loop
 from .families import family_margins

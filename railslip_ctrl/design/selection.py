@@ -19,7 +19,7 @@ from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 
 from .controllers import PIController, wheel_slip_loop
 from .envelope import Envelope, EnvelopePoints

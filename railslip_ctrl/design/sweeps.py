@@ -15,7 +15,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop.batch import BatchMargins
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import LinearPlant, linearize, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 
 from .controllers import controller_system, wheel_slip_loop
 from .families import family_margins

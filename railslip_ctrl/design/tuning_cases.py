@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import Actuator, PIGains
+from railslip_ctrl.model.vehicle import Actuator, PIGains
 
 from .controllers import PIController, actuated_plant
 from .tuning import PIDesign, Specification, tune_pi

@@ -14,7 +14,7 @@ import numpy as np
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.core.user_files import close_match
 
 from .columns import UNITS
 from .rows import Rows

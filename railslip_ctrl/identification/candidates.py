@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .comparison import compare
 from .curves import Curve

@@ -23,7 +23,7 @@ from types import MappingProxyType
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown, to_unit
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.core.user_files import close_match
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .alignment import Alignment, corrections_told
 from .cells import Accumulator, Bins, Cells, SlipCounts, Stretches

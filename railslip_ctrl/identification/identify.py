@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .alignment import check_corrections
 from .candidates import DRIFT_SPEEDS, Candidates, speeds_looked_at

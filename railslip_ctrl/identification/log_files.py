@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters.validation import file_name
+from railslip_ctrl.core.user_files import file_name
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 
 def law_toml(

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
+from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.model.adhesion import INITIAL_SPEED_RANGE_KMH, AdhesionLaw, law_class
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.adhesion.polach import KALKER_C11, SEMI_AXIS, SHEAR_MODULUS
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.parameters import Rail
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.model.vehicle import Rail
 
 from .cells import Cells
 from .coordinates import Coordinates

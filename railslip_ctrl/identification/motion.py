@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import InputError, RailslipError
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .between_runs import whole_tests
 from .cells import Cells, Stretches

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .low_pass import LowPass
 from .observer.filters import FilterObserver, Form

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model.numeric import peak
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .fits import Fit, Parameter
 from .models import Setting

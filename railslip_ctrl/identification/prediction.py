@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .models import FitModel
 from .observer.recursion import linear_recursion

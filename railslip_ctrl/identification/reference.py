@@ -11,7 +11,7 @@ import numpy as np
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .fits import NORMAL_QUANTILE, Fit
 from .models import FitModel

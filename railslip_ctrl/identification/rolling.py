@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 

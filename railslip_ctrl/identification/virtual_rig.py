@@ -19,7 +19,7 @@ import numpy as np
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
-from railslip_ctrl.model.parameters import PARK2008, Actuator, Rail, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.kernel_text import step_text

@@ -1,4 +1,4 @@
-"""The exact dead-time loop: response, root count, poles, crossovers, margins. Knows nothing of slip or rails."""
+"""The loop with its exact dead time: root count, margins, certificates. Knows nothing of slip."""
 
 from .certificate import Certificate, CertificateError
 from .deadtime import DeadTimeLoop

@@ -20,7 +20,7 @@ from railslip_ctrl.core.units import KMH
 
 from .adhesion import AdhesionLaw
 from .numeric import NumericPlant, numeric_plant, plant_parameters
-from .parameters import Rail, Vehicle
+from .vehicle import Rail, Vehicle
 
 if TYPE_CHECKING:
     import control

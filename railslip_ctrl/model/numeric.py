@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .adhesion import AdhesionLaw
-from .parameters import Vehicle
+from .vehicle import Vehicle
 
 PACKAGE = Path(__file__).parents[1]
 GENERATED = "railslip_ctrl.model._generated"

@@ -21,7 +21,7 @@ import sympy as sp
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, published_law
-from railslip_ctrl.model.parameters import (
+from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     PARK2008,
     TABLE4_PI,

@@ -16,7 +16,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION, Curve
-from railslip_ctrl.model.parameters import (
+from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     PARK2008,
     TABLE4_PI,

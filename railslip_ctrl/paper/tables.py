@@ -19,7 +19,7 @@ from railslip_ctrl.core.sources import cite
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail
 from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.published import Column, Kind, published_controller

@@ -1,4 +1,4 @@
-"""Records in, text and JSON out; computes nothing."""
+"""Records in; text, JSON, HTML and pictures out. The only user of matplotlib."""
 
 from .files import check_directory, write_files
 from .jsonable import linear_plant_json, margins_json

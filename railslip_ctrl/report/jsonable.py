@@ -14,9 +14,9 @@ from railslip_ctrl.design.controllers import LinearController, PIController
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.model.law_sources import source_at
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import remarks
+from railslip_ctrl.model.vehicle import remarks
+from railslip_ctrl.report.laws import source_at
 
 from .laws import law_json
 

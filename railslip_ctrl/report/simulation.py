@@ -12,8 +12,8 @@ from rich.text import Text
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
-from railslip_ctrl.model.law_sources import GIVEN, law_words, source_of
-from railslip_ctrl.model.parameters import Rail, remarks
+from railslip_ctrl.model.vehicle import Rail, remarks
+from railslip_ctrl.report.laws import GIVEN, law_words, source_of
 from railslip_ctrl.simulation import (
     LinearControl,
     Run,

@@ -19,9 +19,9 @@ from railslip_ctrl.design.assessment import Assessment, PadeRow
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.law_sources import PUBLISHED, source_at, words_at
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.parameters import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
+from railslip_ctrl.report.laws import PUBLISHED, source_at, words_at
 
 from .jsonable import open_loop_unstable_poles
 from .layout import counted, facts, fixed, heading, render, roots_text, table

@@ -13,8 +13,8 @@ from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.tuning import PIDesign
 from railslip_ctrl.design.tuning_cases import TunedCases
 from railslip_ctrl.loop import Margins
-from railslip_ctrl.model.law_sources import source_at, words_at
 from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.report.laws import source_at, words_at
 
 from .jsonable import case_json, margin_numbers, number
 from .judging import judgement_parts

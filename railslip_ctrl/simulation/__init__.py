@@ -1,4 +1,4 @@
-"""Nonlinear braking runs: scenarios, controllers, the compiled integration, what came out."""
+"""Braking runs: scenarios, controllers that run, one compiled kernel, campaigns."""
 
 from __future__ import annotations
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.model.parameters import PIGains, Vehicle
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.model.vehicle import PIGains, Vehicle
 
 from .designed import recommended_pi_lead, recommended_schedule, slide_protection
 from .published import Column, published_controller, published_pi, published_reference

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.numeric import peak, plant_parameters
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .scenario import Event, Scenario, event_place
 

@@ -29,6 +29,15 @@ from typing import Any
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
+from railslip_ctrl.core.user_files import (
+    close_match,
+    file_name,
+    given_path,
+    read_text,
+    read_toml,
+    record_in,
+    validated,
+)
 from railslip_ctrl.design.controllers import (
     LinearController,
     PIController,
@@ -38,16 +47,7 @@ from railslip_ctrl.design.controllers import (
 from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
-from railslip_ctrl.model.parameters import PIGains, Record
-from railslip_ctrl.model.parameters.modules import record_in
-from railslip_ctrl.model.parameters.validation import (
-    close_match,
-    file_name,
-    given_path,
-    read_text,
-    read_toml,
-    validated,
-)
+from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.sliding.law import LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
@@ -92,7 +92,7 @@ class LinearKeys(Limited):
     """Keys of the linear kinds: anti-windup by back-calculation unless switched off."""
 
     anti_windup: bool = True
-    tracking_time: float | None = quantity("s", "of the anti-windup; left out: by the slowest zero", gt=0, default=None)
+    tracking_time: float | None = quantity("s", "of the anti-windup; left out: the slowest zero's", gt=0, default=None)
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
     cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
     cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)

@@ -13,14 +13,15 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.core.user_files import file_name, given_path
 from railslip_ctrl.design.controllers import LinearController, PIController, linear_controller
 from railslip_ctrl.design.sampled import Rule, SampledController, start_state, state_names
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.parameters import PIGains, Rail
-from railslip_ctrl.model.parameters.validation import file_name, given_path
-from railslip_ctrl.sliding.law import LawGains, gain_parameters, generated_law, law_states
+from railslip_ctrl.model.vehicle import PIGains, Rail
+from railslip_ctrl.sliding.generate import generated_law, law_states
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
 from .controller_text import linear_text
 from .kernel_text import difference_text, step_text

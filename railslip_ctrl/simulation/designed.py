@@ -18,7 +18,7 @@ from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 
 from .controllers import LinearControl, ScheduledControl, SlideProtection
 from .published import published_reference

@@ -24,10 +24,10 @@ from typing import Any
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
+from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, load_law
-from railslip_ctrl.model.parameters import PARK2008, Vehicle, load_vehicle
-from railslip_ctrl.model.parameters.files import vehicle_from_keys
-from railslip_ctrl.model.parameters.validation import file_name, given_path, read_toml, validated
+from railslip_ctrl.model.vehicle import PARK2008, Vehicle
+from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 
 from .scenario import BUILT_IN, Scenario, built_in_scenario, named_law
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from railslip_ctrl.model.kernels.slots import (
+from railslip_ctrl.model.kernels import (
     adhesion_force,
     command,
     compiled,

@@ -8,8 +8,7 @@ from types import ModuleType
 
 from railslip_ctrl.design import difference
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.kernels.compilation import module_of
-from railslip_ctrl.model.kernels.text import module_text, plain
+from railslip_ctrl.model.kernels import module_of, module_text, plain
 
 _HERE = Path(__file__).parent
 

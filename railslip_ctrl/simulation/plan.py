@@ -10,8 +10,8 @@ import numpy as np
 
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.parameters import Rail
 from railslip_ctrl.model.scalar_code import adhesion_table
+from railslip_ctrl.model.vehicle import Rail
 
 from .controllers import Controller, Situation, reference_slip
 from .scenario import PUBLISHED_REFERENCE, Scenario, event_place

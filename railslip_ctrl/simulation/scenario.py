@@ -11,16 +11,9 @@ from pydantic import Field, InstanceOf, SerializeAsAny, model_validator
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError, MissingParametersError
 from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.core.user_files import validated
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.model.parameters import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    INITIAL_SPEED_KMH,
-    PARK2008,
-    Rail,
-    Record,
-    Vehicle,
-)
-from railslip_ctrl.model.parameters.validation import validated
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Rail, Record, Vehicle
 
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
 """The one reference line of [Park2008] Fig. 21, by rail."""

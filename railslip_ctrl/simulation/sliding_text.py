@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.kernels.text import plain, prefixed
+from railslip_ctrl.model.kernels import plain, prefixed
 from railslip_ctrl.model.scalar_code import scalar_source
-from railslip_ctrl.sliding.law import generated_law, law_kernel_text, law_states
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text, law_states
 
 from .kernel_text import step_text
 from .steps import sliding as steps

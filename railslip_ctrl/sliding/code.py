@@ -12,7 +12,7 @@ import sympy as sp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.sliding.code_c import c_source
 from railslip_ctrl.sliding.code_python import WIDTH, python_source, short
 from railslip_ctrl.sliding.derivation import Derivation

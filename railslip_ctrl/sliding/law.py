@@ -1,23 +1,14 @@
-"""The derived law without SymPy: its gains, and its generated Python text, committed by `make generate`.
-
-The head of the generated file has a hash of the sources it came from; where it does not
-fit, the law is derived at once.
-"""
+"""Gains of the law, and what its generated text has in it without SymPy: times, fields, the hash of its sources."""
 
 from __future__ import annotations
 
 import hashlib
 import math
-import re
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.kernels.text import plain
-from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 
 @dataclass(frozen=True)
@@ -72,7 +63,7 @@ PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=
 """[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
 
 
-# --- the generated law ---
+# --- what generated code shares ---
 
 HOLD_TIME = 0.1
 """s, for which samples that are left out hold the last command: shorter than the dead time of the published brake."""
@@ -97,52 +88,3 @@ def sources_hash() -> str:
 def file_hash(path: Path) -> str:
     """SHA-256 of a text file; line ends do not count."""
     return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()
-
-
-LAW_FILE = PACKAGE / "model" / "_generated" / "sliding_law.py"
-
-_HEAD = "# mypy: ignore-errors\n"
-
-
-@cache
-def law_source() -> str:
-    """Python source of the law of [Park2008] (45) with Ta as an argument, as `code.generate(derive())` gives it."""
-    if LAW_FILE.is_file():
-        text = LAW_FILE.read_text(encoding="utf-8")
-        if f" {sources_hash()}." in text:
-            return text.removeprefix(_HEAD)
-    return _derived()
-
-
-@cache
-def generated_law() -> Any:
-    """The law as a module: `Parameters`, `State`, `init`, `control`, `valid`, `step`."""
-    module = ModuleType("railslip_sliding_law")
-    exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
-    return module
-
-
-def law_states() -> tuple[str, ...]:
-    """The law's states, in order: the fields of `State` but for `KEPT`, which stand last."""
-    return tuple(name for name in generated_law().State._fields if name not in KEPT)
-
-
-@cache
-def law_kernel_text() -> str:
-    """The law's functions for a kernel, and `law_parameters(c, first)`: its parameters, in order from c[first] on."""
-    fields = len(generated_law().Parameters._fields)
-    numbers = ", ".join(f"float(c[first + {i}])" for i in range(fields))
-    text = re.sub(r"^def ", "@compiled\ndef ", plain(law_source()), flags=re.MULTILINE)
-    return f"{text}\n\n@compiled\ndef law_parameters(c, first):\n    return Parameters({numbers})\n\n"
-
-
-def generate_law() -> str:
-    """Text of the committed file."""
-    return _HEAD + _derived()
-
-
-def _derived() -> str:
-    from .code import generate
-    from .derivation import derive
-
-    return generate(derive()).python

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from railslip_ctrl.core.errors import DomainError
-from railslip_ctrl.model.parameters import (
+from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     INITIAL_SPEED_KMH,
     PARK2008,
@@ -16,7 +16,7 @@ from railslip_ctrl.model.parameters import (
 )
 from railslip_ctrl.simulation.designed import is_published
 
-from .layered import RailAdhesion
+from .layered import SPEEDS_KMH, RailAdhesion
 from .limit_cycles import (
     LINEAR_CHANGE,
     LimitCycle,
@@ -319,9 +319,6 @@ def _at_most(name: str, limit: float, form: str, unit: str) -> str:
 
 # --- what the actuator does to the published law -------------------------------------------------------------------
 
-
-SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
-"""Where the stability of a stop is decided, here and for the layered law."""
 
 POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
 

@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.kernels.compilation import module_of
-from railslip_ctrl.model.kernels.text import module_text, plain
+from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import Actuator
 from railslip_ctrl.model.scalar_code import adhesion_table
-from railslip_ctrl.sliding.law import generated_law
+from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.sliding.generate import generated_law
 
 from .reaching import law_parameters
 from .relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains

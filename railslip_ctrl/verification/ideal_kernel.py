@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from railslip_ctrl.model.kernels.slots import (
+from railslip_ctrl.model.kernels import (
     adhesion_force,
     compiled,
     entry,

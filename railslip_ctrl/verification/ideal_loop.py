@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
-from railslip_ctrl.model.kernels.compilation import module_of
-from railslip_ctrl.model.kernels.text import module_text, plain
+from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
-from railslip_ctrl.sliding.law import LawGains, gain_parameters, generated_law, law_kernel_text
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
 from . import ideal_kernel as loop
 from .reaching import (

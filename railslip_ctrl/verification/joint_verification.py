@@ -11,7 +11,7 @@ from typing import Literal
 
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import PARK2008, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
 from .actuator_effects import published_behind_actuator, variants_behind_actuator

@@ -44,9 +44,8 @@ from railslip_ctrl.loop.responses import closed_loop_response
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
-from .actuator_effects import SPEEDS_KMH
 from .fine_simulation import holding_torque, simulate_fine, switch
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 
@@ -430,6 +429,9 @@ def bounded_disturbance(vehicle: Vehicle) -> float:
     """Torque at the wheel the bound is asked for, N*m."""
     return DISTURBANCE * vehicle.wheel_load * vehicle.wheel.radius * vehicle.inertia_scale
 
+
+SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+"""Where the stability of a stop is decided, of any law."""
 
 LEAD_FILTER_SHARE = 0.1
 """Time constant of the lead's filter over that of the lag, as in designs/pi_lead.py."""

@@ -19,10 +19,9 @@ import numpy as np
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.designed import is_published
 
-from .actuator_effects import SPEEDS_KMH
 from .fine_simulation import END_SPEED, simulate_fine, slip_range
 from .layered import (
     DISTURBANCE,
@@ -30,6 +29,7 @@ from .layered import (
     HOLD_ERROR,
     OFFSET,
     PUBLISHED_ADHESION,
+    SPEEDS_KMH,
     STEP,
     LayeredDesign,
     LayeredLaw,

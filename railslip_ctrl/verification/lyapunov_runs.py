@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import Actuator, Rail
+from railslip_ctrl.model.vehicle import Actuator, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate
 
 if TYPE_CHECKING:

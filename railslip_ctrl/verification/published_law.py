@@ -20,7 +20,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol

@@ -33,9 +33,10 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
-from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains, generated_law
+from railslip_ctrl.sliding.generate import generated_law
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import sliding_symbol
 
 Floats = NDArray[np.float64]

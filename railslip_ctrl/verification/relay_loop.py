@@ -38,7 +38,7 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.parameters import TABLE4_SLIDING_PRINTED, Actuator
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -18,7 +18,7 @@ import sympy as sp
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Vehicle
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol

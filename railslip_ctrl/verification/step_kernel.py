@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.slots import compiled, entry, lag_rate, rates
+from railslip_ctrl.model.kernels import compiled, entry, lag_rate, rates
 
 
 @compiled

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.model.parameters import (
+from railslip_ctrl.model.vehicle import (
     Actuator,
 )
 

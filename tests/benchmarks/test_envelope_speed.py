@@ -7,7 +7,7 @@ import time
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.parameters import PIGains
+from railslip_ctrl.model.vehicle import PIGains
 
 POINTS = 5000
 SECONDS = 2.0

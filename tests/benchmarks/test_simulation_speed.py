@@ -26,8 +26,8 @@ import pytest
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.parameters import TABLE4_PI, PIGains
 from railslip_ctrl.model.scalar_code import adhesion_table, powers
+from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
 from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.step_objects import StepControl
@@ -307,7 +307,7 @@ def test_a_run_against_the_same_loop_in_c(benchmark, tmp_path):
 ONE_RUN = """
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.design import PIController
-from railslip_ctrl.model.parameters import TABLE4_PI, PIGains
+from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 reference = ReferenceSlip(dry=0.132, wet=0.092)
 simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference))

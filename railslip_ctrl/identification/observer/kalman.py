@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .forms import SampledForm
 from .recursion import linear_recursion

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -15,7 +15,7 @@ import numpy as np
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
-from railslip_ctrl.model.parameters import Vehicle
+from railslip_ctrl.model.vehicle import Vehicle
 
 from .samples import Floats, require
 from .sensors import Encoder, TorqueSensor

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "2f32c5069c2c0ac630506feb17902a90489e9eea3d9bdd1b21af7b97cc6dc6ed"
+SOURCES_SHA256 = "e4d9d27723090b237d3c8766a1ab6bb1cb17c2279944ea81486a761d0f76e7fd"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "d117be178f9f22553d953104c8add75a6aa817ee3ec0385509cb607398005184"
+SOURCES_SHA256 = "7760777a851c2088d0aebab736abbafcb11e84f16d42ab485b5699215e5cfd50"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

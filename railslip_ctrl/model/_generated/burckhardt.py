@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "963a10072121241506c10ae73107394b7d414f61888620d015d33a24af051611"
+SOURCES_SHA256 = "0205351bac6953fcc48bf58a15f94eae38087fc9a88bac728aad7259f7f42c41"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

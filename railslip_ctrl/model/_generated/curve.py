@@ -5,7 +5,7 @@ import numpy
 
 from railslip_ctrl.model.adhesion.curve import curve_force
 
-SOURCES_SHA256 = "720f2f8b92f218e53eb78cb31d2783630e343d1431c0e79c9173a4925818a3dd"
+SOURCES_SHA256 = "02f9078c8d323016eacbe8e80f4108ff085543398d772dd1ad8eb5f48cf3b2d7"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

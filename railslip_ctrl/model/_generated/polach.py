@@ -3,7 +3,7 @@
 
 import numpy
 
-SOURCES_SHA256 = "4f1501fc213a9658eef03d7ec6d1763464ff591da93fb07cc2505d44323dddb3"
+SOURCES_SHA256 = "c95ca59db338f82e047de6eda7bfb9b230949d02ec52edd731ce9bf48bdb829f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

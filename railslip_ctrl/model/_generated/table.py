@@ -6,7 +6,7 @@ import numpy
 from railslip_ctrl.model.adhesion.table import table_force
 from railslip_ctrl.model.adhesion.table import table_slope
 
-SOURCES_SHA256 = "2587bcae9d91d869587496a86a15fd0b3baf274f46ae3b549a133ff5ea250353"
+SOURCES_SHA256 = "22c631b853af37f88bebff5891848a47aa0c1248ce785186ee3fd11518a24d34"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p):

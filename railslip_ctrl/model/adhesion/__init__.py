@@ -4,9 +4,17 @@ To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itse
 """
 
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
-from .files import initial_speeds_in, is_over_initial_speed, load_law, wheel_load_in
-from .modules import law_in
-from .registry import law_class, law_classes, law_names, published_law
+from .registry import (
+    initial_speeds_in,
+    is_over_initial_speed,
+    law_class,
+    law_classes,
+    law_in,
+    law_names,
+    load_law,
+    published_law,
+    wheel_load_in,
+)
 
 __all__ = [
     "INITIAL_SPEED_RANGE_KMH",

@@ -11,13 +11,13 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator
 
 from railslip_ctrl.core.arguments import number, real, reals
 from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
-from railslip_ctrl.core.units import quantity, to_unit
-from railslip_ctrl.model.parameters import INITIAL_SPEED_KMH, Rail, Record
+from railslip_ctrl.core.units import KMH, quantity, to_unit
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
@@ -293,3 +293,29 @@ def check_published_range(initial_speed_kmh: float, wheel_load: float) -> None:
 
 def _is_positive(metadata: list[Any]) -> bool:
     return any(getattr(constraint, "gt", None) is not None and constraint.gt >= 0 for constraint in metadata)
+
+
+# --- adhesion available by speed, whatever the slip: an envelope of measurements, not an adhesion law ----------------
+
+
+def curtius_kniffler(speed: ArrayLike) -> NDArray[np.float64] | np.float64:
+    """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, of Curtius and Kniffler.
+
+    E. W. Curtius, A. Kniffler: Neue Erkenntnisse ueber die Haftung zwischen Treibrad und Schiene. Elektrische
+    Bahnen 1944.
+
+    Parameters
+    ----------
+    speed : array_like
+        Train speed, m/s, of any shape.
+
+    Raises
+    ------
+    DomainError
+        A speed that is negative or not finite.
+    """
+    v = np.asarray(speed, dtype=float)
+    outside = ~(np.isfinite(v) & (v >= 0.0))
+    if outside.any():
+        raise DomainError(f"speed: {v[outside][0]:g} m/s is outside the curve; give a finite speed >= 0")
+    return np.asarray(7.5 / (v / KMH + 44.0) + 0.161, dtype=float)[()]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from railslip_ctrl.core.units import KMH, quantity
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .base import RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement, check_published_range
 

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import ClassVar, Self
 
 from railslip_ctrl.core.units import KMH, quantity
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .base import RIG_WHEEL_LOAD, AdhesionLaw, ReferenceSlip, Statement, check_published_range
 

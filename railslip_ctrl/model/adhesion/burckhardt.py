@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from railslip_ctrl.core.units import quantity
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.units import KMH, quantity
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement, check_published_range
 from .bristle import REFERENCE, published_coefficients

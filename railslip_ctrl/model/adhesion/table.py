@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import to_unit
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 from .base import AdhesionLaw, Statement
 

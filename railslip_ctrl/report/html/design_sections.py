@@ -7,7 +7,7 @@ import math
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.parameters import doubts
+from railslip_ctrl.model.vehicle import doubts
 from railslip_ctrl.report.judging import envelope_words
 from railslip_ctrl.report.recommendation import DesignReport, Rival
 from railslip_ctrl.report.text import law_facts, vehicle_facts

@@ -15,7 +15,7 @@ from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.models import parameter_unit
 from railslip_ctrl.identification.reference import PeakSlip
-from railslip_ctrl.model.adhesion.envelope import curtius_kniffler
+from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
 from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style
 

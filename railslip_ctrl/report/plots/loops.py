@@ -14,7 +14,7 @@ from railslip_ctrl.design.assessment import Assessment
 from railslip_ctrl.design.design_check import ControllerGroup
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve, frequency_curve
-from railslip_ctrl.model.law_sources import words_at
+from railslip_ctrl.report.laws import words_at
 
 from .style import (
     PAGE_WIDTH,

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from railslip_ctrl.model.parameters import Rail
+from railslip_ctrl.model.vehicle import Rail
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

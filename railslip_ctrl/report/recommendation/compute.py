@@ -30,7 +30,7 @@ from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
-from railslip_ctrl.model.parameters import Actuator, PIGains, Vehicle
+from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
 from railslip_ctrl.simulation import LinearControl
 from railslip_ctrl.simulation.designed import is_published
 from railslip_ctrl.verification.joint_verification import verify_with_actuator

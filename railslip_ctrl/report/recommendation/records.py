@@ -17,7 +17,7 @@ from railslip_ctrl.loop.curves import FrequencyCurve
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, Run
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
 from railslip_ctrl.verification.joint_verification import FullVerification

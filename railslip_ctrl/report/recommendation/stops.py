@@ -15,7 +15,7 @@ from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.selection import INITIAL_SHARE
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint
-from railslip_ctrl.model.parameters import Rail, Vehicle
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import reference_slip

@@ -15,10 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import quantity, to_unit
+from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.parameters import PIGains
-from railslip_ctrl.model.parameters.records import Record
-from railslip_ctrl.model.parameters.validation import close_match, file_name, given_path, read_toml, validated
+from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.simulation.catalogue import controller_named, default_column, reference_of
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller

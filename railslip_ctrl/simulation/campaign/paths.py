@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from railslip_ctrl.model.parameters.validation import validated
+from railslip_ctrl.core.user_files import validated
 
 
 class Place(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.simulation.step_objects import UserStep, as_control

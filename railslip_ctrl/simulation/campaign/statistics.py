@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.parameters.validation import close_match
+from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.run import Outcome
 
 from .intervals import Estimate, Moments, quantile_ranks, share

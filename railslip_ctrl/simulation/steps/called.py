@@ -6,8 +6,8 @@ x: the function's own numbers.
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.calls import call_step
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
+from railslip_ctrl.simulation.step_calls import call_step
 
 
 @compiled

@@ -8,7 +8,7 @@ x: what they remember.
 from __future__ import annotations
 
 from railslip_ctrl.design.difference import linear_step
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

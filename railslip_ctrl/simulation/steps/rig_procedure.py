@@ -6,7 +6,7 @@ x: whether it was released.
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

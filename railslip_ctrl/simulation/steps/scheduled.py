@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

@@ -7,7 +7,7 @@ x: torque asked for, filtered wheel speed r omega, whether it has started, what 
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

@@ -6,7 +6,7 @@ x: s, then the generated `State`.
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.slots import assumed_torque, compiled, law_parameters, law_state, step, store_state
+from railslip_ctrl.model.kernels import assumed_torque, compiled, law_parameters, law_state, step, store_state
 
 FIRST = 2  # place of the law's numbers in c
 

@@ -5,7 +5,7 @@ c: reference slip, radius, number of points n, n times (s), n torques (N*m); lin
 
 from __future__ import annotations
 
-from railslip_ctrl.model.kernels.slots import compiled
+from railslip_ctrl.model.kernels import compiled
 
 
 @compiled

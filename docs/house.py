@@ -1,0 +1,109 @@
+"""How large is the package, and what stands on what? Counts of the house, and a picture of its rooms.
+
+python docs/house.py [PICTURE.svg]
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import Counter, defaultdict
+from pathlib import Path
+from textwrap import fill
+
+import grimp
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "railslip_ctrl"
+SAME = 6
+"""Lines in a row, blank ones and imports left out, that count as written twice."""
+
+
+def rooms() -> dict[str, tuple[set[str], int, int]]:
+    """Every room with the rooms that it imports, its files and its lines, from the top of the house to the ground."""
+    graph = grimp.build_graph("railslip_ctrl")
+    below: dict[str, set[str]] = defaultdict(set)
+    for module in graph.modules:
+        for imported in graph.find_modules_directly_imported_by(module):
+            above, under = (name.split(".")[1] for name in (f"{module}.", f"{imported}."))
+            if above and under and above != under and (PACKAGE / above).is_dir():
+                below[above].add(under)
+    found = {}
+    for folder in sorted(path.parent for path in PACKAGE.glob("*/__init__.py")):
+        texts = sources(folder)
+        found[folder.name] = (below[folder.name], len(texts), sum(len(text.splitlines()) for text in texts.values()))
+    return dict(sorted(found.items(), key=lambda room: -floor(room[0], below)))
+
+
+def floor(room: str, below: dict[str, set[str]]) -> int:
+    """One more than the highest of the rooms that it imports; the ground is 1."""
+    return 1 + max((floor(one, below) for one in below[room]), default=0)
+
+
+def sources(folder: Path) -> dict[Path, str]:
+    """Text of every module in a folder that is not generated."""
+    return {path: path.read_text("utf-8") for path in sorted(folder.rglob("*.py")) if "_generated" not in path.parts}
+
+
+def names_used_twice() -> list[str]:
+    """Class names that more than one module of the package defines."""
+    trees = [ast.parse(text) for text in sources(PACKAGE).values()]
+    counted = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    return sorted(name for name, count in counted.items() if count > 1)
+
+
+def written_twice() -> int:
+    """Pairs of places in the package that share `SAME` lines or more."""
+    places: dict[tuple[str, ...], list[tuple[Path, int]]] = defaultdict(list)
+    for path, text in sources(PACKAGE).items():
+        stripped = (line.strip() for line in text.splitlines())
+        lines = [line for line in stripped if line and not line.startswith(("from ", "import "))]
+        for start in range(len(lines) - SAME + 1):
+            places[tuple(lines[start : start + SAME])].append((path, start))
+    pairs = {(a, b) for same in places.values() for a in same for b in same if a < b}
+    # a longer run of shared lines is one pair: count where it begins
+    return sum(((a[0], a[1] - 1), (b[0], b[1] - 1)) not in pairs for a, b in pairs)
+
+
+def counts() -> str:
+    """The counts as a table in text, then the rooms, a line each."""
+    house = rooms()
+    below = defaultdict(set, {name: room[0] for name, room in house.items()})
+    package, tests = sources(PACKAGE), sources(ROOT / "tests")
+    rows = {
+        "lines of the package": sum(len(text.splitlines()) for text in package.values()),
+        "files": len(package),
+        "rooms": len(house),
+        "floors": max(floor(name, below) for name in house),
+        "arrows between rooms": sum(len(room[0]) for room in house.values()),
+        "class names used twice": len(names_used_twice()),
+        "pairs written twice": written_twice(),
+        "lines of the tests": sum(len(text.splitlines()) for text in tests.values()),
+    }
+    lines = [f"{name:24}{count:7}" for name, count in rows.items()]
+    lines += ["", "generated code is not counted", ""]
+    lines += [f"{name:16}{files:4} files{count:7} lines" for name, (_, files, count) in house.items()]
+    return "\n".join(lines)
+
+
+def picture(path: Path) -> None:
+    """Draw the rooms, as wide as they have lines, each above what it imports."""
+    import matplotlib.pyplot as plt
+
+    house = rooms()
+    most = max(lines for _, _, lines in house.values())
+    figure, axes = plt.subplots(figsize=(7.5, 5.0), layout="constrained")
+    for height, (name, (_, _, lines)) in enumerate(reversed(house.items())):
+        axes.barh(height, lines, color="0.85", edgecolor="0.3")
+        doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
+        axes.text(most / 100, height, f"{name}", va="center", weight="bold")
+        axes.text(most * 1.02, height, fill(doc.splitlines()[0], 62), va="center", fontsize=7)
+    axes.set(yticks=[], xlabel="lines; each room imports only from those below it", xlim=(0, most * 2.4))
+    axes.spines[["left", "right", "top"]].set_visible(False)
+    figure.savefig(path, metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    print(counts())
+    if len(sys.argv) > 1:
+        picture(Path(sys.argv[1]))

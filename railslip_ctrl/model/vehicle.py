@@ -1,0 +1,526 @@
+"""Vehicle, wheel, actuator, rail: frozen records, SI inside; the published sets; what looks doubtful in them."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import partial
+from types import MappingProxyType, NoneType, UnionType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic.fields import FieldInfo
+
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, quantity, shown, to_unit
+from railslip_ctrl.core.user_files import one_line, unknown_key
+
+# --- the docstring of a record: what it says itself, then its fields, each from its own description ------------------
+
+
+_BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+
+
+def documented(record: type[BaseModel]) -> str:
+    """Return the docstring of a record with a section of its described fields: type, meaning, unit, range, default."""
+    entries = [
+        f"{name} : {_type_words(info.annotation)}\n    {_sentence(info)}"
+        for name, info in record.model_fields.items()
+        if info.description
+    ]
+    own = inspect.cleandoc(record.__doc__ or "")
+    return "\n".join([own, "", "Attributes", "----------", *entries, ""]) if entries else own
+
+
+def _sentence(info: FieldInfo) -> str:
+    meaning = info.description or ""
+    extra = info.json_schema_extra
+    parts = [meaning[0].upper() + meaning[1:]]
+    if isinstance(extra, dict) and "unit" in extra:
+        unit = "dimensionless" if extra["unit"] == "1" else str(extra["unit"])
+        parts.append(", ".join([unit, *_range(info)]))
+    if not info.is_required() and _default(info.default):
+        parts.append(f"default {_default(info.default)}")
+    return "; ".join(parts) + "."
+
+
+def _range(info: FieldInfo) -> list[str]:
+    return [
+        f"{sign} {bound:g}"
+        for key, sign in _BOUNDS
+        for constraint in info.metadata
+        if (bound := getattr(constraint, key, None)) is not None
+    ]
+
+
+def _default(value: object) -> str:
+    """A default as a word; nothing for what is absent or empty, or a record, which lists its own."""
+    if isinstance(value, (bool, str)):
+        return str(value)
+    return f"{value:g}" if isinstance(value, (int, float)) else ""
+
+
+def _type_words(annotation: Any) -> str:
+    if get_origin(annotation) in (Union, UnionType):
+        members = [_type_words(member) for member in get_args(annotation) if member is not NoneType]
+        return " or ".join([*members, *(["None"] if NoneType in get_args(annotation) else [])])
+    if get_origin(annotation) is tuple:
+        return f"tuple of {_type_words(get_args(annotation)[0])}"
+    return getattr(annotation, "__name__", str(annotation))
+
+
+# --- records --------------------------------------------------------------------------------------------------------
+
+GRAVITY = 9.80665
+"""Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
+
+
+_MASS_ALONE = "M alone was changed: the wheel load stayed at"
+
+
+class Rail(StrEnum):
+    """Rail condition: which of the two sets of adhesion parameters holds.
+
+    A member is its own name as text: ``Rail.DRY == "dry"``. Where a function takes a `Rail` or its name, another text
+    is refused (InputError); `Rail.of` turns either into the member. What a wet rail changes is the adhesion law's to
+    say, see `AdhesionLaw.wet`: of those of [Park2008] the largest adhesion is about halved, for which mu_max of the
+    beam model (5)-(10) is halved and beta of the bristle model (19)-(24) doubled. The reference slip goes with the rail
+    (`ReferenceSlip`).
+
+    Attributes
+    ----------
+    DRY
+        "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
+    WET
+        "wet": those parameters times the law's own factors, or a published set of their own.
+
+    Raises
+    ------
+    InputError
+        By `of`: neither a member nor "dry" or "wet".
+    """
+
+    DRY = "dry"
+    WET = "wet"
+
+    @classmethod
+    def of(cls, value: str) -> Rail:
+        """The condition of a name, `value`: "dry" or "wet", or a member itself; InputError for anything else."""
+        try:
+            return cls(value)
+        except ValueError:
+            raise InputError(f"rail: {shown(value)} is not a rail condition; choose dry or wet") from None
+
+
+class Record(BaseModel):
+    """Base of the parameter records: immutable, unknown keys refused, non-finite numbers refused.
+
+    Numbers are SI, or text with a unit ("3.5 t"); neither text without one ("3500") nor True is a number, and no
+    number is True or False.
+
+    Raises
+    ------
+    InputError
+        An unknown or missing key, a value of another kind or dimension, or out of its range; or a field that is set
+        after the record was made.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    text_needs_unit: ClassVar[bool] = True
+    """Whether text that is a number alone is refused."""
+
+    def __init__(self, /, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(one_line(error, type(self).__name__, model=type(self))) from None
+
+    # As pydantic's own: a record within a record is then checked with it, and errors name the whole way to a key.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        cls.__doc__ = documented(cls)
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """The record that `obj`, a mapping of its keys, makes; `options` are pydantic's. Errors as of a new record."""
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InputError(one_line(error, cls.__name__, model=cls)) from None
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """The record with the fields in `update` as given, unchecked: also outside its range, to see what follows.
+
+        `deep` copies what it holds. InputError for a name that is no field.
+        """
+        unknown = (update or {}).keys() - type(self).model_fields.keys()
+        if unknown:
+            key = min(unknown)
+            raise InputError(f"{type(self).__name__}: {key}: {unknown_key(key, type(self))}")
+        return super().model_copy(update=update, deep=deep)
+
+    if not TYPE_CHECKING:  # to a type checker the fields are frozen already
+
+        def __setattr__(self, name: str, value: object) -> None:
+            raise InputError(
+                f"{type(self).__name__}: {name}: cannot be set; make another with model_copy(update={{{name!r}: ...}})"
+            )
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _to_si(cls, value: object, info: ValidationInfo) -> object:
+        """Convert what was given for a field made by `units.quantity` to that field's unit, a list member by member."""
+        field = cls.model_fields[info.field_name or ""]
+        extra = field.json_schema_extra
+        if isinstance(extra, dict) and "unit" in extra:
+            # pydantic names the field itself
+            convert = partial(to_unit, unit=str(extra["unit"]), text_needs_unit=cls.text_needs_unit)
+            return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
+        if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
+            raise InputError(f"{shown(value)} is not allowed; give true or false")
+        return value
+
+
+def _each(convert: Callable[[Any], float], value: Any) -> Any:
+    """A number, or each of a list of numbers or of lists."""
+    return tuple(_each(convert, one) for one in value) if isinstance(value, (list, tuple)) else convert(value)
+
+
+class Wheel(Record):
+    """One braked wheelset ([Park2008] (3), Tables 1 and 2)."""
+
+    radius: float = quantity("m", "wheel radius r", gt=0)
+    inertia: float = quantity("kg*m^2", "moment of inertia J", gt=0)
+    viscous_friction: float = quantity(
+        "N*m*s", "viscous torque coefficient B between brake pad and wheel", ge=0, default=0.0
+    )
+
+
+class Resistance(Record):
+    """Travelling resistance of the quarter car, Fr(v) = constant + linear v + quadratic v^2, N, v in m/s.
+
+    [Park2008] Table 1 has the quadratic term alone.
+    """
+
+    constant: float = quantity("N", "constant term", ge=0, default=0.0)
+    linear: float = quantity("N/(m/s)", "coefficient of v", ge=0, default=0.0)
+    quadratic: float = quantity("N/(m/s)^2", "coefficient of v^2", ge=0, default=0.0)
+
+
+class Actuator(Record):
+    """Pneumatic brake, commanded to acting torque: Ga(s) = exp(-dead_time s)/(lag s + 1) ([Park2008] p. 55)."""
+
+    dead_time: float = quantity("s", "dead time", ge=0)
+    lag: float = quantity("s", "time constant of the first-order lag", ge=0)
+
+
+class PIGains(Record):
+    """Tb = kp e + ki integral(e), e = sigma_d - sigma in m/s, Tb in N*m ([Park2008] Table 4); of either sign."""
+
+    kp: float = quantity("N*m/(m/s)", "proportional gain")
+    ki: float = quantity("N*m/m", "integral gain")
+
+
+class Vehicle(Record):
+    """The quarter car: the part of the train carried and braked by one wheelset ([Park2008] Fig. 2).
+
+    `inertia_scale` multiplies mass, wheel inertia and viscous friction, and nothing else: 1 is SI, 3.6 is the
+    as-published reading (speeds integrated in km/h with forces in N). Use `effective_mass`,
+    `effective_inertia` and `effective_viscous_friction` in equations of motion. `wheel_load` is a quantity of
+    its own: in the published vehicle it does not follow the mass. `PARK2008` is the published one.
+
+    Raises
+    ------
+    InputError
+        As of any `Record`, and a loaded mass below the empty one.
+    """
+
+    name: str = Field(description="for reports")
+    mass: float = quantity("kg", "quarter-car mass M, empty", gt=0)
+    mass_loaded: float = quantity("kg", "quarter-car mass M, loaded", gt=0)
+    wheel_load: float = quantity("N", "wheel load N, empty", gt=0)
+    wheel_load_loaded: float = quantity("N", "wheel load N, loaded", gt=0)
+    wheel: Wheel = Field(description="the braked wheelset")
+    resistance: Resistance = Field(description="travelling resistance of the quarter car")
+    actuator: Actuator = Field(description="the brake")
+    inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
+    source: str = Field("", description="where the numbers are from")
+    notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
+
+    @model_validator(mode="after")
+    def _load_adds(self) -> Vehicle:
+        if self.mass_loaded < self.mass:
+            raise InputError(
+                f"mass_loaded: {self.mass_loaded:g} is not allowed; give a value >= mass = {self.mass:g} (kg)"
+            )
+        return self
+
+    @property
+    def effective_mass(self) -> float:
+        """inertia_scale * M, kg."""
+        return self.inertia_scale * self.mass
+
+    @property
+    def effective_inertia(self) -> float:
+        """inertia_scale * J, kg m^2."""
+        return self.inertia_scale * self.wheel.inertia
+
+    @property
+    def effective_viscous_friction(self) -> float:
+        """inertia_scale * B, N m s."""
+        return self.inertia_scale * self.wheel.viscous_friction
+
+    def loaded(self) -> Vehicle:
+        """The same vehicle with its loaded mass and wheel load as the ones in use."""
+        return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
+
+    def with_mass(self, mass: float) -> Vehicle:
+        """The vehicle with another `mass` in use, kg, and the wheel load it has: a note says so, unless the two are
+        the empty or the loaded vehicle's own."""
+        changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
+        if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
+            return changed
+        return changed.model_copy(update={"notes": (*self.notes, f"{_MASS_ALONE} {self.wheel_load:.0f} N.")})
+
+    @property
+    def mass_alone(self) -> str:
+        """The note of `with_mass`; empty where there is none."""
+        return next((note for note in self.notes if note.startswith(_MASS_ALONE)), "")
+
+    def loads(self) -> tuple[Vehicle, ...]:
+        """The vehicle as it is and, where that is another mass, `loaded`."""
+        return (self,) if self.mass == self.mass_loaded else (self, self.loaded())
+
+
+# --- the published vehicle and gains of [Park2008], in SI ------------------------------------------------------------
+
+
+INITIAL_SPEED_KMH = 100.0
+"""v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)."""
+
+AS_PUBLISHED_INERTIA_SCALE = 3.6
+"""The inertia scale under which the published results come out: speeds in km/h, forces in N, no factor."""
+
+PARK2008 = Vehicle(
+    name="Park et al. 2008, quarter car",
+    mass=3517.0,
+    mass_loaded=5276.0,
+    wheel_load=34_500.0,
+    wheel_load_loaded=34_500.0,  # [Park2008] does not change N with M
+    wheel=Wheel(radius=0.43, inertia=60.35, viscous_friction=0.25),
+    resistance=Resistance(quadratic=0.63),
+    actuator=Actuator(dead_time=0.15, lag=0.6),
+    source="[Park2008] Tables 1 and 2, p. 55",
+)
+
+
+class PrintedPI(NamedTuple):
+    """PI gains as Table 4 prints them: Kp in "N-h", Ki in "N"; read as N*m per km/h and N*m per km/h per s."""
+
+    Kp: float
+    Ki: float
+
+
+class PrintedSliding(NamedTuple):
+    """Sliding-mode gains as Table 4 prints them: D and rho in "1/h", K in "km/h^2", k without a unit.
+
+    Read as D in N*m per km/h and K in N*m, both added to the torque, rho in 1/s, and k with s in km/h, Ta in N*m and
+    omega = v_kmh/r.
+    """
+
+    D: float
+    K: float
+    rho: float
+    k: float
+
+
+TABLE4_PI_PRINTED = MappingProxyType({"beam": PrintedPI(400.0, 54.0), "bristle": PrintedPI(650.0, 27.0)})
+"""[Park2008] Table 4, PI, by column, as printed."""
+
+TABLE4_SLIDING_PRINTED = MappingProxyType(
+    {"beam": PrintedSliding(1.62, 70.0, 1.65, 2.1e-8), "bristle": PrintedSliding(1.53, 70.0, 1.54, 2.1e-8)}
+)
+"""[Park2008] Table 4, ASMC, by column, as printed."""
+
+# 1 km/h = 1/3.6 m/s
+TABLE4_PI = MappingProxyType(
+    {name: PIGains(kp=3.6 * gains.Kp, ki=3.6 * gains.Ki) for name, gains in TABLE4_PI_PRINTED.items()}
+)
+"""Table 4's PI gains by column, in SI (N*m/(m/s) and N*m/m)."""
+
+
+@checked
+def table4_gains(adhesion: str) -> PIGains:
+    """Table 4's PI gains, SI, for an `adhesion` law by name: the beam's own column, else the bristle column."""
+    return TABLE4_PI["beam" if adhesion == "beam" else "bristle"]
+
+
+# --- what is allowed of a vehicle and yet far from what vehicles have: nearly always a number in another unit --------
+
+
+_SPEED = 100.0 * KMH  # at which travelling resistance is looked at
+
+
+@dataclass(frozen=True)
+class UsualRange:
+    """Between which bounds a quantity of vehicles lies.
+
+    Attributes
+    ----------
+    key : str
+        Of the vehicle's file.
+    unit : str
+        Of the quantity.
+    low, high : float
+        The bounds, as multiples of `of`.
+    why : str
+        Where they come from, in words.
+    value : callable
+        Of a vehicle, the quantity in `unit`.
+    of : callable
+        Of a vehicle, what the bounds are multiples of, in `unit`; left out, 1.
+    other_units : mapping
+        Units that a number may have been meant in, each with its size in `unit`.
+    after : tuple of str
+        Keys that `of`, or the quantity itself if left out, is computed from: nothing new is said of what follows from
+        an implausible number.
+    remedy : str
+        Where none of `other_units` gives a usual value.
+    """
+
+    key: str
+    unit: str
+    low: float
+    high: float
+    why: str
+    value: Callable[[Vehicle], float]
+    of: Callable[[Vehicle], float] = lambda _: 1.0
+    other_units: Mapping[str, float] = field(default_factory=dict)
+    after: tuple[str, ...] = ()
+    remedy: str = "check the number and its unit"
+
+
+def _resistance(vehicle: Vehicle) -> float:
+    terms = vehicle.resistance
+    return terms.constant + terms.linear * _SPEED + terms.quadratic * _SPEED * _SPEED
+
+
+_QUARTER = "the quarter car is what one wheelset carries: 3 to 6 t of a tram, 22.5 t on main lines, 40 t of heavy haul"
+_ONE_WHEELSET = "divide the mass of a whole vehicle by the number of its axles, and give the unit"
+_CARRIES = "a wheelset carries the weight of the quarter car, in braking somewhat more or less"
+
+USUAL_RANGES = (
+    UsualRange(
+        "mass", "kg", 1000.0, 45_000.0, _QUARTER, lambda v: v.mass, other_units={"t": 1000.0}, remedy=_ONE_WHEELSET,
+    ),
+    UsualRange(
+        "mass_loaded", "kg", 1000.0, 45_000.0, _QUARTER, lambda v: v.mass_loaded, other_units={"t": 1000.0},
+        after=("mass",), remedy=_ONE_WHEELSET,
+    ),
+    UsualRange(
+        "wheel_load", "N", 0.5, 1.5, _CARRIES, lambda v: v.wheel_load, lambda v: v.mass * GRAVITY, {"kN": 1000.0},
+        ("mass",),
+    ),
+    UsualRange(
+        "wheel_load_loaded", "N", 0.5, 1.5, _CARRIES, lambda v: v.wheel_load_loaded,
+        lambda v: v.mass_loaded * GRAVITY, {"kN": 1000.0}, ("mass", "mass_loaded", "wheel_load"),
+    ),
+    UsualRange(
+        "radius", "m", 0.15, 0.75, "half the diameter: 0.36 m on rolling-road wagons, 1.25 m on locomotives",
+        lambda v: v.wheel.radius, other_units={"mm": 1e-3, "cm": 1e-2},
+    ),
+    UsualRange(
+        # rotation_mass - 1 of the railtoolkit schema, 0.02 of a loaded wagon to 0.3 of a motored axle, with room
+        "inertia", "kg*m^2", 0.005, 0.5, "what turns adds 2 % to 30 % to the mass, as J/r^2",
+        lambda v: v.wheel.inertia, lambda v: v.mass * v.wheel.radius**2, after=("mass", "radius"),
+    ),
+    UsualRange(
+        "viscous_friction", "N*m*s", 0.0, 0.01, "at 100 km/h drag takes less than a hundredth of the weight",
+        lambda v: v.wheel.viscous_friction, lambda v: v.wheel_load * v.wheel.radius**2 / _SPEED,
+        after=("mass", "wheel_load", "radius"),
+    ),
+    UsualRange(
+        "resistance", "N at 100 km/h", 0.0, 0.05, "on the level trains roll with 0.2 % to 2 % of their weight",
+        _resistance, lambda v: v.wheel_load, after=("mass", "wheel_load"),
+    ),
+    UsualRange(
+        "dead_time", "s", 0.0, 2.0, "pneumatic brakes begin to act within a second, electric ones at once",
+        lambda v: v.actuator.dead_time, other_units={"ms": 1e-3},
+    ),
+    UsualRange(
+        "lag", "s", 0.0, 10.0, "brake cylinders fill in 3 to 5 s, of goods trains in 18 to 30 s, about three lags",
+        lambda v: v.actuator.lag, other_units={"ms": 1e-3},
+    ),
+)  # fmt: skip
+"""The ranges, those that others are computed from first."""
+
+
+@checked
+def doubts(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return a sentence for each number of a vehicle that is far from what vehicles have.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        SI; its own M, J and B are looked at, not those times `inertia_scale`.
+
+    Returns
+    -------
+    tuple of str
+        Each names the key, the value, the usual range with its reason, and the remedy; empty for a plausible vehicle.
+
+    Raises
+    ------
+    InputError
+        What is given is no vehicle.
+    """
+    found: dict[str, str] = {}
+    for usual in USUAL_RANGES:
+        value, scale = usual.value(vehicle), usual.of(vehicle)
+        low, high = usual.low * scale, usual.high * scale
+        if not low <= value <= high and not found.keys() & set(usual.after):
+            found[usual.key] = (
+                f"{usual.key} = {_plain(value, 6)} {usual.unit} is taken as given, but is outside the usual "
+                f"{_plain(low)} to {_plain(high)} {usual.unit} ({usual.why}); {_remedy(usual, value, low, high)}."
+            )
+    return tuple(found.values())
+
+
+@checked
+def remarks(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return all that a reader of a vehicle's numbers is told: what was assumed (`Vehicle.notes`), then `doubts`.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        SI.
+
+    Returns
+    -------
+    tuple of str
+        A sentence each.
+
+    Raises
+    ------
+    InputError
+        What is given is no vehicle.
+    """
+    return (*vehicle.notes, *doubts(vehicle))
+
+
+def _remedy(usual: UsualRange, value: float, low: float, high: float) -> str:
+    for unit, size in usual.other_units.items():
+        if low <= value * size <= high:
+            return f'if {_plain(value, 6)} {unit} is meant, give "{_plain(value, 6)} {unit}"'
+    return usual.remedy
+
+
+def _plain(value: float, digits: int = 3) -> str:
+    """A number of so many significant digits, below a million without a power of ten."""
+    return f"{float(f'{value:.{digits}g}'):g}"
