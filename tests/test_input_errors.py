@@ -45,7 +45,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.model.vehicle import Record, Wheel

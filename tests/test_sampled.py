@@ -22,8 +22,8 @@ from railslip_ctrl.design.sampled import (
     suggested_period,
 )
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
@@ -317,7 +317,7 @@ def test_pulse_transfer_function_of_the_delayed_integrator(periods, fraction):
     omega = np.array([0.01, 1.0, 10.0, 31.0])
     z = np.exp(1j * omega * period)
     expected = 2.0 * period * ((1 - fraction) * z + fraction) / (z * (z - 1)) / z**periods
-    assert loop.frequency_response(omega) == pytest.approx(expected, rel=1e-12)
+    assert loop.response(omega) == pytest.approx(expected, rel=1e-12)
 
 
 def test_zero_order_hold_is_the_one_of_python_control(plant):
@@ -326,13 +326,13 @@ def test_zero_order_hold_is_the_one_of_python_control(plant):
     wheel = ct.ss(plant.A, plant.B, [[1.0, 0.0]], 0.0) * ct.ss(ct.tf([1], [0.6, 1]))
     z = np.exp(1j * 0.05 * np.array([0.1, 1.0, 20.0, 60.0]))
     expected = ct.sample_system(wheel, 0.05, "zoh")(z) * controller.transfer_function(z) / z**3
-    assert loop.frequency_response(np.array([0.1, 1.0, 20.0, 60.0])) == pytest.approx(expected, rel=1e-9)
+    assert loop.response(np.array([0.1, 1.0, 20.0, 60.0])) == pytest.approx(expected, rel=1e-9)
 
 
 def test_response_slope_is_the_derivative(plant):
     loop = sampled_loop(SampledController(LEAD, 0.04), plant, ACTUATOR)
     omega, h = np.array([0.3, 2.0, 20.0, 70.0]), 1e-6
-    ahead, behind = np.log(loop.frequency_response(omega + h)), np.log(loop.frequency_response(omega - h))
+    ahead, behind = np.log(loop.response(omega + h)), np.log(loop.response(omega - h))
     assert loop.response_and_slope(omega)[1] == pytest.approx((ahead - behind) / (2 * h), abs=1e-7)
 
 
@@ -419,11 +419,11 @@ def test_delay_margin_over_many_periods_is_confirmed_by_eigenvalues(plant, perio
 def test_peaks_and_phase_margin_against_a_fine_grid(plant):
     loop = sampled_loop(SampledController(LEAD, 0.05), plant, ACTUATOR)
     m = loop.margins()
-    response = loop.frequency_response(np.geomspace(1e-3, loop.nyquist_frequency, 200_000))
+    response = loop.response(np.geomspace(1e-3, loop.nyquist_frequency, 200_000))
     assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-7)
     assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-7)
     assert 1 / m.disk == pytest.approx(np.max(np.abs(1 / (1 + response) - 0.5)), rel=1e-7)
-    at = loop.frequency_response(m.gain_crossovers)
+    at = loop.response(m.gain_crossovers)
     assert np.abs(at) == pytest.approx(1.0, abs=1e-12)
     assert np.angle(-at, deg=True) == pytest.approx(m.phase_margins_deg, abs=1e-10)
 

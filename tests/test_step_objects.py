@@ -87,6 +87,7 @@ def test_the_interpreted_kernel_calls_steps_too():
 
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
+    assert as_run(PI()).reference == REFERENCE  # its own
     for function in (proportional, proportional.py_func):
         made = as_run(function)
         assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
@@ -246,6 +247,7 @@ def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert f"{path}, {told}" in err
+    assert "Failed in" not in err  # the reason, not where Numba was
 
 
 def test_an_interruption_in_a_step_interrupts():

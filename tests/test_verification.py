@@ -311,7 +311,7 @@ def test_json_of_the_robust_law(railslip):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--law", "theirs"), ("--law", "theirs", "'paper', 'robust' or 'layered'")),
+        (("--law", "theirs"), ("--law", "theirs", "'paper' or 'robust' or 'layered'")),
         (("--K", "-3"), ("--K", "-3", ">= 0")),
         (("--K", "1e6"), ("--K", "1e+06", "10000")),
         (("--K", "5 kg"), ("--K",)),

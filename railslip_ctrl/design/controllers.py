@@ -19,8 +19,8 @@ from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, PIGains
 

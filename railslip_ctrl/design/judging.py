@@ -16,7 +16,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator

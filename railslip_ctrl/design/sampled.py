@@ -16,9 +16,8 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.loop.sampled_system import MOST_PERIODS, check_period
+from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
@@ -361,12 +360,12 @@ def sampled_peak(loop: SampledLoop) -> float:
     """
     if not loop.is_stable():
         return math.inf
-    poles = loop.closed_loop_poles
+    poles = loop.closed_loop_poles()
     rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
     low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
     omega = np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0])
     for _ in range(_CLOSER):
-        size = 1 / np.abs(1 + loop.frequency_response(omega))
+        size = 1 / np.abs(1 + loop.response(omega))
         top = int(np.argmax(size))
         omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
     return float(size.max())

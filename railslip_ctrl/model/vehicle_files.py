@@ -6,6 +6,7 @@ wins over the YAML; what neither gives is the published wheel and brake, and `Ve
 
 from __future__ import annotations
 
+import json
 from copy import copy
 from pathlib import Path
 from typing import Any, ClassVar
@@ -86,7 +87,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     Returns
     -------
     Vehicle
-        SI. Its `notes` hold one sentence for each thing that was assumed.
+        SI. Its `notes` hold one sentence for each thing that was assumed; `design.envelope.Envelope` begins with its
+        table [envelope].
 
     Raises
     ------
@@ -110,12 +112,22 @@ def _from_toml(path: Path) -> Vehicle:
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
     """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
     keys = validated(VehicleKeys, content, where)
+    keys = keys.model_copy(update={"envelope": with_laws_beside(keys.envelope, path)})
     if keys.rolling_stock is None:
         _refuse_incomplete(keys, where)
         return _vehicle(keys, None, where=where, source=path.name)
     beside = path.parent / keys.rolling_stock  # relative to the TOML, not to the working directory
     stock = read_rolling_stock(beside, vehicle_id=keys.vehicle_id, where=f"{where}: rolling_stock: {file_name(beside)}")
     return _vehicle(keys, stock, where=where, source=f"{path.name} with {beside.name} [railtoolkit]")
+
+
+def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A table [envelope] read from `path`, the laws that it has in files as paths relative to that."""
+    laws = table.get("laws")
+    if not isinstance(laws, list):
+        return table
+    beside = [str(path.parent / x) if isinstance(x, str) and x.lower().endswith((".toml", ".py")) else x for x in laws]
+    return table | {"laws": beside}
 
 
 def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
@@ -151,6 +163,7 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
         "inertia_scale": _first(keys.inertia_scale, 1.0),
         "source": source,
         "notes": tuple(notes),
+        "envelope": json.dumps(keys.envelope, default=str),
     }
     return validated(Vehicle, values, where)
 

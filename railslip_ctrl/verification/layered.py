@@ -39,7 +39,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import closed_loop_response
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, published_law
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
