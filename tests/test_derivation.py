@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -219,118 +219,58 @@ print(json.dumps({name: probe(*one) for name, one in asked.items()}))
 MUTATIONS = {
     "Ta drives the wheel backwards": ("-B * omega + Ta - Tb", "-B * omega - Ta - Tb"),
     "B accelerates": ("-B * omega + Ta", "B * omega + Ta"),
-    "no travelling resistance": ("-Fa - Fr - Tr / r)", "-Fa - Tr / r)"),
-    "random torque with the other sign": ("- Tb - Td + Tr)", "- Tb - Td - Tr)"),
-    "r lost in the adhesion torque": ("sp.Eq(Ta, r * Fa)", "sp.Eq(Ta, Fa)"),
-    "r lost in the random force": ("- Fr - Tr / r)", "- Fr - Tr)"),
-    "adhesion pushes the train": ("sp.Eq(M * v_rate, -Fa - Fr", "sp.Eq(M * v_rate, Fa - Fr"),
     "brake drives": ("+ Ta - Tb - Td", "+ Ta + Tb - Td"),
+    "disturbance with the other sign": ("- Tb - Td + Tr)", "- Tb + Td + Tr)"),
+    "random torque with the other sign": ("- Tb - Td + Tr)", "- Tb - Td - Tr)"),
+    "adhesion pushes the train": ("sp.Eq(M * v_rate, -Fa - Fr", "sp.Eq(M * v_rate, Fa - Fr"),
+    "resistance pushes the train": ("-Fa - Fr - Tr / r)", "-Fa + Fr - Tr / r)"),
+    "no travelling resistance": ("-Fa - Fr - Tr / r)", "-Fa - Tr / r)"),
+    "random force pushes the train": ("-Fa - Fr - Tr / r)", "-Fa - Fr + Tr / r)"),
+    "r lost in the random force": ("- Fr - Tr / r)", "- Fr - Tr)"),
+    "r lost in the adhesion torque": ("sp.Eq(Ta, r * Fa)", "sp.Eq(Ta, Fa)"),
     "slip of the other sign": ("sp.Eq(sigma, v - r * omega)", "sp.Eq(sigma, v + r * omega)"),
 }
+"""Of these (35) and the law or the disturbance change too."""
 
-EQUATIONS = {"SLIP_VELOCITY", "SLIP_RATIO", "ADHESION_TORQUE", "RESISTANCE", "WHEEL", "TRAIN"}
-ACTUATOR = {"actuator_transfer", "actuator_lag_rate"}
-
-
-def _sign_flips(source: str) -> dict[str, str]:
-    """The statement with one sign changed: of a term, of a factor with a minus, of a whole right-hand side."""
-    tree = ast.parse(source)
-    flipped = {}
-    for name, holder in _equations(tree):
-        whole = holder[-1]
-        for node in [*ast.walk(whole), None]:
-            if node is None:
-                holder[-1] = ast.UnaryOp(ast.USub(), whole)
-            elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
-                node.op = ast.Sub() if isinstance(node.op, ast.Add) else ast.Add()
-            elif isinstance(node, ast.UnaryOp):
-                node.op = ast.UAdd()
-            else:
-                continue
-            flipped[f"{name} = {ast.unparse(holder[-1])}"] = ast.unparse(tree)
-            if node is None:
-                holder[-1] = whole
-            elif isinstance(node, ast.UnaryOp):
-                node.op = ast.USub()
-            else:
-                node.op = ast.Sub() if isinstance(node.op, ast.Add) else ast.Add()
-    return flipped
+OTHERS = {
+    "slip ratio of the other sign": ("sp.Eq(slip, sigma / v)", "sp.Eq(slip, -sigma / v)"),
+    "resistance that helps": ("Fr0 + Fr1 * v +", "Fr0 - Fr1 * v +"),
+    "unstable lag": ("(T * s + 1)", "(T * s - 1)"),
+    "dead time that looks ahead": ("sp.exp(-tau * s)", "sp.exp(tau * s)"),
+    "lag rate of the other sign": ('(symbol("Tc") - Tb)', '(symbol("Tc") + Tb)'),
+}
 
 
-def _equations(tree: ast.Module) -> list[tuple[str, list[ast.expr]]]:
-    """Name, and a list that ends with the right-hand side, of every equation of the statement."""
-    found = []
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("sp.Eq("):
-            found.append((node.targets[0].id, node.value.args))
-        elif isinstance(node, ast.FunctionDef) and node.name.startswith("actuator_"):
-            answer = node.body[-1]
-            # a call of one argument, so that the right-hand side has a list to stand in
-            answer.value = ast.Call(ast.parse("sp.sympify", mode="eval").body, [answer.value], [])
-            found.append((node.name, answer.value.args))
-    return found
-
-
-def _probed(folder: Path, asked: dict[str, tuple[str, str]]) -> dict[str, dict]:
-    """What a copy of the package in a scratch folder gives with each text of the statement; one process for all.
-
-    With "errata" or "cycle" beside the text: the errata of the law, the limit cycle behind the actuator too.
-    """
+@pytest.fixture(scope="module")
+def probed(tmp_path_factory) -> dict[str, dict]:
+    """What a copy of the package in a scratch folder gives with the plant as it is and changed; one process for all."""
+    folder, text = tmp_path_factory.mktemp("broken"), Path(plant.__file__).read_text(encoding="utf-8")
+    assert all(text.count(before) == 1 for before, _ in (*MUTATIONS.values(), *OTHERS.values()))
+    asked = {"sound": (text, "errata, cycle")}
+    asked |= {name: (text.replace(*pair), "errata") for name, pair in MUTATIONS.items()}
+    asked |= {name: (text.replace(*pair), "cycle") for name, pair in OTHERS.items()}
     ignore = shutil.ignore_patterns("plant.*.pyc")  # the other modules, imported anew for each text, stay compiled
     shutil.copytree(Path(railslip_ctrl.__file__).parent, folder / "railslip_ctrl", ignore=ignore)
-    command = [sys.executable, "-c", DRIVER]
-    done = subprocess.run(command, cwd=folder, input=json.dumps(asked), capture_output=True, text=True, check=False)
+    command, environment = [sys.executable, "-c", DRIVER], {**os.environ, "PYTHONPATH": str(folder)}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, input=json.dumps(asked), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
 
 
-@pytest.fixture(scope="module")
-def probed(tmp_path_factory) -> tuple[dict, dict[str, dict], dict[str, dict]]:
-    """What the sound plant, each of `MUTATIONS` and each sign flip give; a flip that is a mutation too is run once."""
-    text = Path(plant.__file__).read_text(encoding="utf-8")
-    assert all(text.count(before) == 1 for before, _ in MUTATIONS.values())
-    mutated = {name: _bare(text.replace(*pair)) for name, pair in MUTATIONS.items()}
-    flips = _sign_flips(text)
-    what = {flip: "cycle" if name.split(" = ")[0] in ACTUATOR else "" for name, flip in flips.items()}
-    what |= {**dict.fromkeys(mutated.values(), "errata"), _bare(text): "errata, cycle"}
-    found = _probed(tmp_path_factory.mktemp("broken"), {source: (source, asked) for source, asked in what.items()})
-    broken, flipped = ({name: found[source] for name, source in of.items()} for of in (mutated, flips))
-    return found[_bare(text)], broken, flipped
-
-
-def _bare(source: str) -> str:
-    """Without comments and layout."""
-    return ast.unparse(ast.parse(source))
-
-
 def test_a_broken_plant_is_noticed(probed) -> None:
-    """Each changes the law or the disturbance, fails a check of the derivation, and (35)-(45) agree no longer."""
-    sound, found, _ = probed
+    """`derive` and `verify` say that a step fails, and (35)-(45) agree no longer; a changed actuator has no cycle."""
+    sound = probed["sound"]
     assert (sound["failed"], sound["verify"]) == ([], True)
-    assert list(found) == list(MUTATIONS)
-    for name, broken in found.items():
-        assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
-        assert broken["failed"], name
-        assert not broken["verify"], name
-        assert set(broken["disagree"]) > set(sound["disagree"]), name
-        assert "(35)" in broken["disagree"], name
-
-
-def test_every_sign_of_the_statement_counts(probed) -> None:
-    """Whichever sign of whichever equation is changed, `derive` and `verify` say that a step fails.
-
-    A changed actuator also stops the analysis of what the actuator does.
-    """
-    sound, _, found = probed
-    assert {name.split(" = ")[0] for name in found} == EQUATIONS | ACTUATOR
-    assert len(found) >= 20
-    assert (sound["failed"], sound["verify"]) == ([], True)
-    for name, broken in found.items():
-        assert broken["failed"], name
-        assert not broken["verify"], name
-        if name.split(" = ")[0] in ACTUATOR:
-            assert "do not describe one actuator" in broken["cycle"], name
     assert sound["cycle"] > 0.0
+    for name, broken in probed.items():
+        assert name == "sound" or (broken["failed"] and not broken["verify"]), name
+        if name in MUTATIONS:
+            assert (broken["law"], broken["disturbance"]) != (sound["law"], sound["disturbance"]), name
+            assert set(broken["disagree"]) > {"(35)"} | set(sound["disagree"]), name
+        if "lag" in name or "dead time" in name:
+            assert "do not describe one actuator" in broken["cycle"], name
 
 
 # --- the command ---------------------------------------------------------------------------------------------------
@@ -386,22 +326,14 @@ def test_latex_is_a_document(railslip, tmp_path, law) -> None:
 
 
 def _check_structure(text: str) -> None:
-    """Environments nest, braces and \\left/\\right balance in each formula, nothing outside ASCII."""
+    """Environments are closed, braces and \\left/\\right balance in each formula, nothing outside ASCII."""
     assert text.isascii()
     assert text.startswith(r"\documentclass")
     assert text.rstrip().endswith(r"\end{document}")
-    body = "".join(part.split(r"\end{lstlisting}")[-1] for part in text.split(r"\begin{lstlisting}"))
-    stack = []
-    for piece in body.replace(r"\end{", "\0end{").replace(r"\begin{", "\0begin{").split("\0")[1:]:
-        name = piece[piece.index("{") + 1 : piece.index("}")]
-        if piece.startswith("begin"):
-            stack.append(name)
-        else:
-            assert stack.pop() == name
-    assert stack == []
-    for line in body.splitlines():
-        bare = line.replace(r"\{", "").replace(r"\}", "")
+    assert text.count(r"\begin{") == text.count(r"\end{")
+    for line in text.splitlines():
         if line.startswith(r"\formula"):
+            bare = line.replace(r"\{", "").replace(r"\}", "")
             assert bare.count("{") == bare.count("}"), line
             assert line.count(r"\left") == line.count(r"\right"), line
 

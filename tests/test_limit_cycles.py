@@ -156,15 +156,6 @@ def test_law_with_its_adaptation_releases_the_wheel_its_relay_alone_would_spare(
     assert (lost.spared, "the wheel is lost at" in lost.text) == (False, True)
 
 
-@pytest.mark.parametrize("feed_forward", [FeedForward.REST, FeedForward.OFF])
-def test_limit_cycle_with_other_feed_forward(feed_forward):
-    loop = published_loop(Rail.WET, feed_forward=feed_forward)
-    measured = _simulated(loop, loop.gains.K, 0.6)
-    for cycle in (linear_limit_cycle(loop, load=loop.load), nonlinear_limit_cycle(loop)):
-        assert cycle.period == pytest.approx(measured.period, rel=0.01)
-        assert cycle.surface_amplitude == pytest.approx(measured.surface_amplitude, rel=0.02)
-
-
 def test_integrator_with_dead_time_has_the_textbook_cycle():
     # s' = (r/J) u(t - tau): period 4 tau, amplitude (r/J) K tau
     base = published_loop(Rail.DRY, adhesion="curve")
@@ -309,18 +300,6 @@ def test_published_adaptation_is_unstable_with_the_actuator_and_stable_without()
     gain = 4 * 70 / (math.pi * limit)
     assert curve.is_stable(relay_gain=1.001 * gain, adaptation=k)
     assert not curve.is_stable(relay_gain=0.999 * gain, adaptation=k)
-
-
-def test_published_adaptation_grows_in_the_simulation_only_with_the_actuator():
-    loop = published_loop(Rail.DRY)
-    growth = {}
-    for actuator in (IDEAL, ACTUATOR):
-        law = PublishedLaw(loop.plant.point, replace(loop.gains, K=0.0))
-        run = simulate_fine(loop.plant.point, law, actuator, duration=16.0, step=2e-3, offset=0.05)
-        early, late = run.sigma[run.time < 8.0], run.sigma[run.time >= 8.0]
-        growth[actuator.lag] = float(np.ptp(late) / np.ptp(early))
-    assert growth[0.0] < 1
-    assert growth[0.6] > 2
 
 
 @pytest.mark.parametrize(("rail", "scale"), READINGS)

@@ -132,16 +132,6 @@ def theta_hat(sample):
 MEASURED = (25.0, 53.0, 4000.0)  # m/s, rad/s, N*m: sigma = 2.21 m/s, e = 1.09 m/s
 
 
-def test_options_left_out_leave_the_papers_law() -> None:
-    module = python_law(derive())
-    assert module.Parameters._field_defaults == dict.fromkeys(OPTIONS, 0.0)
-    _, s, state, p = stepped({}, MEASURED)
-    assert state.theta1_hat == pytest.approx(0.01 * PUBLISHED_LAW.k1 * s * 4000.0, rel=1e-12)
-    assert state.theta2_hat == pytest.approx(0.01 * PUBLISHED_LAW.k2 * s * 53.0, rel=1e-12)
-    # the robust record without any variant gives the same parameters
-    assert gain_parameters(PUBLISHED_LAW) == {name: getattr(p, name) for name in gain_parameters(PUBLISHED_LAW)}
-
-
 def test_variants_of_the_adaptation() -> None:
     """Leak, dead zone and box as `robust` derives them, one Euler step by hand."""
     module = python_law(derive())
@@ -314,23 +304,6 @@ def test_measurements_of_any_size_give_the_same_finite_numbers(adhesion, tmp_pat
             # rounding of terms of 1e12 that cancel is the languages' own, unless both sum in the same order: they do
             assert same((out.torque, out.s), (torque, s))
             assert same(fields(memory), state)
-
-
-@needs_compiler
-def test_control_of_anything_is_the_same_number(tmp_path) -> None:
-    code, module = generate(derive()), python_law(derive())
-    compiled = Compiled(code, tmp_path)
-    generator = np.random.default_rng(6)
-    for _ in range(2000):
-        # parameters too: K and D large enough that terms of the torque overflow, to both signs
-        zero = dict.fromkeys(generator.choice(("J", "r", "Mn", "rho"), int(generator.integers(2))), 0.0)
-        large = {name: 10.0 ** generator.uniform(0, 308) for name in ("D", "K")}
-        p = parameters(code, generator, None, **large, **zero)
-        arguments = [float(generator.choice((*EXTREMES, *NOT_FINITE))) for _ in code.law.control_arguments]
-        expected = module.control(*arguments, module.Parameters(*p))
-        out = compiled.control(*arguments, compiled.Parameters(*p))
-        assert all(map(math.isfinite, expected))
-        assert same((out.torque, out.s, out.theta1_hat_rate, out.theta2_hat_rate), expected)
 
 
 @pytest.mark.parametrize("name", [None, *law_names()])

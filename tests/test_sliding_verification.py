@@ -13,8 +13,9 @@ from project import ROOT, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import load_law, published_law
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, load_vehicle
+from railslip_ctrl.model.adhesion import load_law
+from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import plots
 from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
@@ -39,24 +40,18 @@ from railslip_ctrl.verification.layered import (
     layer_loop,
     layered_design,
     least_authority,
-    load_cases,
     published_torque,
     rail_bounds,
     random_torque,
 )
 from railslip_ctrl.verification.layered_conditions import (
     bounds_kept,
-    cut_out_condition,
-    held_under_published_disturbances,
-    held_while_the_speed_falls,
     hold_known,
     layered_stability,
     open_loop_slip,
-    published_uncertainties,
     range_left,
     stop,
     tolerated,
-    uncertainties,
 )
 from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
 from railslip_ctrl.verification.surviving_gains import largest_adaptation, survivors
@@ -188,13 +183,6 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     assert "1517 N m" in told
 
 
-def test_without_actuator_the_variants_keep_their_promise():
-    ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
-    conditions, told = variants_behind_actuator(1100.0, PUBLISHED_LAW.D, ideal)
-    assert [one.holds for one in conditions] == [True, True]
-    assert told == "With this actuator the layer carries the gain that the reaching condition asks for."
-
-
 # --- the layered law ------------------------------------------------------------------------------------------------
 
 
@@ -285,13 +273,6 @@ def test_a_light_train_has_no_bound_and_verify_says_so(railslip):
     assert "leave K out" not in words
 
 
-def test_simulations_that_leave_the_domain_fail_their_conditions():
-    design = replace(layered_design(PARK2008), K=1.0, kp=5.0)
-    disturbed, cut_out = held_under_published_disturbances(design, PARK2008, 1)
-    found = (disturbed, held_while_the_speed_falls(design, PARK2008), cut_out_condition(cut_out, PARK2008, 1))
-    assert [one.holds for one in found] == [False, False, None]
-
-
 def test_bounds_that_a_simulation_breaks_are_not_kept():
     design = layered_design(PARK2008)
     bounds = rail_bounds(design, PARK2008)
@@ -341,32 +322,6 @@ def desiro():
     return load_vehicle(ROOT / "designs/vehicles/desiro_classic.toml")
 
 
-def _same_plants(first, second):
-    for rail in Rail:
-        for name in ("A", "B"):
-            assert np.array_equal(getattr(first[rail], name), getattr(second[rail], name))
-        assert first[rail].point.brake_torque == second[rail].point.brake_torque
-
-
-def test_a_file_with_the_published_bristle_is_the_default(file):
-    """Every condition takes the adhesion from these plants and their points alone."""
-    law = published_law("bristle", Rail.DRY)
-    numbers = "\n".join(
-        f"{name} = {value!r}" for name, value in zip(law.parameter_names(), law.parameters(), strict=True)
-    )
-    slips = "\n".join(f"{rail} = {law.reference_slip(rail)!r}" for rail in Rail)
-    text = f'law = "bristle"\n[parameters]\n{numbers}\n[reference_slip]\n{slips}\n'
-    given = RailAdhesion(load_law(file(text)))
-    for speed_kmh in (20.0, 100.0):
-        for vehicle in load_cases(PARK2008).values():
-            _same_plants(
-                given.plants(vehicle, speed_kmh=speed_kmh), PUBLISHED_ADHESION.plants(vehicle, speed_kmh=speed_kmh)
-            )
-    assert layered_stability(layered_design(PARK2008, given, K=1e3), PARK2008, given).evidence == layered_stability(
-        layered_design(PARK2008, K=1e3), PARK2008
-    ).evidence.replace("bristle model", "bristle law as given")
-
-
 def test_plants_of_a_law_in_a_file_are_those_of_its_formula(burckhardt, desiro):
     M, J, r, B = desiro.mass, desiro.wheel.inertia, desiro.wheel.radius, desiro.wheel.viscous_friction
     v = 60 / 3.6
@@ -376,32 +331,6 @@ def test_plants_of_a_law_in_a_file_are_those_of_its_formula(burckhardt, desiro):
         # sigma' = -(Fa + Fr)/M - (r/J)(r Fa - B omega - Tb), omega = (v - sigma)/r
         assert plant.A[0, 0] == pytest.approx(-(1 / M + r * r / J) * slope - B / J, rel=1e-12)
         assert plant.point.slip == 0.1235
-
-
-def test_texts_name_the_law_the_loads_and_the_changes_of_the_vehicle_verified(burckhardt, desiro):
-    design = layered_design(desiro, burckhardt, K=1500.0)
-    edges = dict.fromkeys(Rail, (0.2, 0.1))
-    unknown = uncertainties(design, edges, desiro, burckhardt)
-    found = (
-        layered_stability(design, desiro, burckhardt),
-        published_uncertainties(unknown, desiro, burckhardt),
-    )
-    for one in found:
-        assert "bristle" not in one.statement + one.evidence
-        assert "published" not in one.name + one.statement + one.evidence
-    assert "burckhardt law as given" in found[0].evidence
-    # the brake torque goes with the mass and the wheel load that goes with it: beyond a fifth
-    loaded = [one for one in unknown.errors if one.name == "loaded taken for empty"]
-    for one in loaded:
-        assert one.error == pytest.approx(desiro.wheel_load / desiro.wheel_load_loaded - 1.0, abs=0.01)
-        assert not one.tolerated
-    assert not found[1].holds
-    # what is not verified is not spoken of
-    wet = replace(burckhardt, rails=(Rail.WET,))
-    unknown = uncertainties(design, edges, desiro, wet)
-    assert not unknown.mistaken
-    assert "the rails verified are wet alone" in published_uncertainties(unknown, desiro, wet).evidence
-    assert list(load_cases(desiro.loaded())) == [f"{desiro.mass_loaded:g} kg"]
 
 
 def test_more_integral_gain_bears_a_holding_torque_that_is_wrong(burckhardt, desiro):
@@ -422,17 +351,6 @@ def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
     assert "unstable at dry, 5 km/h, empty; wet, 5 km/h, empty" in found.evidence
     # no wonder: the wheel's unstable pole, times the dead time, is above what any PI with a lead bears
     assert falling.plants(PARK2008, speed_kmh=5.0)[Rail.DRY].poles.real.max() * PARK2008.actuator.dead_time > 2.0
-
-
-def test_a_stop_on_ice_is_waited_for(file):
-    text = BURCKHARDT.replace("0.31", "0.02").replace("0.11", "0.0")
-    icy = RailAdhesion(load_law(file(text)), slip=0.1)
-    point = icy.plants(PARK2008)[Rail.DRY].point
-    found = stop(layered_design(PARK2008, icy, K=100.0), point)
-    # m v'/m = mu g with mu = c1 (1 - exp(-2.4)), and the travelling resistance besides
-    ideal = (100 - 5) / 3.6 * PARK2008.mass / (0.02 * (1 - np.exp(-2.4)) * PARK2008.wheel_load)
-    assert found.held
-    assert 60.0 < 0.7 * ideal < found.time < ideal
 
 
 def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_the_others_open(railslip, file):
@@ -579,14 +497,6 @@ def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
     assert error.max() <= bound.largest_error
     assert error[run.time >= bound.reaching_time].max() <= bound.error + 0.01 * 0.1
     assert np.abs(run.command - hold).max() <= bound.command <= DESIGN.K
-
-
-def test_static_law_has_its_own_remainder():
-    plant = published_loop(Rail.WET, adhesion="curve").plant
-    small, large = (layer_bound(DESIGN, plant, ACTUATOR, d) for d in (5.0, 10.0))
-    # the remainder is of second order, so it grows about four times when the disturbance doubles
-    assert 3.0 < large.remainder / small.remainder < 8.0
-    assert small.error < large.error
 
 
 def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
