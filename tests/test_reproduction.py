@@ -232,6 +232,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.long
 def test_table5_comes_out():
     """All sixteen within 4 %, rms within 2.2 %: asserted by the script itself with all its seeds."""
     module = script("analysis/table5.py")

@@ -175,23 +175,6 @@ def test_adhesion_in_the_code_or_said_to_be_outside(name) -> None:
     assert inside is any(parameter.startswith("adhesion_") for parameter in code.law.parameters)
 
 
-def test_the_law_of_the_ideal_loop_is_fed_the_measured_slip() -> None:
-    """At rest Ta is the model's at the slip velocity with its noise, which s tells: s = slip v - sigma - noise."""
-    noisy = IdealDisturbances(slip_noise=0.05)
-    run = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=STEP, held_speed=20.0, disturbances=noisy, seeds=(3,))
-    law, s = published_law("bristle", Rail.DRY), float(run.s[0, 0])
-    slip = law.reference_slip(Rail.DRY)
-    measured = slip * 20.0 - s
-    assert abs(measured - run.sigma[0, 0]) > 0.01  # there is noise
-    values = {"J": 60.35, "r": 0.43, "Mn": 3517.0, "Bn": 0.25, "lambda_d": slip}
-    limits = {"torque_min": -LARGEST, "torque_max": LARGEST, "filter_time": 1.0, "period": STEP}
-    module = python_law(derive())
-    p = module.Parameters(**values, **limits, **gain_parameters(PUBLISHED_LAW))
-    Ta = 0.43 * (law.gamma - measured) / law.beta
-    torque, _, _, _ = module.control(s, 0.0, (20.0 - measured) / 0.43, Ta, 0.0, 0.0, 0.0, p)
-    assert run.torque[0, 0] == pytest.approx(torque, rel=1e-12)
-
-
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_the_compiled_ideal_loop_is_the_interpreted_one(monkeypatch, noise) -> None:
     """A relay would drive rounding apart; without it the two arithmetics differ by rounding alone."""

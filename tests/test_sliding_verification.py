@@ -12,7 +12,6 @@ import pytest
 from project import ROOT, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
 
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
@@ -403,22 +402,6 @@ def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, 
         assert word in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"law": "layered", "D": 3.0}, "D: 3 is not allowed"),
-        ({"law": "theirs"}, "law: 'theirs' is not allowed"),
-        ({"law": "layered", "K": -1.0}, "K: -1 is not allowed"),
-        ({"law": "layered", "ki_min": 0.0}, "ki_min: 0 N\\*m/m is not allowed"),
-        ({"law": "robust", "ki_min": 5.0}, "ki_min: 5 is not allowed; the law 'robust' is not tuned"),
-        ({"law": "layered", "K": 0.0}, r"K: 0 is not allowed; the layered law takes a value > 0 up to 10000 \(N\*m\)"),
-    ],
-)
-def test_arguments_are_checked(arguments, words):
-    with pytest.raises(InputError, match=words):
-        verify_with_actuator(**arguments)
-
-
 # --- the layered law: its bounds, its runs, and the script that designs it ---
 
 
@@ -499,6 +482,7 @@ def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
     assert np.abs(run.command - hold).max() <= bound.command <= DESIGN.K
 
 
+@pytest.mark.long
 def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
     """Other seeds than those of `verify`; the wet rail loaded is the worst of the four."""
     design, loaded = layered_design(PARK2008), PARK2008.loaded()

@@ -253,22 +253,6 @@ def test_gains_are_checked(change, word):
         LawGains(**{"K": 1.0, "D": 1.0, "rho": 1.0, **change})
 
 
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ({"K": -1.0}, "K: -1 is not allowed"),
-        ({"K": 1e9}, "K: 1e\\+09"),
-        ({"D": 0.0}, "D: 0 "),
-        ({"seed": -1}, "seed: -1"),
-        ({"vehicle": PARK2008.model_copy(update={"inertia_scale": 100.0})}, "inertia scale: 100"),
-        ({"law": "theirs"}, "law: 'theirs'"),
-    ],
-)
-def test_verify_checks_its_arguments(arguments, word):
-    with pytest.raises(InputError, match=word):
-        verify(**arguments)
-
-
 # --- command --------------------------------------------------------------------------------------------------------
 
 
@@ -323,9 +307,6 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     for result in (si, published):
         assert result.largest_rise(result.ideal) < 1e-4
         assert result.largest_rise(result.disturbed) > 1e-2
-    drawn = []
-    save = plots.save_figure
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
     show(module, (si, published), tmp_path, monkeypatch)
     assert (tmp_path / "lyapunov_asmc.png").exists()
     out = capsys.readouterr().out
@@ -339,14 +320,7 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     hat, theta = published.stepped.theta_hat[i, 0, 0], published.stepped.theta[0]
     # theta2 does not change; theta1 was 0
     assert published.jump() == pytest.approx(((theta - hat) ** 2 - hat**2) / (2 * 2.1e-8), rel=1e-2)  # s moves on too
-    assert "0.08929" in paper["theta constant"].evidence
-    told = f"V jumps by {published.jump():+.4f} m^2/s^2 (with theta_hat = theta before it: +0.0893)"
-    assert told in " ".join(out.split())
     assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
-    labels = [text.get_text() for axes in drawn[0].axes for text in axes.get_legend().get_texts()]
-    assert "3517 kg, 5276 kg from 25 s on, undisturbed" in labels
-    assert all("law's mass 3517 kg, theta_hat from 0" in axes.get_title() for axes in drawn[0].axes)
-    assert all("plateau" in axes.texts[0].get_text() for axes in drawn[0].axes)
 
 
 # --- the reaching condition: its bound on k, its counterexamples, and runs of the loop without the actuat ---
