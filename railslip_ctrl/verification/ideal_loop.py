@@ -35,6 +35,7 @@ from .reaching import (
     disturbance_function,
     law_parameters,
     lyapunov_function,
+    resistance_force,
     true_theta,
 )
 
@@ -206,8 +207,7 @@ def _disturbance(
 ) -> Floats:
     """(J/r) d, N*m, arrays (steps, seeds)."""
     M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-    resistance = vehicle.resistance
-    Fr = resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
+    Fr = resistance_force(vehicle, speed)
     fading = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time)
     Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
     return np.asarray(disturbance_function()(r * force, Fr, Td, M, J, r) * J / r)

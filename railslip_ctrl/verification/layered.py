@@ -48,6 +48,7 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, P
 
 from .fine_simulation import holding_torque, simulate_fine, switch
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
+from .relay_loop import actuator_lag
 
 Floats = NDArray[np.float64]
 
@@ -215,7 +216,7 @@ class InducedGains:
 
 def layer_loop(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> DeadTimeLoop:
     """The loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`, dead time exact."""
-    system = design.controller * _actuator_lag(actuator) * _wheel(plant)
+    system = design.controller * actuator_lag(actuator) * _wheel(plant)
     return DeadTimeLoop(system, actuator.dead_time)
 
 
@@ -223,12 +224,6 @@ def _wheel(plant: LinearPlant) -> Rational:
     if plant.speed_state:
         raise InputError("plant: the speed is a state; linearise with the speed frozen (speed_state=False)")
     return Rational(plant.zeros, plant.poles, plant.gain)
-
-
-def _actuator_lag(actuator: Actuator) -> Rational:
-    if actuator.lag == 0:
-        return Rational(np.array([]), np.array([]), 1.0)
-    return Rational(np.array([]), np.array([-1 / actuator.lag]), 1 / actuator.lag)
 
 
 def induced_gains(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> InducedGains:
@@ -274,7 +269,7 @@ def torque_impulse(design: LayeredDesign, plant: LinearPlant, actuator: Actuator
         wheel,
         actuator.dead_time,
         time=time,
-        actuator=_actuator_lag(actuator),
+        actuator=actuator_lag(actuator),
         initial_plant_state=realise(wheel).b,  # what an impulse of torque leaves
     )
     e = -response.output

@@ -37,6 +37,7 @@ from .reaching import (
     operating_set,
     reaching_time,
     reference_set,
+    resistance_force,
     surface_needed,
     true_theta,
 )
@@ -184,10 +185,17 @@ def identity_errors(vehicle: Vehicle, *, seed: int, samples: int = 100_000) -> I
     functions = numeric_plant(type(law))
     z = draw.pop("z") * functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p)
     force = functions.force(v, sigma, z, 0.0, 0.0, draw["Tr"], p)
-    fr = vehicle.resistance.constant + vehicle.resistance.linear * v + vehicle.resistance.quadratic * v**2
     v_rate = functions.rates(v, sigma, z, 0.0, 0.0, draw["Tr"], p)[0]
     e = draw["lambda_d"] * v - sigma
-    known = {**draw, "Ta": r * force, "omega": (v - sigma) / r, "Fr": fr, "r": r, "e": e, "v_rate": v_rate}
+    known = {
+        **draw,
+        "Ta": r * force,
+        "omega": (v - sigma) / r,
+        "Fr": resistance_force(vehicle, v),
+        "r": r,
+        "e": e,
+        "v_rate": v_rate,
+    }
     Tb, known["s"], *hat_rates = _generated_law(known)
     rates = functions.rates(v, sigma, z, Tb, draw["Td"], draw["Tr"], p)
     surface = draw["lambda_d"] * rates[0] - rates[1] + draw["rho"] * e

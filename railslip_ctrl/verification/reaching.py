@@ -159,8 +159,8 @@ def reference_slip() -> float:
     return slip
 
 
-def resistance_force(vehicle: Vehicle, speed: float) -> float:
-    """Fr, N, at a speed, m/s."""
+def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
+    """Fr, N, at a speed or an array of speeds, m/s."""
     resistance = vehicle.resistance
     return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 

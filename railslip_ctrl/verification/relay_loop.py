@@ -40,6 +40,8 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
 
+from .reaching import resistance_force
+
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
@@ -205,9 +207,7 @@ class SurfaceLoop:
     def load(self) -> float:
         """Torque the law leaves out, N*m: (J/r) Fr/M, since [Park2008] (36) has no travelling resistance."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
-        resistance = vehicle.resistance
-        force = resistance.constant + resistance.linear * v + resistance.quadratic * v**2
-        return self.inertia_over_radius * force / vehicle.effective_mass
+        return float(self.inertia_over_radius * resistance_force(vehicle, v) / vehicle.effective_mass)
 
     @property
     def regressor_power(self) -> float:
