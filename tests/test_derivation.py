@@ -397,7 +397,7 @@ def test_derive_takes_the_law_of_a_file(railslip, tmp_path, over_speed):
     assert err.startswith("railslip: error: --adhesion: ")
 
 
-# --- the errata: which printed equations and numbers follow, and the sizes of those that do not ---
+# --- errata -----------------------------------------------------------------------------------------------------------
 
 
 AGREE = {

@@ -170,9 +170,6 @@ def test_integrator_with_dead_time_has_the_textbook_cycle():
     assert predict_limit_cycle(loop).surface_amplitude == pytest.approx(4 / math.pi * plant.gain * 70 * 0.3 / math.pi)
 
 
-# --- what the actuator does to the sliding-mode law: loop around s, adaptation, the layered design ---
-
-
 # --- the loop around s ---------------------------------------------------------------------------------------------
 
 

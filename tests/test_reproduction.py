@@ -220,7 +220,7 @@ def test_command_refuses_a_number_of_seeds(seeds, railslip):
     assert err.count("\n") == 1
 
 
-# --- the scripts that redo the paper's tables and figures, run and their numbers asserted ---
+# --- the scripts ------------------------------------------------------------------------------------------------------
 
 
 # published.md of the project's specification, means of 256 seeds with other random numbers

@@ -333,7 +333,7 @@ def test_a_law_whose_sources_have_changed_is_derived_at_once(tmp_path, monkeypat
     assert law_source.__wrapped__() == "derived"
 
 
-# --- the generated controller where something is wrong: a locked wheel, samples that are no numbers, bad  ---
+# --- where something is wrong, in Python and in C at once -------------------------------------------------------------
 
 
 PERIOD = 1e-3  # s

@@ -402,7 +402,7 @@ def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, 
         assert word in err
 
 
-# --- the layered law: its bounds, its runs, and the script that designs it ---
+# --- bounds, runs and the script of the layered law -------------------------------------------------------------------
 
 
 def test_induced_gain_of_a_first_order_loop_in_closed_form():

@@ -323,7 +323,7 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
 
 
-# --- the reaching condition: its bound on k, its counterexamples, and runs of the loop without the actuat ---
+# --- reaching ---------------------------------------------------------------------------------------------------------
 
 
 SAME_LOAD = {"wheel_load_loaded": 120_000.0}
@@ -549,7 +549,7 @@ def test_a_diverging_run_leaves_the_domain():
         simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
 
 
-# --- a flipped sign of the plant is noticed by the conditions; the published law's script ---
+# --- the published law's script ---------------------------------------------------------------------------------------
 
 
 def test_asmc_published(tmp_path, capsys, monkeypatch):

@@ -127,7 +127,7 @@ def _without_latex(text: str) -> str:
     return re.sub(r" +", " ", re.sub(r"\\(?=[a-zA-Z])", "", text)).strip()
 
 
-# --- errata of the adhesion models and the observer ----------------------------------------------------------------
+# --- adhesion models and observer -------------------------------------------------------------------------------------
 
 
 def adhesion_errata() -> tuple[Erratum, ...]:
@@ -252,7 +252,7 @@ def _observer_forms() -> Erratum:
     )
 
 
-# --- errata of the sliding-mode law and its proof ------------------------------------------------------------------
+# --- the sliding-mode law and its proof -------------------------------------------------------------------------------
 
 
 _R = PARK2008.wheel.radius
@@ -467,7 +467,7 @@ def _lyapunov_jump(derivation: Derivation) -> float:
     return float(derivation.V.subs(at))
 
 
-# --- errata of [park2008]'s numbers and units ----------------------------------------------------------------------
+# --- numbers and units ------------------------------------------------------------------------------------------------
 
 
 _WHEEL = PARK2008.wheel
@@ -675,7 +675,7 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
     return (v0 - v1) / dry if left <= 0 else printed.MASS_STEP_TIME + left / wet
 
 
-# --- all errata of [park2008] --------------------------------------------------------------------------------------
+# --- all errata -------------------------------------------------------------------------------------------------------
 
 
 __all__ = ["Erratum", "errata"]

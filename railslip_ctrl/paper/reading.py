@@ -175,7 +175,7 @@ READING = (
 """The rules, in the order of what they bear on."""
 
 
-# --- alternatives to the rules of the reading, each as a change of a setup -----------------------------------------
+# --- alternatives -----------------------------------------------------------------------------------------------------
 
 
 Change = Callable[[Setup], Setup | None]
@@ -392,7 +392,7 @@ ALTERNATIVES = (
 """One or more for each rule that could be read otherwise, in the order of `reading.READING`."""
 
 
-# --- what each rule of the reading is worth ------------------------------------------------------------------------
+# --- what each rule is worth ------------------------------------------------------------------------------------------
 
 
 DEFAULT_SEEDS = 8

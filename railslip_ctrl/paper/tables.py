@@ -140,7 +140,7 @@ def published_runs(*, seed: int | None = 0, every: int = 20) -> dict[str, Run]:
     return {s.case.name: simulate(s.scenario, s.controller, seed=seed, record_every=every) for s in setups}
 
 
-# --- table 5 of [park2008] -----------------------------------------------------------------------------------------
+# --- Table 5 ----------------------------------------------------------------------------------------------------------
 
 
 TOLERANCE_PERCENT = 4.0
@@ -251,7 +251,7 @@ def _rms(values: Sequence[float]) -> float:
     return math.sqrt(sum(value**2 for value in values) / len(values))
 
 
-# --- table 3 of [park2008] as far as it can be checked -------------------------------------------------------------
+# --- Table 3 ----------------------------------------------------------------------------------------------------------
 
 
 ADHESION_REGIME = (0.0193, 0.0138)
@@ -308,7 +308,7 @@ def _improvement(before: float, after: float) -> float:
     return 100.0 * (1.0 - after / before)
 
 
-# --- the adhesion models as curves ---------------------------------------------------------------------------------
+# --- adhesion curves --------------------------------------------------------------------------------------------------
 
 
 SPEEDS_KMH = (30.0, 60.0, 100.0, 140.0)

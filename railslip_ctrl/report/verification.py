@@ -120,7 +120,7 @@ def _verdict(verification: Verification) -> str:
     return "\n".join(lines)
 
 
-# --- text of runs judged by the lyapunov conditions ----------------------------------------------------------------
+# --- runs judged by the Lyapunov conditions ---------------------------------------------------------------------------
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:

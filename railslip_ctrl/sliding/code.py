@@ -48,7 +48,7 @@ def python_law(derivation: Derivation) -> ModuleType:
     return module
 
 
-# --- an adhesion law's own numbers in the derived law and in its code ----------------------------------------------
+# --- an adhesion law's own numbers ------------------------------------------------------------------------------------
 
 
 _DIGITS = 6

@@ -265,7 +265,7 @@ def _renamed(expression: sp.Expr, renamed: dict[str, str]) -> sp.Expr:
     )
 
 
-# --- what every language shares: head and lines ---
+# --- what every language shares: head and lines -----------------------------------------------------------------------
 
 
 def head_lines(note: tuple[str, ...], usage: str, width: int) -> list[str]:

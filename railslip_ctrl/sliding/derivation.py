@@ -170,7 +170,7 @@ def grouped_rate(rate: sp.Expr) -> sp.Expr:
     return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
 
 
-# --- equivalent and robust control for known parameters ------------------------------------------------------------
+# --- known parameters: equivalent and robust control ------------------------------------------------------------------
 
 
 Ueq, Ur, D, K, D0, K0 = (sliding_symbol(name) for name in ("Ueq", "Ur", "D", "K", "D0", "K0"))
@@ -303,7 +303,7 @@ def _product_step(surface: Surface, product: sp.Expr) -> DerivationStep:
     )
 
 
-# --- perturbed parameters and the adaptive law that removes them from v' -------------------------------------------
+# --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
 
 
 Mn, Mp, Bn, Bp = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "Bp"))
@@ -533,7 +533,7 @@ def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) ->
     )
 
 
-# --- what else the plant states, checked by what it must do --------------------------------------------------------
+# --- what else the plant states ---------------------------------------------------------------------------------------
 
 
 def statement_steps() -> tuple[DerivationStep, ...]:
@@ -595,7 +595,7 @@ def _actuator() -> DerivationStep:
     )
 
 
-# --- the adaptive sliding-mode law, derived step by step from the plant's statement ([park2008] (33)-(49) ---------
+# --- the whole derivation ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=
 """[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
 
 
-# --- what generated code shares ---
+# --- what generated code shares ---------------------------------------------------------------------------------------
 
 HOLD_TIME = 0.1
 """s, for which samples that are left out hold the last command: shorter than the dead time of the published brake."""

@@ -87,7 +87,7 @@ def plain(expression: sp.Basic) -> str:
     return str(sp.sstr(expression)).replace("sign(", "sgn(")
 
 
-# --- how a step of the derivation is checked by machine ------------------------------------------------------------
+# --- identities -------------------------------------------------------------------------------------------------------
 
 
 POINTS = 32
@@ -158,7 +158,7 @@ def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
     return sp.solve(equation, unknown, simplify=False, check=False)[0]
 
 
-# --- a step of a derivation, as it is shown and as it was checked --------------------------------------------------
+# --- a step -----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -317,7 +317,7 @@ def _at_most(name: str, limit: float, form: str, unit: str) -> str:
     return f"{name} without limit" if math.isinf(limit) else f"{name} <= {limit:{form}} {unit}"
 
 
-# --- what the actuator does to the published law -------------------------------------------------------------------
+# --- the published law behind the actuator ----------------------------------------------------------------------------
 
 
 POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
@@ -430,7 +430,7 @@ def _adaptation(effect: ActuatorEffect) -> str:
     )
 
 
-# --- what the actuator leaves of the robust variants, which are proved for torque that acts at once ----------------
+# --- the robust variants behind the actuator --------------------------------------------------------------------------
 
 
 def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:

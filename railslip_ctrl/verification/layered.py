@@ -144,7 +144,7 @@ def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
     return {"empty": vehicle, "loaded": loaded}
 
 
-# --- a sliding-mode design that accounts for the actuator ----------------------------------------------------------
+# --- the design -------------------------------------------------------------------------------------------------------
 
 
 _PER_DEAD_TIME = 60  # samples: trapezoids then miss below 1e-4 of the norm (checked against twice as many)
@@ -414,7 +414,7 @@ def _left_out(plant: LinearPlant, sigma: Floats, z: Floats) -> tuple[Floats, Flo
     return np.asarray(of_sigma - a[0, 1] * z), np.asarray(here[2] - at[2] - a[1, 0] * sigma - a[1, 1] * z)
 
 
-# --- the layered law with a lead on the actuator's lag, tuned for a vehicle and its adhesion, its bounds  ---
+# --- tuned for a vehicle and its adhesion -----------------------------------------------------------------------------
 
 
 Torque = Callable[[float], float]

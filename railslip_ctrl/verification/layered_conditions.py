@@ -326,7 +326,7 @@ def _remedy(design: LayeredDesign, bounds: dict[Rail, RailBounds], asked: float,
     return f"choose another {slip}vehicle or actuator; K is large enough"
 
 
-# --- the layered law over whole stops ------------------------------------------------------------------------------
+# --- whole stops ------------------------------------------------------------------------------------------------------
 
 
 _LONGEST = 60.0  # s, times the inertia scale: longer than any stop of the published vehicle

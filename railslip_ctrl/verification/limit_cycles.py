@@ -272,7 +272,7 @@ def _half_range(values: Floats) -> float:
     return float(0.5 * (values.max() - values.min()))
 
 
-# --- the limit cycle with the adhesion curve as it is --------------------------------------------------------------
+# --- with the adhesion curve as it is ---------------------------------------------------------------------------------
 
 
 _INSTANTS = 101  # odd, for a derivative without a lone highest harmonic; sigma falls as 1/k^3: 1/(2 50^2) is left out
@@ -516,7 +516,7 @@ def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats, stable: bool) ->
     )
 
 
-# --- the wheel behind the published law as it is simulated ---------------------------------------------------------
+# --- as simulated -----------------------------------------------------------------------------------------------------
 
 
 _SETTLING, _MEASURED = 30.0, 20.0  # s, times the inertia scale: some 8 and 5 periods

@@ -259,7 +259,7 @@ def _derived(known: dict[str, Any]) -> tuple[Floats, Floats]:
     return first, second
 
 
-# --- the paper's lyapunov argument, condition by condition, decided with sympy on the derived expressions ----------
+# --- the Lyapunov argument --------------------------------------------------------------------------------------------
 
 
 _s, _D, _K, _k = (sliding_symbol(name) for name in ("s", "D", "K", "k"))
@@ -470,7 +470,7 @@ def one_unit() -> Condition:
     )
 
 
-# --- reaching, the boundary layer with the published k, and theta as it is -----------------------------------------
+# --- reaching, the boundary layer, theta as it is ---------------------------------------------------------------------
 
 
 STEP_TIME = 25.0

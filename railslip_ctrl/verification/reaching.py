@@ -396,7 +396,7 @@ def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]
     return made
 
 
-# --- a counterexample to the reaching condition over a `reachingset` -----------------------------------------------
+# --- a counterexample, searched ---------------------------------------------------------------------------------------
 
 
 SEARCHED = ("v", "slip", "Ta", "M", "Tr", "Td/Tb", "theta_hat1", "theta_hat2", "a", "b", "side")

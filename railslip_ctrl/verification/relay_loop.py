@@ -92,7 +92,7 @@ TABLE4_SLIDING = MappingProxyType(
 """Table 4's sliding-mode gains by column, SI."""
 
 
-# --- the brake actuator in numbers, from the plant's statement -----------------------------------------------------
+# --- the brake actuator -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

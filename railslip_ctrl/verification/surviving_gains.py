@@ -157,7 +157,7 @@ def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
     )
 
 
-# --- gains for the published structure behind its actuator that were checked together, at many operating  ----
+# --- gains that were checked together ---------------------------------------------------------------------------------
 
 
 MARGIN = 0.5
