@@ -1,7 +1,7 @@
 """railslip_ctrl: wheel-slip control design for trains.
 
 The names below load on first use, so that importing the package, or running a command, costs only what it needs. What
-is not here is in the packages: `loop`, `design`, `sliding`, `switching`, `simulation`, `reproduction`, `campaign`,
+is not here is in the packages: `loop`, `design`, `sliding`, `simulation`, `verification`, `paper`,
 `observer`, `identification`.
 """
 

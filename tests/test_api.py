@@ -25,8 +25,8 @@ from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
-    *("model.adhesion", "design", "loop", "paper", "simulation", "simulation.campaign"),
-    *("identification.observer", "identification.observer_study", "verification.switching"),
+    *("model.adhesion", "design", "loop", "simulation", "simulation.campaign"),
+    *("identification.observer", "identification.observer_study"),
 )
 
 ENTRIES = {
@@ -39,9 +39,8 @@ ENTRIES = {
     ),
     "model.vehicle_files": ("load_vehicle",),
     "model.linearization": ("LinearPlant", "OperatingPoint"),
-    "verification.conditions": ("verify",),
     "sliding.derivation": ("Derivation",),
-    "verification.sliding_verification": ("verify_with_actuator",),
+    "verification.joint_verification": ("verify_with_actuator",),
 }
 """What is public of the modules that do not list their names."""
 

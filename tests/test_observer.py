@@ -46,7 +46,7 @@ def test_27_is_28():
 
 def test_27_is_the_one_in_the_errata():
     ours = statement.printed()
-    errata = sliding_printed.observer().subs({sliding_printed.laplace: S, sliding_printed.tau: TAU_SYMBOL})
+    errata = sliding_printed.observer.subs({sliding_printed.laplace: S, sliding_printed.tau: TAU_SYMBOL})
     assert zero(ours.torque * plant.Tb + ours.speed * plant.omega - errata)
 
 

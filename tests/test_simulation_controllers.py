@@ -45,9 +45,8 @@ from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.published import published_controller, published_law_gains
 from railslip_ctrl.simulation.steps.slide_protection import command
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import gain_parameters
+from railslip_ctrl.sliding.law import KEPT, gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 
 SCENARIO = built_in_scenario("park2008")

@@ -6,7 +6,7 @@ from functools import cache
 
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.kernels import prefixed, scalar_source
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text, law_states
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text, law_states
 
 from .kernel_text import step_text
 from .steps import sliding as steps

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
@@ -23,19 +24,24 @@ from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.sliding.generate import generated_law
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .reaching import law_parameters
+from .relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
 
-    Floats = NDArray[np.float64]
+Floats = NDArray[np.float64]
+
 
 _State = tuple[float, float, float, float]  # v, sigma, z, acting torque
 _Stepped = tuple[float, float, float, float, float]  # and v'
 
+END_SPEED = 5.0 * KMH
+"""m/s, where a stop ends ([Park2008] p. 56)."""
+
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
 
-class Controller(Protocol):
+class SteppedLaw(Protocol):
     """What the simulation asks for a command."""
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
@@ -44,7 +50,7 @@ class Controller(Protocol):
 
 
 @dataclass(frozen=True)
-class Run:
+class FineRun:
     """Signals of a run, arrays of one shape: s, m/s, m/s, m/s, N*m (commanded), N*m (acting)."""
 
     time: Floats
@@ -54,10 +60,10 @@ class Run:
     command: Floats
     torque: Floats
 
-    def after(self, start: float) -> Run:
+    def after(self, start: float) -> FineRun:
         """The part from a time, s, on."""
         kept = self.time >= start
-        return Run(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+        return FineRun(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
 
 
 def holding_torque(point: OperatingPoint) -> float:
@@ -73,9 +79,9 @@ def slip_velocity_limit(law: AdhesionLaw, speed: float) -> float:
     return min(1.0, law.domain_limit(speed)[0]) * speed
 
 
-def simulate(
+def simulate_fine(
     point: OperatingPoint,
-    controller: Controller,
+    controller: SteppedLaw,
     actuator: Actuator,
     *,
     duration: float,
@@ -84,31 +90,15 @@ def simulate(
     offset: float = 0.0,
     frozen: bool = True,
     end_speed: float = 0.0,
-) -> Run:
-    """Run from an operating point, held until t = 0 by its own torque.
+) -> FineRun:
+    """Run from an operating point, held until t = 0 by its own torque, `duration` seconds or until the speed is
+    `end_speed`.
 
-    Parameters
-    ----------
-    controller : Controller
-        Called once a step; holds its own state.
-    duration, step : float
-        s; the step is made smaller so that it divides the dead time.
-    disturbance : callable
-        Torque at the wheel, N*m, as a function of time, s; adds to the brake's.
-    offset : float
-        Initial slip velocity above the point's, m/s.
-    frozen : bool
-        Whether the speed is held; else it falls as it brakes.
-    end_speed : float
-        m/s; the run ends where the speed has fallen to it.
-
-    Raises
-    ------
-    InputError
-        A duration or step that is not positive and finite.
-    DomainError
-        The wheel locked, or left the adhesion law's domain on either side (or is not a number), with the time. Slip
-        below 0, a wheel released, is within it.
+    The controller is called once a step, s, which is made smaller so that it divides the dead time. `disturbance`:
+    torque at the wheel, N*m, over time, s; adds to the brake's. `offset`: initial slip velocity above the point's, m/s.
+    `frozen`: the speed is held; else it falls as it brakes. InputError for a duration or step that is not positive and
+    finite; DomainError where the wheel locked or left the adhesion law's domain on either side (or is not a number).
+    Slip below 0, a wheel released, is within it.
     """
     if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
         raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
@@ -125,7 +115,7 @@ def simulate(
         t = n * h
         v, sigma, _, torque = state
         if v <= end_speed:
-            return Run(*log[:n].T)
+            return FineRun(*log[:n].T)
         limit = slip_velocity_limit(point.law, v)
         if not -limit < sigma < limit:
             raise DomainError(
@@ -140,7 +130,7 @@ def simulate(
         now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
         *after, v_rate = advance(state, float(now), (load(t), load(t + 0.5 * h), load(t + h)), h)
         state = (after[0], after[1], after[2], after[3])
-    return Run(*log.T)
+    return FineRun(*log.T)
 
 
 def _nothing(_t: float) -> float:
@@ -171,60 +161,82 @@ def _stepping(point: OperatingPoint, actuator: Actuator, frozen: bool) -> Callab
     return advance
 
 
-@dataclass(frozen=True)
-class Oscillation:
-    """Measured cycle: period, s; half of peak to peak of s and sigma, m/s, and of the acting torque, N*m; mean of s.
-
-    `drift` is the relative change of the amplitude of s over the two halves measured: near 0 once it has settled.
-    """
-
-    period: float
-    surface_amplitude: float
-    sigma_amplitude: float
-    torque_amplitude: float
-    surface_mean: float
-    drift: float
-
-
-def whole_periods(run: Run) -> tuple[float, Run]:
+def whole_periods(run: FineRun) -> tuple[float, FineRun]:
     """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
 
     DomainError where s does not cross zero upwards at least three times.
     """
-    instants, up = _upward_crossings(run)
-    period = float((instants[-1] - instants[0]) / (up.size - 1))
-    return period, Run(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
-
-
-def _upward_crossings(run: Run) -> tuple[Floats, NDArray[np.intp]]:
-    """Instants, s, and the samples before them."""
     s = run.surface
     up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
     if up.size < _LEAST_CROSSINGS:
         raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
-    share = -s[up] / (s[up + 1] - s[up])
-    return run.time[up] + share * (run.time[up + 1] - run.time[up]), up
+    ends = up[[0, -1]]
+    instants = run.time[ends] - s[ends] / (s[ends + 1] - s[ends]) * (run.time[ends + 1] - run.time[ends])
+    period = float((instants[1] - instants[0]) / (up.size - 1))
+    return period, FineRun(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
 
 
-def measure_oscillation(run: Run) -> Oscillation:
-    """Period and amplitudes over the whole periods of s in a run; cut off the transient with `Run.after`.
+def switch(s: float, layer: float) -> float:
+    """sgn(s), or sat(s/layer)."""
+    if layer > 0:
+        return max(-1.0, min(1.0, s / layer))
+    return math.copysign(1.0, s) if s else 0.0
 
-    DomainError where s does not cross zero upwards at least three times.
+
+def slip_range(run: FineRun) -> tuple[float, float]:
+    """Least and largest slip ratio of a run."""
+    slip = run.sigma / run.speed
+    return float(slip.min()), float(slip.max())
+
+
+class PublishedLaw:
+    """The generated law with the plant's own parameters, for `simulate_fine`: [Park2008] (45) with (49).
+
+    Holds int e, theta and the adhesion model's state, which starts at the point's. The point's slip is the reference,
+    its law the adhesion model; `layer`, m/s, > 0 replaces the relay by K sat(s/layer); `frozen`: the reference is held,
+    so that sigma_d' = 0.
     """
-    instants, up = _upward_crossings(run)
-    s = run.surface
-    whole = slice(int(up[0]), int(up[-1]))
-    middle = int(up[up.size // 2])
-    first, last = _half_range(s[up[0] : middle]), _half_range(s[middle : up[-1]])
-    return Oscillation(
-        period=float((instants[-1] - instants[0]) / (up.size - 1)),
-        surface_amplitude=_half_range(s[whole]),
-        sigma_amplitude=_half_range(run.sigma[whole]),
-        torque_amplitude=_half_range(run.torque[whole]),
-        surface_mean=float(s[whole].mean()),
-        drift=last / first - 1.0,
-    )
 
+    def __init__(
+        self,
+        point: OperatingPoint,
+        gains: SlidingGains,
+        *,
+        feed_forward: FeedForward = FeedForward.MODEL,
+        layer: float = 0.0,
+        frozen: bool = True,
+    ) -> None:
+        self.point, self.frozen, self.feed_forward = point, frozen, feed_forward
+        self.integral, self.theta = 0.0, (0.0, 0.0)
+        self.z = point.adhesion_state or 0.0
+        self._functions, self._p = numeric_plant(type(point.law)), plant_parameters(point.law, point.vehicle)
+        M, J, B, r = self._p[:4]
+        k2 = OMEGA_UNIT_FACTOR * gains.k
+        self._parameters = law_parameters(
+            **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip, "boundary": layer},
+            **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
+        )
 
-def _half_range(values: Floats) -> float:
-    return float(0.5 * (values.max() - values.min()))
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """See `fine_simulation.Controller`."""
+        r = self._p[3]
+        e, omega = self.point.slip * v - sigma, (v - sigma) / r
+        measured = (e, self.integral, omega, r * self._force(v, sigma), 0.0 if self.frozen else v_rate)
+        torque, s, *rates = generated_law().control(*measured, *self.theta, self._parameters)
+        self.integral += step * e
+        self.theta = (self.theta[0] + step * rates[0], self.theta[1] + step * rates[1])
+        if self.point.law.has_state and self.feed_forward is FeedForward.MODEL:
+            middle = self.z + 0.5 * step * self._z_rate(v, sigma, self.z)
+            self.z += step * self._z_rate(v, sigma, middle)
+        return torque, s
+
+    def _force(self, v: float, sigma: float) -> float:
+        z = self.z
+        if self.feed_forward is FeedForward.OFF:
+            return self.point.adhesion_force
+        if self.feed_forward is FeedForward.REST:
+            z = float(self._functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, self._p))
+        return float(self._functions.force(v, sigma, z, 0.0, 0.0, 0.0, self._p))
+
+    def _z_rate(self, v: float, sigma: float, z: float) -> float:
+        return float(self._functions.rates(v, sigma, z, 0.0, 0.0, 0.0, self._p)[2])

@@ -1,32 +1,52 @@
-"""What the actuator does to the sliding-mode proof, in records, a table and one paragraph made from their numbers."""
+"""What lag and dead time do to the published law and to the robust variants: records, conditions, conclusions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.adhesion.bristle import Bristle
-from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
+from railslip_ctrl.core.errors import DomainError
+from railslip_ctrl.model.vehicle import (
+    AS_PUBLISHED_INERTIA_SCALE,
+    INITIAL_SPEED_KMH,
+    PARK2008,
+    Rail,
+    Vehicle,
+)
+from railslip_ctrl.simulation.designed import is_published
 
-from .adaptation import (
-    IdealAdaptation,
+from .layered import SPEEDS_KMH, RailAdhesion
+from .limit_cycles import (
+    LINEAR_CHANGE,
+    LimitCycle,
+    law_runs,
+    linear_limit_cycle,
+    linearisation_change,
+    nonlinear_limit_cycle,
+    predict_limit_cycle,
+    simulated_limit_cycle,
+    smallest_layer,
+)
+from .relay_loop import (
+    TABLE4_SLIDING,
+    FeedForward,
+    SlidingExistence,
+    SlidingGains,
+    SurfaceLoop,
+)
+from .robust import LAYER_WIDTH, effective_torque
+from .surviving_gains import (
+    JointAdvice,
     Survivors,
     adaptive_unstable_poles,
-    ideal_adaptation,
+    advice_text,
+    joint_advice,
+    largest_adaptation,
     survivors,
     without_actuator,
 )
-from .advice import JointAdvice, advice_text
-from .law import TABLE4_SLIDING, FeedForward, SlidingGains
-from .limit_cycle import LimitCycle, linear_limit_cycle, predict_limit_cycle
-from .nonlinear_cycle import LINEAR_CHANGE, linearisation_change, nonlinear_limit_cycle
-from .simulated_cycle import simulated_limit_cycle
-from .surface_loop import SlidingExistence, SurfaceLoop
+from .verdict import Condition
 
 COMPARED_RELAYS = (70.0, 200.0, 400.0)
 """K, N*m: Table 4's, and what it takes to carry disturbances of the size the paper simulates."""
@@ -37,42 +57,19 @@ def published_loop(
     *,
     inertia_scale: float = 1.0,
     adhesion: str = "bristle",
-    speed: float = 100 * KMH,
+    speed_kmh: float = INITIAL_SPEED_KMH,
     vehicle: Vehicle = PARK2008,
     gains: SlidingGains | None = None,
     feed_forward: FeedForward = FeedForward.MODEL,
 ) -> SurfaceLoop:
-    """The published law's loop on a rail, at the law's reference slip.
+    """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
-    Parameters
-    ----------
-    rail : Rail
-    inertia_scale : float
-        Factor on M, J, B and, as a change of units demands, the stiffness of the dynamic bristle model.
-    adhesion : str
-        bristle, curve or beam.
-    speed : float
-        m/s, > 0.
-    vehicle : Vehicle
-    gains : SlidingGains, optional
-        Left out, Table 4's of the bristle column (beam for the beam law).
-    feed_forward : FeedForward
-        Where the law takes its adhesion torque from.
-
-    Raises
-    ------
-    InputError
-        A law that has no published parameters or no reference slip.
+    `inertia_scale` is a factor on M, J, B and, as a change of units demands, the stiffness of the bristle model.
+    `gains` left out: Table 4's bristle column (beam for the beam law).
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
-    law = published_law(adhesion, rail, wheel_load=vehicle.wheel_load)
-    if isinstance(law, Bristle):
-        law = law.model_copy(update={"alpha": inertia_scale * law.alpha})
-    slip = law.reference_slip(rail)
-    if slip is None:
-        raise InputError(f"adhesion: {adhesion!r} has no reference slip; choose bristle, curve or beam")
-    column = TABLE4_SLIDING["beam" if law.name == "beam" else "bristle"]
-    plant = linearize(operating_point(law, scaled, speed, slip, rail=rail))
+    plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
+    column = TABLE4_SLIDING["beam" if adhesion == "beam" else "bristle"]
     return SurfaceLoop(plant, gains or column, scaled.actuator, feed_forward)
 
 
@@ -80,15 +77,9 @@ def published_loop(
 class RelayCycle:
     """The limit cycle for one K, with the load the law leaves out.
 
-    Attributes
-    ----------
-    predicted, linear : LimitCycle
-        Of the linearised loop: by describing function, and with every harmonic.
-    linear_change : float
-        Change of the wheel's response over the swing of `linear`, a ratio; see `linearisation_change`.
-    actual : LimitCycle or None
-        Of the wheel with its adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated;
-        None where the wheel then locks or leaves the model: it is lost.
+    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: change of
+    the wheel's response over the swing of `linear`, a ratio, see `linearisation_change`; actual: of the wheel with its
+    adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated; None where the wheel is lost.
     """
 
     predicted: LimitCycle
@@ -117,30 +108,16 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    Attributes
-    ----------
-    loop : SurfaceLoop
-    existence : SlidingExistence
-        Whether an ideal sliding mode exists.
-    cycles : tuple of RelayCycle
-        One for each K compared that has one, ascending.
-    no_cycle : str
-        Why the gains' own K has none; empty where it has.
-    ideal : IdealAdaptation
-        What the adaptation would do with an ideal actuator.
-    unstable_ideal, unstable_actual : float
-        Number of right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0.
-    unstable_linear : float
-        Number of those with actuator and without adaptation.
-    survivors : Survivors
-        The largest gains that survive the actuator.
+    cycles: one for each K compared that has one, ascending; no_cycle: why the gains' own K has none, empty where it
+    has; ideal: what the adaptation would do with an ideal actuator; unstable_ideal, unstable_actual: number of
+    right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: of
+    those with actuator and without adaptation.
     """
 
     loop: SurfaceLoop
     existence: SlidingExistence
     cycles: tuple[RelayCycle, ...]
     no_cycle: str
-    ideal: IdealAdaptation
     unstable_ideal: float
     unstable_actual: float
     unstable_linear: float
@@ -190,15 +167,7 @@ class ActuatorEffect:
 
 
 def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
-    """Analyse one loop.
-
-    Parameters
-    ----------
-    loop : SurfaceLoop
-    slip_amplitude : float
-        What K may make of the slip, a ratio, > 0; see `largest_relay`.
-
-    """
+    """Analyse one loop; `slip_amplitude`: what K may make of the slip, a ratio, > 0, see `largest_relay`."""
     relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
     unstable = adaptive_unstable_poles(loop.with_gains(k=0.0))
     cycles = _relay_cycles(loop, relays)
@@ -208,7 +177,6 @@ def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Actua
         existence=loop.sliding_existence(),
         cycles=cycles,
         no_cycle="" if own else _why_no_cycle(loop, unstable),
-        ideal=ideal_adaptation(loop),
         unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
         unstable_actual=adaptive_unstable_poles(loop),
         unstable_linear=unstable,
@@ -285,14 +253,9 @@ def _row(cycle: RelayCycle) -> str:
 
 
 def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: str) -> str:
-    """One paragraph for an engineer, from the numbers of some `effects`, closed by the joint `advice`.
+    """One paragraph for an engineer, from the numbers of the effects, closed by the joint advice.
 
-    `points` says in words over which operating points the advice was decided.
-
-    Raises
-    ------
-    DomainError
-        No effect to conclude from.
+    `points` says in words over which operating points the advice was decided. DomainError without any effect.
     """
     if not effects:
         raise DomainError("conclusion: no operating point was analysed; give at least one")
@@ -352,3 +315,179 @@ def _of_case(effect: ActuatorEffect) -> str:
 
 def _at_most(name: str, limit: float, form: str, unit: str) -> str:
     return f"{name} without limit" if math.isinf(limit) else f"{name} <= {limit:{form}} {unit}"
+
+
+# --- the published law behind the actuator ----------------------------------------------------------------------------
+
+
+POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
+
+
+def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:
+    """Conditions and conclusion with these gains (N*m, N*m/(m/s)), rho and k as printed.
+
+    Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
+    cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
+    """
+    effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
+    advice = joint_advice(stop_loops(K, D, vehicle))
+    told = conclusion(effects, advice, POINTS)
+    if is_published(vehicle) and not effects[0].existence.exists:  # of another vehicle nothing is published
+        told = f"{told} {_as_published(D, vehicle)}"
+    return tuple(_conditions(effects)), told
+
+
+def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
+    """The law's loops over a stop, by name: speeds, rails, empty and loaded."""
+    return {
+        f"{rail}, {speed_kmh:g} km/h, {'loaded' if loaded else 'empty'}": _loop(
+            rail, K, D, vehicle.loaded() if loaded else vehicle, speed_kmh=speed_kmh
+        )
+        for loaded in (False, True)
+        for speed_kmh in SPEEDS_KMH
+        for rail in Rail
+    }
+
+
+def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> SurfaceLoop:
+    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle, speed_kmh=speed_kmh)
+    return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho, k=loop.gains.k))
+
+
+def _as_published(D: float, vehicle: Vehicle) -> str:
+    """How far the printed k is from unstable in the as-published reading, the relay's help left out."""
+    scale, ratios = AS_PUBLISHED_INERTIA_SCALE, []
+    for adhesion in ("bristle", "curve"):
+        for rail in Rail:
+            loop = published_loop(rail, inertia_scale=scale, adhesion=adhesion, vehicle=vehicle).with_gains(D=D)
+            ratios.append(f"{adhesion} {rail} {largest_adaptation(loop) / loop.gains.k:.2f}")
+    return (
+        f"In the as-published reading (inertia x {scale:g}) the largest k that is stable, over the printed one, is: "
+        f"{', '.join(ratios)}; below 1 the printed adaptation is unstable, little above 1 barely stable."
+    )
+
+
+def _conditions(effects: tuple[ActuatorEffect, ...]) -> list[Condition]:
+    set_of_points = "bristle model, 100 km/h, published reference slip; " + "; ".join(effect.name for effect in effects)
+    actuator = effects[0].loop.actuator
+    return [
+        Condition(
+            "sliding exists behind the actuator",
+            f"With dead time {actuator.dead_time:g} s and lag {actuator.lag:g} s between command and torque, s reaches "
+            "0 and stays there.",
+            all(effect.existence.exists for effect in effects),
+            "symbolic",
+            effects[0].existence.reason,
+            claimed=True,
+        ),
+        Condition(
+            "the relay's own cycle spares the wheel",
+            "Without adaptation, at frozen speed and undisturbed, the oscillation that takes the place of sliding "
+            "keeps the slip between 0 and twice the reference.",
+            all(effect.holds_the_wheel for effect in effects),
+            "sampled",
+            f"Limit cycles of the nonlinear wheel over: {set_of_points}. "
+            + "; ".join(f"{effect.name}: {effect.cycle_text}" for effect in effects)
+            + ".",
+        ),
+        _spared(effects),
+        Condition(
+            "the adaptive loop is stable behind the actuator",
+            "With the gain k of the law the linearised adaptive loop has no pole right of the axis.",
+            all(effect.unstable_actual == 0 for effect in effects),
+            "sampled",
+            f"Exact root counts over: {set_of_points}. " + "; ".join(_adaptation(e) for e in effects) + ".",
+            claimed=True,
+        ),
+    ]
+
+
+def _spared(effects: tuple[ActuatorEffect, ...]) -> Condition:
+    """The whole law, simulated."""
+    runs = {effect.name: law_runs(effect.loop) for effect in effects}
+    return Condition(
+        "the law behind the actuator spares the wheel",
+        "(45) with its relay and the adaptation (49) keeps the slip between 0 and twice the reference.",
+        all(one.spared for pair in runs.values() for one in pair),
+        "simulated",
+        "; ".join(f"{name}: {', '.join(one.text for one in pair)}" for name, pair in runs.items())
+        + f". Nonlinear wheel, from 5 % above the reference at 100 km/h, undisturbed, parameters known, theta_hat from "
+        f"0: {effects[0].loop.gains.K:g} N*m relay, k = {effects[0].loop.gains.k:g}, steps of 5 ms; the speed frozen "
+        "for 60 s times the inertia scale, and falling to 5 km/h.",
+        claimed=True,
+    )
+
+
+def _adaptation(effect: ActuatorEffect) -> str:
+    survives = (
+        (f"up to k = {effect.survivors.k:.3g} none" if math.isfinite(effect.survivors.k) else "nor at any other k")
+        if effect.survivors.stable
+        else f"{effect.unstable_linear:g} of them without any adaptation"
+    )
+    return (
+        f"{effect.name}: {effect.unstable_actual:g} unstable poles (ideal actuator: {effect.unstable_ideal:g}) at "
+        f"k = {effect.loop.gains.k:g}, {survives}"
+    )
+
+
+# --- the robust variants behind the actuator --------------------------------------------------------------------------
+
+
+def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:
+    """The conditions of layer and relay behind the actuator, and the conclusion; gains in N*m and N*m/(m/s)."""
+    loops = {rail: _variant_loop(rail, K, D, vehicle) for rail in Rail}
+    stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}
+    carried = {rail: _carried(loop) for rail, loop in loops.items()}
+    existence = loops[Rail.DRY].sliding_existence()
+    asked = effective_torque(vehicle)
+    listed = "; ".join(
+        f"{rail}: {'stable' if stable[rail] else 'UNSTABLE'}, stable up to K = {carried[rail]:.4g} N m" for rail in Rail
+    )
+    conditions = (
+        Condition(
+            "the layer is stable behind the actuator",
+            f"With the actuator the loop within the layer, a gain K/Phi on s, has no pole right of the axis (Phi = "
+            f"{LAYER_WIDTH:g} m/s).",
+            all(stable.values()),
+            "sampled",
+            f"K/Phi = {K / LAYER_WIDTH:.4g} N m/(m/s), exact root counts, bristle model, 100 km/h, published reference "
+            f"slip: {listed}. The reaching condition asks K > {asked:.4g} N m.",
+        ),
+        Condition(
+            "the relay slides behind the actuator",
+            "With the actuator s of the variant with a relay (sigma-modification) reaches 0 and stays there.",
+            existence.exists,
+            "symbolic",
+            existence.reason,
+        ),
+    )
+    return conditions, _variants_conclusion(conditions, min(carried.values()), asked)
+
+
+def _variant_loop(rail: Rail, K: float, D: float, vehicle: Vehicle) -> SurfaceLoop:
+    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle)
+    return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho))
+
+
+def _carried(loop: SurfaceLoop) -> float:
+    """Largest K, N*m, whose layer is stable; 0 where none is."""
+    try:
+        per_torque = smallest_layer(loop, K=1.0)
+    except DomainError:
+        return 0.0
+    return LAYER_WIDTH / per_torque if per_torque > 0 else float("inf")
+
+
+def _variants_conclusion(conditions: tuple[Condition, ...], carried: float, asked: float) -> str:
+    if all(one.holds for one in conditions):
+        return "With this actuator the layer carries the gain that the reaching condition asks for."
+    both = (
+        f"The layer carries at most K = {carried:.4g} N m on both rails behind it, while the reaching condition asks "
+        f"more than {asked:.4g} N m: no K does both. "
+        if carried < asked
+        else ""
+    )
+    return (
+        "Proved for torque that acts at once; do not use these variants behind the pneumatic brake. "
+        f"{both}A sliding-mode law that has the actuator in it: `railslip verify --law layered`."
+    )

@@ -1,9 +1,11 @@
-"""Gains of the sliding-mode laws in SI, published ones included."""
+"""Gains of the law, and what its generated text has in it without SymPy: times, fields, the hash of its sources."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
@@ -11,32 +13,13 @@ from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
 @dataclass(frozen=True)
 class LawGains:
-    """Gains of the law (45) and of its robust variants.
+    """Gains of the law (45) and of its robust variants; InputError for one that is not finite or below its bound.
 
-    Attributes
-    ----------
-    K : float
-        Gain on the switching term, N*m, >= 0.
-    D : float
-        Gain on s, N*m/(m/s), > 0; added to the torque like K.
-    rho : float
-        Weight of the integral in s, 1/s, > 0.
-    k1, k2 : float
-        Adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i.
-    layer : float
-        Width Phi of the boundary layer, m/s, >= 0; 0 is sgn s. Above 0 the adaptation rests inside it where
-        `dead_zone` is set.
-    leak : float
-        Rate of sigma-modification, 1/s, >= 0: theta_hat_i' = k_i s phi_i - leak theta_hat_i.
-    box : tuple of two pairs, or None
-        Projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s).
-    dead_zone : bool
-        The adaptation is driven by s - Phi sat(s/Phi) in place of s.
-
-    Raises
-    ------
-    InputError
-        A gain that is not finite or below its bound.
+    K, gain on the switching term, N*m, >= 0; D, gain on s, N*m/(m/s), > 0, added to the torque like K; rho, weight of
+    the integral in s, 1/s, > 0; k1, k2, adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i;
+    layer, width Phi of the boundary layer, m/s, 0 is sgn s; leak, rate of sigma-modification, 1/s, >= 0: theta_hat_i' =
+    k_i s phi_i - leak theta_hat_i; box, projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); dead_zone:
+    the adaptation is driven by s - Phi sat(s/Phi) in place of s.
     """
 
     K: float
@@ -78,3 +61,30 @@ _PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
 # In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
 PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=_PRINTED.k, k2=3.6**2 * _PRINTED.k)
 """[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
+
+
+# --- what generated code shares ---------------------------------------------------------------------------------------
+
+HOLD_TIME = 0.1
+"""s, for which samples that are left out hold the last command: shorter than the dead time of the published brake."""
+
+KEPT = ("command", "missing", "ready")
+"""Fields of the generated state that are not the law's but are for samples left out and parameters refused."""
+
+PACKAGE = Path(__file__).parents[1]
+
+SOURCES = (
+    *("model/plant.py", "core/notation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/law.py"),
+    *("sliding/proof.py", "sliding/sampled_law.py"),
+)
+"""What the text of the law without adhesion follows from."""
+
+
+def sources_hash() -> str:
+    """SHA-256 of the text of `SOURCES`."""
+    return hashlib.sha256("".join(file_hash(PACKAGE / name) for name in SOURCES).encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a text file; line ends do not count."""
+    return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()

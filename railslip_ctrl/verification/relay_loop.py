@@ -1,4 +1,10 @@
-"""The loop around s: what the relay of the sliding-mode law sees once the brake actuator stands between.
+"""The loop around s: what the relay of the published sliding-mode law sees once the brake actuator stands between.
+
+The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho int e, e = lambda_d v - sigma, and
+
+    Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn(s).
+
+The actuator is the plant's statement in numbers, its transfer function and state equation checked to agree.
 
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
@@ -15,43 +21,150 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from enum import StrEnum
+from functools import cache, cached_property
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
 
-from .actuation import actuator_dead_time, actuator_lag, actuator_response
-from .law import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
+from .reaching import resistance_force
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
+
+class FeedForward(StrEnum):
+    """Where the law takes its adhesion torque Ta_model from.
+
+    MODEL: the adhesion law with a state of its own, driven by the measured slip velocity. It equals the true Ta once
+    its state has met the plant's. REST: the law at rest at the measured slip. OFF: none, Ta held at the operating
+    point's. For a static law MODEL and REST are the same.
+    """
+
+    MODEL = "model"
+    REST = "rest"
+    OFF = "off"
+
+
+@dataclass(frozen=True)
+class SlidingGains:
+    """Gains of the law, SI, >= 0; InputError for one that is negative or not finite.
+
+    K, height of the relay, N*m, and D, N*m/(m/s), are added to the torque; rho, 1/s; k, adaptation gain as printed:
+    theta1' = k s Ta and theta2' = 12.96 k s omega in SI (theta1 in SI is 3.6 times smaller than the printed one).
+    """
+
+    K: float
+    D: float
+    rho: float
+    k: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("K", "D", "rho", "k"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
+
+
+OMEGA_UNIT_FACTOR = 12.96
+"""3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
+
+# [Park2008] Table 4: D printed "1/h" and read as N*m per km/h, K printed "km/h^2" and read as N*m, rho per second.
+TABLE4_SLIDING = MappingProxyType(
+    {
+        name: SlidingGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k=printed.k)
+        for name, printed in TABLE4_SLIDING_PRINTED.items()
+    }
+)
+"""Table 4's sliding-mode gains by column, SI."""
+
+
+# --- the brake actuator -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Actuation:
+    """Functions made of the statement.
+
+    response(s, tau, T): Ga; numerator(T), denominator(T): its coefficients in s without the dead time, highest first;
+    delay(tau, T): the dead time.
+    """
+
+    response: Callable[..., Any]
+    numerator: Callable[..., Any]
+    denominator: Callable[..., Any]
+    delay: Callable[..., Any]
+
+
+def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
+    """Ga(s), commanded to acting torque, at complex s (1/s), any shape."""
+    return np.asarray(_actuation().response(s, actuator.dead_time, actuator.lag))
+
+
+def actuator_lag(actuator: Actuator) -> Rational:
+    """Ga without its dead time."""
+    return _lag(actuator.lag)
+
+
+@cache
+def _lag(lag: float) -> Rational:
+    made = _actuation()
+    numerator, denominator = (
+        np.trim_zeros(np.atleast_1d(np.asarray(f(lag), dtype=float)), "f") for f in (made.numerator, made.denominator)
+    )
+    return Rational.from_polynomials(numerator, denominator)
+
+
+def actuator_dead_time(actuator: Actuator) -> float:
+    """Dead time of Ga, s."""
+    return float(_actuation().delay(actuator.dead_time, actuator.lag))
+
+
+@cache
+def _actuation() -> _Actuation:
+    """DomainError where transfer function and state equation of the statement are not the same actuator."""
+    s, tau, T, Tc = (symbol(name) for name in ("s", "tau", "T", "Tc"))
+    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
+    rational, exponential = transfer.as_independent(sp.exp, as_Add=False)
+    delay = sp.simplify(-sp.diff(sp.log(exponential), s))
+    of_state = sp.solve(sp.Eq(s * plant.Tb, rate), plant.Tb)[0] / Tc
+    if sp.simplify(rational - of_state) != 0 or not delay.is_positive or delay.has(s):
+        raise DomainError(
+            f"actuator: transfer function {transfer} and state equation Tb' = {rate} of the plant's statement do not "
+            "describe one actuator with a dead time; mend the statement"
+        )
+    numerator, denominator = (sp.Poly(part, s).all_coeffs() for part in sp.fraction(sp.together(rational)))
+    return _Actuation(
+        response=sp.lambdify((s, tau, T), transfer, "numpy"),
+        numerator=sp.lambdify(T, numerator, "numpy"),
+        denominator=sp.lambdify(T, denominator, "numpy"),
+        delay=sp.lambdify((tau, T), delay, "numpy"),
+    )
+
+
+# --- the loop around s ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class SlidingExistence:
-    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]).
+    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why in a sentence.
 
-    Attributes
-    ----------
-    relative_degree : int
-        Poles minus zeros of W without its dead time.
-    high_frequency_gain : float
-        lim s^relative_degree W(s) (dead time apart), (m/s) s^-relative_degree/(N*m).
-    dead_time : float
-        s.
-    exists : bool
-        Relative degree 1, positive gain, no dead time: only then does a switch turn s' round at once.
-    reason : str
-        One sentence.
+    relative_degree: poles minus zeros of W without its dead time (s); high_frequency_gain: lim s^relative_degree W(s)
+    (dead time apart), (m/s) s^-relative_degree/(N*m). It exists with relative degree 1, positive gain and no dead time:
+    only then does a switch turn s' round at once.
     """
 
     relative_degree: int
@@ -63,23 +176,11 @@ class SlidingExistence:
 
 @dataclass(frozen=True)
 class SurfaceLoop:
-    """The linear loop around the relay of the sliding-mode law.
+    """The linear loop around the relay of the sliding-mode law, the speed frozen; InputError for a plant with it as a
+    state.
 
-    Parameters
-    ----------
-    plant : LinearPlant
-        With the speed frozen.
-    gains : SlidingGains
-        rho and D close the linear part; K and k are used where a method says so.
-    actuator : Actuator
-        Dead time and lag; both 0 is the ideal actuator.
-    feed_forward : FeedForward
-        How Ta_model is formed; its parameters are the plant's own.
-
-    Raises
-    ------
-    InputError
-        A plant with the speed as a state: s is stated about a constant reference.
+    rho and D close the linear part; K and k are used where a method says so. `feed_forward`: how Ta_model is formed;
+    its parameters are the plant's own.
     """
 
     plant: LinearPlant
@@ -106,9 +207,7 @@ class SurfaceLoop:
     def load(self) -> float:
         """Torque the law leaves out, N*m: (J/r) Fr/M, since [Park2008] (36) has no travelling resistance."""
         vehicle, v = self.plant.point.vehicle, self.plant.point.speed
-        resistance = vehicle.resistance
-        force = resistance.constant + resistance.linear * v + resistance.quadratic * v**2
-        return self.inertia_over_radius * force / vehicle.effective_mass
+        return float(self.inertia_over_radius * resistance_force(vehicle, v) / vehicle.effective_mass)
 
     @property
     def regressor_power(self) -> float:

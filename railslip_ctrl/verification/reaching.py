@@ -9,19 +9,24 @@ so that (40) asks K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|: D |s| helps in 
 That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a and b alone, and monotone in q, hence
 largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
 in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
+
+`search` looks for a counterexample independently of that: the torque is the law's, Td its fraction, s' the plant's.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from inspect import signature
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
@@ -30,8 +35,12 @@ from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.sliding.symbols import sliding_symbol
+from railslip_ctrl.sliding.generate import generated_law
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
+from railslip_ctrl.sliding.proof import sliding_symbol
+
+Floats = NDArray[np.float64]
+
 
 ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
 """Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""
@@ -52,33 +61,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is asked. Ranges are (lowest, highest).
+    """The box over which (40) is asked. Ranges are (lowest, highest); InputError for one that is not, or c >= 1.
 
-    Attributes
-    ----------
-    random_torque : float
-        |Tr| <= random_torque, N*m.
-    torque_fraction : float
-        c: |Td| <= c |Tb|, 0 <= c < 1.
-    resistance : pair
-        Fr, N.
-    adhesion_torque : pair
-        Ta, N*m.
-    speed, slip : pair
-        m/s and 1: e = (lambda_d - slip) v, omega = (1 - slip) v/r.
-    mass : pair
-        True mass, kg, without the inertia scale.
-    theta_hat1, theta_hat2 : pair
-        Estimates in the law, 1/(kg m) and m/s.
-    torque_error, rate_error : pair
-        Ta_hat/Ta - 1 and v'_hat/v' - 1.
-    heavier : float
-        What Ta and Tr are multiplied by at the largest mass; linear in between.
-
-    Raises
-    ------
-    InputError
-        A value that is not finite, a range whose ends are in the wrong order, a negative bound or c >= 1.
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction; resistance: Fr, N; adhesion_torque: Ta, N*m;
+    speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the inertia
+    scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta - 1 and
+    v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
     """
 
     random_torque: float
@@ -171,8 +159,8 @@ def reference_slip() -> float:
     return slip
 
 
-def resistance_force(vehicle: Vehicle, speed: float) -> float:
-    """Fr, N, at a speed, m/s."""
+def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
+    """Fr, N, at a speed or an array of speeds, m/s."""
     resistance = vehicle.resistance
     return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 
@@ -337,3 +325,169 @@ def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> floa
     if K == 0.0:
         return math.inf
     return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
+
+
+# --- the derived expressions as functions ---------------------------------------------------------------------------
+
+
+def _symbols(*names: str) -> list[sp.Symbol]:
+    return [sliding_symbol(name) for name in names]
+
+
+_SWITCH = sp.Symbol("switch", real=True)
+
+
+@cache
+def control_function() -> Callable[..., Any]:
+    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
+    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
+    """
+    s = sliding_symbol("s")
+    law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
+    arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
+    arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
+    return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
+
+
+def law_parameters(**values: float) -> Any:
+    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
+    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
+    return generated_law().Parameters(**{**free, **values})
+
+
+def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
+    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
+
+    `parameters`: as of `law_parameters`, one for each column.
+    """
+    control = generated_law().control
+    columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
+    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
+
+
+@cache
+def disturbance_function() -> Callable[..., Any]:
+    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
+    return _function([plant.Tr, plant.Fr, plant.Td, plant.M, plant.J, plant.r], derive().disturbance)
+
+
+@cache
+def lyapunov_function() -> Callable[..., Any]:
+    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
+    return _function(_symbols("s", "theta1_tilde", "theta2_tilde", "k1", "k2"), derive().V_matrix)
+
+
+@cache
+def _theta_function() -> Callable[..., Any]:
+    names = [plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")]
+    return _function(names, sp.Matrix(derive().theta))
+
+
+def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
+    """theta, (44) corrected, of a vehicle against the nominal one: 1/(kg m), m/s."""
+    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
+    known = (vehicle.wheel.radius, vehicle.effective_inertia)
+    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
+    return np.asarray(_theta_function()(*known, Mn, *perturbation), dtype=float).ravel()
+
+
+def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
+    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
+    return made
+
+
+# --- a counterexample, searched ---------------------------------------------------------------------------------------
+
+
+SEARCHED = ("v", "slip", "Ta", "M", "Tr", "Td/Tb", "theta_hat1", "theta_hat2", "a", "b", "side")
+"""Coordinates: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1, and sgn s by its sign."""
+
+_RANDOM_POINTS, _STARTS = 20_000, 2
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """The largest s s'/|s| found, m/s^2 (negative: the condition holds there), where, and after how many points."""
+
+    excess: float
+    point: tuple[float, ...]
+    evaluations: int
+
+    def text(self) -> str:
+        """The point in one line."""
+        v, slip, Ta, M, Tr, fraction, _, _, a, b, side = self.point
+        return (
+            f"v = {v / KMH:.4g} km/h, slip {slip:.3g}, Ta = {Ta:.4g} N m, M = {M:.4g} kg, Tr = {Tr:.4g} N m, Td/Tb = "
+            f"{fraction:.3g}, Ta_hat {100 * a:+.3g} %, v' {100 * b:+.3g} %, s {'> 0' if side > 0 else '< 0'}"
+        )
+
+
+def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float) -> Floats:
+    """s' sgn s, m/s^2, at points of `SEARCHED` (11, n) with |s| = surface, m/s, less theta_tilde' phi_hat sgn s.
+
+    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0. Dry rail; the
+    law's nominal parameters are the vehicle's.
+    """
+    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, side = points
+    sign, slip_d, r = np.where(side >= 0, 1.0, -1.0), reference_slip(), vehicle.wheel.radius
+    sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
+    M, Mn = vehicle.inertia_scale * mass, vehicle.effective_mass
+    p = (M, *plant_parameters(law, vehicle)[1:])
+    functions = numeric_plant(type(law))
+    # the force is proportional to the adhesion state
+    z = Ta / (r * functions.force(v, sigma, np.ones_like(v), 0.0, 0.0, 0.0, p))
+    v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
+    e, omega = slip_d * v - sigma, (v - sigma) / r
+    Ta_hat = (1.0 + a) * Ta
+    arguments = (sign * surface, sign, e, (1.0 + b) * v_rate, Ta_hat, omega, theta1, theta2, J, r)
+    Tb = control_function()(*arguments, gains.D, gains.K, gains.rho, slip_d, Mn, B)
+    rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
+    unknown = ((1.0 / M - 1.0 / Mn) / r - theta1) * Ta_hat - theta2 * omega
+    return np.asarray(sign * (slip_d * rates[0] - rates[1] + gains.rho * e - unknown), dtype=float)
+
+
+def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, surface: float = 0.0) -> Counterexample:
+    """Largest `approach` over the corners of the box and random points in it, then uphill from the best (L-BFGS-B).
+
+    The resistance is the vehicle's own at the speed.
+    """
+    from scipy.optimize import minimize
+
+    corners = np.array(list(product((0.0, 1.0), repeat=len(SEARCHED)))).T
+    inside = np.random.default_rng(seed).random((len(SEARCHED), _RANDOM_POINTS))
+    evaluated = 0
+
+    def value(shares: Floats) -> Floats:
+        nonlocal evaluated
+        columns = shares.reshape(len(SEARCHED), -1)
+        evaluated += columns.shape[1]
+        return approach(points_of(box, columns), vehicle, gains, surface)
+
+    tried = np.hstack((corners, inside))
+    starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
+    found = [minimize(lambda x: -float(value(x)[0]), x, bounds=[(0.0, 1.0)] * len(SEARCHED)) for x in starts]
+    best = min(found, key=lambda one: float(one.fun))
+    return Counterexample(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
+
+
+def points_of(box: ReachingSet, shares: Floats) -> Floats:
+    """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (11, n); Ta and Tr grow with the mass."""
+    random, fraction = box.random_torque, box.torque_fraction
+    sides = (
+        box.speed,
+        box.slip,
+        box.adhesion_torque,
+        box.mass,
+        (-random, random),
+        (-fraction, fraction),
+        box.theta_hat1,
+        box.theta_hat2,
+        box.torque_error,
+        box.rate_error,
+        (-1.0, 1.0),
+    )
+    low, high = np.array(sides).T[:, :, None]
+    points = np.asarray(low + (high - low) * shares, dtype=float)
+    points[[2, 4]] *= 1.0 + (box.heavier - 1.0) * shares[3]
+    return points
