@@ -9,8 +9,7 @@ from flint import arb
 
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.certificate import _least_square
-from railslip_ctrl.loop.crossings import Response, frequency_nodes, pieces
-from railslip_ctrl.loop.exact import PHASE, SIZE
+from railslip_ctrl.loop.crossings import PHASE, SIZE, Response, frequency_nodes, pieces
 from railslip_ctrl.loop.margins import _divided, _may_exceed, _second_order_bounds, box_bounds
 
 

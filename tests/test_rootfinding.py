@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize.elementwise import find_root
 
-from railslip_ctrl.loop.rootfinding import bracketed_roots, monotone_roots
+from railslip_ctrl.loop.crossings import bracketed_roots, monotone_roots
 
 ROOTS = np.array([1e-3, 0.7, 1.0, 3.0, 999.0])
 LOW, HIGH = np.full(5, 5e-4), np.full(5, 2e3)

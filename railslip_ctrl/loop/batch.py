@@ -18,16 +18,14 @@ import numpy as np
 
 from railslip_ctrl.core.errors import InputError
 
+from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
 from .margins import RESPONSES, box_bounds
-from .rational import Rational
-from .rootfinding import bracketed_roots
+from .rational import Complexes, Floats, Rational
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
     Flags = NDArray[np.bool_]
     Indices = NDArray[np.intp]
     Spans = tuple[Floats, Floats]

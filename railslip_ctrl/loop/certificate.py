@@ -1,6 +1,6 @@
 """Certificates: the stability and the margins of a dead-time loop as enclosures by ball arithmetic.
 
-Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`exact`). For Ms and Mt the
+Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
 axis is covered by parts, on each of which a bound lies below the upper end of the enclosure; the lower end is attained.
 """
 
@@ -17,8 +17,7 @@ from flint import arb, ctx
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import Pieces, Response, limits, located
-from .exact import AXIS, GAIN, MOST_BITS, PHASE, SIZE
+from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Pieces, Response, limits, located
 from .margins import SHAPES
 from .stability import root_count
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
@@ -16,18 +17,24 @@ from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
-from .crossings import SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
-from .exact import GAIN, REFINED_BITS
-from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .rational import Rational, pade
+from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
+from .margins import (
+    SHAPES,
+    GainLimit,
+    Margins,
+    compute_margins,
+    gain_limits,
+    smallest_at,
+    stabilizing_range,
+)
+from .rational import Complexes, Floats, Rational, pade
 from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
 if TYPE_CHECKING:
     from control import FrequencyResponseData
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Complexes = NDArray[np.complex128]
 
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
@@ -109,11 +116,11 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def gain_crossovers(self) -> NDArray[np.float64]:
+    def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
 
     @abstractmethod
-    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
+    def phase(self, omega: ArrayLike) -> Floats:
         """Continuous phase of L, rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape."""
 
     @abstractmethod
@@ -252,14 +259,14 @@ class DeadTimeLoop(Loop):
         """L(j omega), complex, of the shape of `omega` (rad/s), finite."""
         return self._response(numbers("omega", omega, "rad/s"))
 
-    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
+    def phase(self, omega: ArrayLike) -> Floats:
         """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape.
 
         InputError for a frequency that is not finite and positive.
         """
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
 
-    def phase_slope(self, omega: ArrayLike) -> NDArray[np.float64]:
+    def phase_slope(self, omega: ArrayLike) -> Floats:
         """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape; InputError for another."""
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[1]
 
@@ -335,7 +342,7 @@ class DeadTimeLoop(Loop):
     # -- margins ------------------------------------------------------------------------------------------
 
     @cached_property
-    def gain_crossovers(self) -> NDArray[np.float64]:
+    def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
         return self._response.gain_crossovers
 
@@ -415,11 +422,11 @@ class DeadTimeLoop(Loop):
         return pieces(self._response)
 
     @property
-    def _phase_crossings(self) -> NDArray[np.float64]:
+    def _phase_crossings(self) -> Floats:
         return self._listed[0]
 
     @cached_property
-    def _listed(self) -> tuple[NDArray[np.float64], list[GainLimit]]:
+    def _listed(self) -> tuple[Floats, list[GainLimit]]:
         """Phase crossovers, down to an |L| below which none can matter to the stabilising gains, and their limits."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
@@ -468,3 +475,67 @@ class DeadTimeLoop(Loop):
             return limit
         below = count_right_of(self._system * (1 - 2 * _NEAR_ONE), self._dead_time)
         return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))
+
+
+# -- records for plotting -----------------------------------------------------------------------------------------
+
+_POINTS = 4000  # a smooth line in print, the turns of the dead time included
+
+
+@dataclass(frozen=True)
+class FrequencyCurve:
+    """L(j omega) on a grid: omega in rad/s, complex response, and its continuous phase in deg."""
+
+    omega: Floats
+    response: Complexes
+    phase_deg: Floats
+
+    @property
+    def magnitude_db(self) -> Floats:
+        """20 log10 |L|, dB; -inf where L is 0, as it is everywhere without gain."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(20 * np.log10(np.abs(self.response)))
+
+
+@checked
+def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
+    """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points.
+
+    InputError unless 0 < low < high.
+    """
+    _check_band(low, high)
+    omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
+    return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
+
+
+@dataclass(frozen=True)
+class GangOfFour:
+    """The four closed-loop responses that matter ([Astrom2021] 12.1), complex, on one grid of omega (rad/s).
+
+    S = 1/(1 + C P), T = C P/(1 + C P), PS = P/(1 + C P) (load to output), CS = C/(1 + C P) (noise to control).
+    """
+
+    omega: Floats
+    s: Complexes
+    t: Complexes
+    ps: Complexes
+    cs: Complexes
+
+
+@checked
+def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
+    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact.
+
+    InputError unless 0 < low < high.
+    """
+    _check_band(low, high)
+    omega = np.geomspace(low, high, _POINTS)
+    p, c = plant(1j * omega), controller(1j * omega)
+    s = 1 / (1 + c * p)
+    return GangOfFour(omega, np.asarray(s), np.asarray(c * p * s), np.asarray(p * s), np.asarray(c * s))
+
+
+def _check_band(low: float, high: float) -> None:
+    """Of frequencies, rad/s."""
+    number("low", low, "rad/s", gt=0)
+    number("high", high, "rad/s", gt=low)

@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import ctx, fmpq
 
-from .crossings import Pieces, Response
-from .exact import REFINED_BITS
-from .rootfinding import monotone_roots
+from .crossings import REFINED_BITS, Pieces, Response, monotone_roots
+from .rational import Complexes, Floats
 from .stability import count_right_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 _STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S - 1/2| are first looked at for peaks
 _SMALL = 0.02  # |L| below which the phase does not matter there

@@ -17,19 +17,16 @@ import numpy as np
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
-from .crossings import Pieces, Response, phase_crossovers
+from .crossings import Pieces, Response, bracketed_roots, phase_crossovers
 from .margins import Margins, compute_margins, gain_limits, stabilizing_range
-from .rational import Rational
-from .rootfinding import bracketed_roots
+from .rational import Complexes, Floats, Rational
 from .stability import RootCount
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .deadtime import DeadTimeLoop
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12

@@ -23,12 +23,11 @@ from numpy.polynomial import chebyshev
 from railslip_ctrl.core.arguments import number, reals
 from railslip_ctrl.core.errors import InputError
 
-from .rational import Rational, realise
+from .rational import Floats, Rational, realise
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats = NDArray[np.float64]
 
 _DEFAULT_POINTS = 1001  # a smooth line in print
 # On a piece of length h = 4/rate the Chebyshev series of order 20 of any signal of the loop is cut off

@@ -22,20 +22,17 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError
 
-from .crossings import Response
+from .crossings import Response, bracketed_roots
 from .deadtime import Loop, unstable_error
 from .margins import RESPONSES, Margins
-from .rational import Rational, realise
+from .rational import Complexes, Floats, Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
-from .rootfinding import bracketed_roots
 from .sampled_delay import ROUNDING, BoxedResponse, added_delay
 from .stability import RootCount
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
 MOST_PERIODS = 500

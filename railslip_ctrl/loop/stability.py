@@ -7,7 +7,7 @@ crossover the two differ by 2 pi round(arg L/2 pi). So the gain crossovers, with
 decide: no grid, no Pade, and poles on or near the axis need no indentation because where |L| is large only N
 is looked at. This is the direct method of [WaltonMarshall1987] read at one dead time.
 
-The crossovers are algebraic numbers, isolated exactly (`exact`). Where rounding of the phase could matter, balls of
+The crossovers are algebraic numbers, isolated exactly (`crossings`). Where rounding of the phase could matter, balls of
 growing precision decide; with dead time they do so in the end, as exp(-j tau omega) is transcendental there (Lindemann)
 and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
 """
@@ -22,15 +22,12 @@ from flint import ctx
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import Response
-from .exact import GAIN, MOST_BITS
-from .rational import Rational, realise
+from .crossings import GAIN, MOST_BITS, Response
+from .rational import Complexes, Floats, Rational, realise
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import bracketed_roots
 
 from .surface_loop import SurfaceLoop
 
