@@ -20,7 +20,7 @@ from railslip_ctrl.core.errors import InputError
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
-from .margins import RESPONSES, box_bounds
+from .margins import box_bounds, responses
 from .rational import Complexes, Floats, Rational
 
 if TYPE_CHECKING:
@@ -339,7 +339,7 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
         with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.array([shape(loop, loop)[0] for shape in RESPONSES])
+            values = responses(loop, loop)[0]
         _raise(peak, omega, values, np.arange(n), np.full(n, end))
     _raise(peak, omega, points.responses()[0], points.row, points.omega)
     may_rise = bounds(points, spans) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
@@ -473,8 +473,7 @@ class Points:
         """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
         loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            both = [shape(loop, self.size_slope + 1j * self.phase_slope) for shape in RESPONSES]
-        return np.array([value for value, _ in both]), np.array([slope for _, slope in both])
+            return responses(loop, self.size_slope + 1j * self.phase_slope)
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:

@@ -24,14 +24,14 @@ from railslip_ctrl.core.errors import InputError
 
 from .crossings import Response, bracketed_roots
 from .deadtime import Loop, unstable_error
-from .margins import RESPONSES, Margins
+from .margins import Margins, responses, smallest_of, top_of
 from .rational import Complexes, Floats, Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
 from .sampled_delay import ROUNDING, BoxedResponse, added_delay
 from .stability import RootCount
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
@@ -405,24 +405,15 @@ def _margins(loop: SampledLoop) -> Margins:
     up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
     down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
     signed = np.angle(-loop.response(crossovers), deg=True)  # of -L: 0 at the critical point
-    smallest = int(np.argmin(np.abs(signed))) if signed.size else None
-    delay, delay_frequency = added_delay(loop)
-    (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
+    ms, mt, (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
     return Margins(
-        gain_increase=up[0],
-        gain_increase_frequency=up[1],
-        gain_decrease=down[0],
-        gain_decrease_frequency=down[1],
-        phase_deg=math.inf if smallest is None else abs(float(signed[smallest])),
-        phase_frequency=math.nan if smallest is None else float(crossovers[smallest]),
-        delay_s=delay,
-        delay_frequency=delay_frequency,
-        ms=ms,
-        ms_frequency=ms_frequency,
-        mt=mt,
-        mt_frequency=mt_frequency,
-        disk=1.0 / disk,
-        disk_frequency=disk_frequency,
+        *up,
+        *down,
+        *smallest_of(np.abs(signed), crossovers),
+        *added_delay(loop),
+        *ms,
+        *mt,
+        *(1.0 / disk, disk_frequency),
         gain_crossovers=crossovers,
         phase_margins_deg=signed,
         phase_crossovers=np.array([frequency for _, frequency in limits]),
@@ -476,9 +467,7 @@ def _nodes(loop: SampledLoop, peaks: bool = True) -> Floats:
         sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
         if peaks:
             value = np.exp(logarithm)
-            heights, slopes = (
-                np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True)
-            )
+            heights, slopes = responses(value, slope)
             best = np.maximum(best, np.log(heights.max(axis=1)))
             rests = _shape_rests(value, np.abs(slope) * half, rest)
             bound = np.log(heights) + np.abs(slopes) * half + rests
@@ -514,8 +503,8 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
 def _at_zero(loop: SampledLoop) -> Floats:
     """|S|, |T| and |S - 1/2| at frequency 0; with an integrator any |L| far beyond 1 gives the limit."""
     start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
-    with np.errstate(invalid="ignore"):  # the slope of S - 1/2 where L = 1
-        return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
+    with np.errstate(divide="ignore", invalid="ignore"):  # the slope of S - 1/2 where L = 1
+        return responses(start, start)[0][:, 0]
 
 
 def _roots(loop: SampledLoop, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
@@ -542,28 +531,18 @@ def _gain_limits(loop: SampledLoop, nodes: Floats, response: Complexes) -> list[
 
 def _peaks(loop: SampledLoop, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
     """Largest |S|, |T| and |S - 1/2| over 0 <= omega <= pi/h, and where, rad/s."""
-    peaks = [_peak(loop, shape, nodes, *shape(response, slope)) for shape in RESPONSES]
-    return [max(peak, (float(value), 0.0)) for peak, value in zip(peaks, _at_zero(loop), strict=True)]
+    sizes, rises = responses(response, slope)
+    inner = sizes[:, 1:-1]
+    kinds, left = np.nonzero((inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]))
+    left += rises[kinds, left + 1] > 0  # the peak lies on the side to which the response still rises
 
+    def rise(omega: Floats, index: NDArray[np.intp]) -> Floats:
+        return responses(*loop.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
 
-def _peak(
-    loop: SampledLoop,
-    shape: Callable[[Complexes, Complexes], tuple[Floats, Floats]],
-    nodes: Floats,
-    value: Floats,
-    rise: Floats,
-) -> tuple[float, float]:
-    """Largest value of one closed-loop response on (0, pi/h] and where, from its values and slopes at the nodes."""
-    top = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
-    # the peak lies on the side to which the response still rises
-    rising = rise[top] > 0
-    low, high = np.where(rising, nodes[top], nodes[top - 1]), np.where(rising, nodes[top + 1], nodes[top])
-    refined = bracketed_roots(lambda w, _: shape(*loop.response_and_slope(w))[1], low, high)
-    height = shape(*loop.response_and_slope(refined))[0]
-    at = np.concatenate([refined, nodes[[0, -1]], nodes[top]])
-    heights = np.concatenate([height, value[[0, -1]], value[top]])
-    best = int(np.argmax(heights))
-    return float(heights[best]), float(at[best])
+    refined = bracketed_roots(rise, nodes[left], nodes[left + 1])
+    heights = responses(*loop.response_and_slope(refined))[0]
+    found = top_of(np.concatenate([heights, sizes], axis=1), np.concatenate([refined, nodes]))
+    return [max(peak, (float(value), 0.0)) for peak, value in zip(found, _at_zero(loop), strict=True)]
 
 
 def check_period(period: float) -> float:
