@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.errors import InputError
 
@@ -23,12 +23,9 @@ from .deadtime import DeadTimeLoop
 from .margins import box_bounds, responses
 from .rational import Complexes, Floats, Rational
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Flags = NDArray[np.bool_]
-    Indices = NDArray[np.intp]
-    Spans = tuple[Floats, Floats]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Spans = tuple[Floats, Floats]
 
 DELICATE = 1e-9
 """A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
@@ -93,19 +90,9 @@ disk_frequency : array
 
 
 def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, Complexes, Floats, Floats]:
-    """Arguments of `batch_margins` from n transfer functions of one structure.
+    """Arguments of `batch_margins` from n transfer functions of one structure and a dead time, s, or one each.
 
-    Parameters
-    ----------
-    loops : sequence of Rational
-        G of each loop, all with the same numbers of zeros and of poles.
-    dead_times : float or array (n,)
-        s.
-
-    Raises
-    ------
-    InputError
-        The numbers of zeros or of poles differ, or the dead times are not one per loop.
+    Raises InputError where the numbers of zeros or of poles differ, or the dead times are not one per loop.
     """
     shapes = {(g.zeros.size, g.poles.size) for g in loops}
     if len(shapes) > 1:
@@ -141,11 +128,8 @@ def batch_margins(
     gain_margins, peaks : bool
         False leaves the gain margins, or `ms`, `mt`, `disk` and where they are, NaN: the rest takes half the time.
 
-    Raises
-    ------
-    InputError
-        Shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead time,
-        or complex roots without their conjugates.
+    InputError: shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead
+    time, or complex roots without their conjugates.
     """
     loops = _checked(zeros, poles, gain, dead_time)
     n = loops.gain.size

@@ -7,10 +7,9 @@ axis is covered by parts, on each of which a bound lies below the upper end of t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import arb, ctx
@@ -18,15 +17,10 @@ from flint import arb, ctx
 from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Pieces, Response, limits, located
-from .margins import SHAPES
+from .margins import SHAPES, Margins
 from .stability import root_count
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from .margins import Margins
-
-    Enclosure = tuple[float, float]
+Enclosure = tuple[float, float]
 
 WIDTH = 1e-9
 """Largest relative width of an enclosure."""

@@ -8,10 +8,9 @@ then refined to the last bits (`monotone_roots`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import acb, arb, ctx, fmpq, fmpq_poly
@@ -30,9 +29,6 @@ from .rational import (
     without,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
 # -- many bracketed scalar roots at once ---------------------------------------------------------------------------
 
 # SciPy's `optimize.elementwise.find_root` is the same method; here no call costs milliseconds, which is what one
@@ -50,19 +46,9 @@ def bracketed_roots(
 ) -> Floats:
     """Roots of `function` in the brackets [low, high], to the last bits of a double.
 
-    Parameters
-    ----------
-    function : callable
-        f(x, index) with x and index of one shape: the value at x of the function of bracket number index.
-    low, high : arrays, shape (n,)
-        Ends with f of opposite sign (an end that is zero is its root). Without a change of sign the end of
-        smaller size of f is returned.
-    ends : two arrays, shape (n,)
-        The values of f at them, where they are known already.
-
-    Notes
-    -----
-    Chandrupatla's method: T. R. Chandrupatla, Advances in Engineering Software 28(3), 1997, pp. 145-149.
+    `function` gives f(x, index), x and index of one shape: the value at x of the function of bracket number index. At
+    the ends, (n,), f has opposite signs, else the end of smaller size of f is returned; `ends` are its values there,
+    where known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
     """
     if low.size == 0:
         return low
@@ -117,14 +103,8 @@ def monotone_roots(
 ) -> Floats:
     """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
 
-    Parameters
-    ----------
-    function : callable
-        (f, df/dx) of (x, index), as for `bracketed_roots`.
-    start, low, high : arrays, shape (n,)
-        First guesses and brackets, >= 0; `low` may be 0 and `high` infinite.
-    side : array, shape (n,)
-        Sign of f at the lower end.
+    `function` gives f and df/dx as for `bracketed_roots`; `start` are first guesses. Brackets, (n,), may begin at 0
+    and end at infinity; `side` is the sign of f at the lower end.
     """
     root, low, high = start.astype(float), low.astype(float), high.astype(float)
     index = np.arange(root.size)
@@ -464,15 +444,8 @@ class Response:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the axis omega > 0, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign.
-
-    Attributes
-    ----------
-    low, high : arrays, shape (n,)
-        Ends, rad/s; the first may begin at 0, the last end at infinity.
-    size, half_turns : arrays, shape (2, n)
-        ln|L| and arg L/pi at, or in the limit to, both ends.
-    """
+    """Parts of the axis, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign: ends,
+    rad/s, (n,), from 0 to infinity, and ln|L| and arg L/pi at, or in the limit to, both ends, (2, n)."""
 
     low: Floats
     high: Floats
@@ -563,10 +536,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
 
 
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
-    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s.
-
-    Complete wherever |L| >= smallest and for the first 20; beyond, with dead time, there are infinitely many.
-    """
+    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: all with |L| >= smallest and the first 20."""
     start, end = cut.half_turns
     rising = end > start
     # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached

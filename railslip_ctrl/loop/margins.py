@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import ctx, fmpq
+from numpy.typing import NDArray
 
 from .crossings import REFINED_BITS, Pieces, Response, monotone_roots
 from .rational import Complexes, Floats
 from .stability import count_right_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S - 1/2| are first looked at for peaks
 _SMALL = 0.02  # |L| below which the phase does not matter there

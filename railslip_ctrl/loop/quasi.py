@@ -11,22 +11,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .crossings import Pieces, Response, bracketed_roots, phase_crossovers
+from .deadtime import DeadTimeLoop
 from .margins import Margins, compute_margins, gain_limits, stabilizing_range
 from .rational import Complexes, Floats, Rational
 from .stability import RootCount
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .deadtime import DeadTimeLoop
-
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12
@@ -48,10 +43,7 @@ class QuasiPolynomial:
     delay : float
         s, >= 0.
 
-    Raises
-    ------
-    InputError
-        No term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
+    InputError: no term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
     """
 
     terms: tuple[Floats, ...]
@@ -114,8 +106,6 @@ class QuasiPolynomial:
 
         The argument of F(j omega) is followed from 0 to where the highest power decides. No step is taken on
         trust: over each, |F| at the middle exceeds its largest possible change, by a bound on dF/ds.
-
-        Raises InputError for a quasi-polynomial that is not of retarded type.
         """
         if not self.retarded:
             raise InputError(
@@ -206,10 +196,7 @@ class DelayedLoop:
         L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
         characteristic function of plant and controller *as realised*.
 
-    Raises
-    ------
-    InputError
-        D is not of retarded type, or L does not tend to 0 at infinity.
+    InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 
     Notes
     -----
@@ -308,10 +295,7 @@ class DelayedLoop:
 
 
 class _DelayedResponse(Response):
-    """L(j omega) and its logarithmic derivatives, as the crossover and margin code wants them.
-
-    The phase is continuous by following it over `nodes` between which ln L changes little.
-    """
+    """L(j omega) as margins want it; the phase is followed over `nodes` between which ln L changes little."""
 
     def __init__(self, ratio: DelayedRatio) -> None:
         num, den = ratio.numerator, ratio.denominator

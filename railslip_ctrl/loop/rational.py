@@ -9,22 +9,18 @@ polynomials lose digits, and gives the phase of G(j omega) as a *continuous* fun
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from flint import acb, arb, ctx, fmpq, fmpq_mat, fmpq_poly
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import checked, complexes, number, real, reals
 from railslip_ctrl.core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -169,10 +165,7 @@ class Rational:
     gain : float
         Ratio of the leading coefficients.
 
-    Raises
-    ------
-    InputError
-        More zeros than poles (not proper), or something that is not a finite number.
+    InputError: more zeros than poles (not proper), or something that is not a finite number.
     """
 
     zeros: Complexes
@@ -260,10 +253,7 @@ class Rational:
         a, b, c, d : array
             In SI units, n by n, n by 1, 1 by n and 1 by 1.
 
-        Raises
-        ------
-        InputError
-            Entries that are no finite numbers, or shapes that do not fit.
+        InputError: entries that are no finite numbers, or shapes that do not fit.
         """
         a, b = np.atleast_2d(reals("a", a)), reals("b", b).reshape(-1, 1)
         c, d = reals("c", c).reshape(1, -1), reals("d", d)
@@ -291,11 +281,8 @@ class Rational:
         Continuous-time, in s; with a `period` (s) discrete-time with that dt, in z. What has a `transfer_function`,
         as a `PIController`, is taken by that.
 
-        Raises
-        ------
-        InputError
-            Discrete-time, or of another period, MIMO, nonlinear, frequency-response data, or not proper; it begins
-            with `name`.
+        InputError: discrete-time, or of another period, MIMO, nonlinear, frequency-response data, or not proper; it
+        begins with `name`.
         """
         if isinstance(system, Rational):
             return system
@@ -482,10 +469,7 @@ def realise(system: Rational) -> Realisation:
     its diagonal, not in the coefficients of a polynomial, so that eigenvalues, double ones included, are those given to
     rounding. The variable may be s or z.
 
-    Raises
-    ------
-    InputError
-        Complex zeros or poles that are not in conjugate pairs.
+    InputError: complex zeros or poles that are not in conjugate pairs.
     """
     n = system.poles.size
     a, b, row, through = np.zeros((n, n)), np.zeros(n), np.zeros(n), 1.0

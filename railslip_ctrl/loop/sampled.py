@@ -15,9 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError
@@ -29,10 +30,6 @@ from .rational import Complexes, Floats, Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
 from .sampled_delay import ROUNDING, BoxedResponse, added_delay
 from .stability import RootCount
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
 MOST_PERIODS = 500
@@ -86,14 +83,7 @@ class SampledLoop(Loop):
     period : float
         h, s, > 0.
 
-    Raises
-    ------
-    InputError
-        A system of another kind, a plant that is not strictly proper, or a time out of range.
-
-    Notes
-    -----
-    `2 * loop`, `loop / 2`, `C * loop` (C discrete) and `-loop` are loops; `loop(z)` is L(z).
+    InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
 
     def __init__(self, controller: Any, plant: Any, dead_time: float, period: float) -> None:
@@ -143,11 +133,9 @@ class SampledLoop(Loop):
         return f"SampledLoop(order {order}, {self._dead_time:g} s, period {self._period:g} s)"
 
     def scaled(self, factor: float) -> SampledLoop:
-        """The loop with its gain multiplied by `factor`, not 0, of either sign. InputError for one not finite."""
         return SampledLoop(self._controller * number("gain factor", factor), self._plant, self._dead_time, self._period)
 
     def __mul__(self, other: Any) -> SampledLoop:
-        """Series connection with a discrete-time SISO system of the loop's period, or a change of gain."""
         if isinstance(other, Loop):
             raise InputError("factor: a loop is not accepted beside a sampled loop; multiply its controller")
         factor = Rational.from_control(other, "factor", period=self._period)
@@ -212,12 +200,10 @@ class SampledLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Poles of controller and plant outside the unit circle."""
         return int(np.count_nonzero(np.abs(self._controller.poles) > 1) + np.count_nonzero(self._plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Poles of controller and plant at z = 1."""
         return int(np.count_nonzero(self._controller.poles == 1) + np.count_nonzero(self._plant.poles == 0))
 
     def poles(self) -> Complexes:
@@ -242,7 +228,6 @@ class SampledLoop(Loop):
         return self.response_and_slope(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase(self, omega: ArrayLike) -> Floats:
-        """Continuous phase of L(exp(j omega h)), rad, with dead time. 0 < omega <= pi/h, rad/s, any shape."""
         omega = numbers("omega", omega, "rad/s", gt=0)
         nodes = np.union1d(_nodes(self, peaks=False), omega)
         first = nodes[:1]  # where z - 1 is j omega h
@@ -252,7 +237,6 @@ class SampledLoop(Loop):
         return np.asarray(phase[np.searchsorted(nodes, omega)])
 
     def feature_band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, between which everything about L happens, up to pi/h; for plots."""
         low = np.concatenate([self.feature_frequencies, self.gain_crossovers, [self.nyquist_frequency]]).min()
         return float(low / 10), self.nyquist_frequency
 
@@ -308,7 +292,6 @@ class SampledLoop(Loop):
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """All omega up to pi/h with |L| = 1, rad/s, ascending; also of an unstable loop."""
         nodes = _nodes(self, peaks=False)
         return _gain_crossovers(self, nodes, self.response(nodes))
 
@@ -325,11 +308,6 @@ class SampledLoop(Loop):
         frequencies between which bounds show that none is hidden, and refined to rounding. The delay margin is not
         read off a crossover: more dead time changes the pulse transfer function itself (what the hold lets through
         between samples); see `sampled_delay`.
-
-        Raises
-        ------
-        UnstableLoopError
-            The closed loop is not stable: says by how many poles, and which gain factors would stabilise it.
         """
         if self.is_stable():
             return _margins(self)
