@@ -536,7 +536,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
 
 
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
-    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: all with |L| >= smallest and the first 20."""
+    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
     start, end = cut.half_turns
     rising = end > start
     # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached
