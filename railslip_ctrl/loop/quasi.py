@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,8 +82,7 @@ class QuasiPolynomial:
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
         """Sum of two with the same delay."""
-        size = max(len(self.terms), len(other.terms))
-        pairs = zip(_padded(self.terms, size), _padded(other.terms, size), strict=True)
+        pairs = zip_longest(self.terms, other.terms, fillvalue=np.zeros(1))
         return QuasiPolynomial([np.polyadd(a, b) for a, b in pairs], self.delay)
 
     def times(self, polynomial: ArrayLike, power: int = 0) -> QuasiPolynomial:
@@ -121,14 +121,9 @@ class QuasiPolynomial:
         rest = float(np.angle(value[-1] / (self.terms[0][0] * (1j * top) ** self.degree)))
         return RootCount(float(round((self.degree * np.pi / 2 - turned + rest) / np.pi)), False)
 
-    def _sizes(self) -> Floats:
-        """Sum over k of |c_k|, coefficient by coefficient: bounds |F| on the axis."""
-        return _sum_of_sizes(self.terms)
-
     def _dominant_frequency(self) -> float:
         """omega beyond which the highest power exceeds twice the sum of all others."""
-        sizes = self._sizes()
-        sizes = 2 * sizes / abs(self.terms[0][0])
+        sizes = 2 * _sum_of_sizes(self.terms) / abs(self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
 
     def _axis_nodes(self, top: float) -> tuple[Floats, bool]:
@@ -151,15 +146,9 @@ class QuasiPolynomial:
         return np.unique(np.concatenate(done)), False
 
 
-def _padded(terms: tuple[Floats, ...], size: int) -> list[Floats]:
-    return [*terms, *[np.zeros(1)] * (size - len(terms))]
-
-
 def _sum_of_sizes(terms: Sequence[Floats]) -> Floats:
-    total: Floats = np.zeros(1)
-    for c in terms:
-        total = np.asarray(np.polyadd(total, np.abs(c)), dtype=np.float64)
-    return total
+    """Sum over k of |c_k|, coefficient by coefficient: bounds |F| on the axis."""
+    return np.asarray(reduce(np.polyadd, map(np.abs, terms)), dtype=np.float64)
 
 
 @dataclass(frozen=True)
