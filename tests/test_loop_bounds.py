@@ -1,4 +1,4 @@
-"""What the engine decides with: extrema of |L| and of its phase, bounds over parts of the axis; against sampling."""
+"""What the engine decides with: extrema, bounds over parts of the axis, against sampling; many bracketed roots."""
 
 from __future__ import annotations
 
@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 import random_loops
 from flint import arb
+from scipy.optimize.elementwise import find_root
 
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.certificate import _least_square
-from railslip_ctrl.loop.crossings import Response, frequency_nodes, pieces
-from railslip_ctrl.loop.exact import PHASE, SIZE
+from railslip_ctrl.loop.crossings import (
+    PHASE,
+    SIZE,
+    Response,
+    bracketed_roots,
+    frequency_nodes,
+    monotone_roots,
+    pieces,
+)
 from railslip_ctrl.loop.margins import _divided, _may_exceed, _second_order_bounds, box_bounds
 
 
@@ -130,3 +138,57 @@ def test_a_positive_gain_at_infinity_limits_no_gain_without_dead_time():
     loop = DeadTimeLoop(Rational([-0.5, -3.0], [-1.0, -2.0], 2.0))
     assert loop.margins().gain_increase == np.inf
     assert loop.delayed(0.1).is_stable() is False
+
+
+# -- many bracketed roots: to the last bits, each of its own function, in few evaluations -------------------------
+
+ROOTS = np.array([1e-3, 0.7, 1.0, 3.0, 999.0])
+LOW, HIGH = np.full(5, 5e-4), np.full(5, 2e3)
+SHAPES = {
+    # f of x/root, its slope, and the most evaluations of Newton's method in this bracket, a factor of 4e6
+    "cube": (lambda r: r**3 - 1, lambda r: 3 * r**2, 12),
+    "logarithm": (np.log, lambda r: 1 / r, 10),
+    "steep": (lambda r: np.expm1(np.minimum(40 * (r - 1), 300)), lambda r: 40 * np.exp(40 * (r - 1).clip(max=7)), 19),
+    "step": (lambda r: np.where(r < 1, -1.0, 1.0), np.zeros_like, 57),  # which halving alone finds
+}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("name", SHAPES)
+def test_roots_to_the_last_bits_in_few_evaluations(name, sign):
+    shape, slope, most = SHAPES[name]
+    evaluated = np.zeros(ROOTS.size, dtype=int)
+
+    def function(x, index):
+        evaluated[index] += 1
+        return sign * shape(x / ROOTS[index]), sign * slope(x / ROOTS[index]) / ROOTS[index]
+
+    found = bracketed_roots(lambda x, index: function(x, index)[0], LOW, HIGH)
+    assert found == pytest.approx(ROOTS, rel=5e-16)
+    by_scipy = find_root(lambda x, root: shape(x / root), (LOW, HIGH), args=(ROOTS,))  # the same method
+    assert np.all(evaluated <= by_scipy.nfev + 2)
+    evaluated[:] = 0
+    assert monotone_roots(function, np.full(5, 1.3), LOW, HIGH, np.full(5, -sign)) == pytest.approx(ROOTS, rel=5e-16)
+    assert evaluated.max() <= most
+
+
+def test_ends_of_a_bracket():
+    # a zero at an end, no change of sign, none at all; values at the ends that are known are not asked for again
+    low, high = np.array([1.0, -2.0, 3.0, 0.5]), np.array([4.0, 1.0, 5.0, 2.0])
+    asked = []
+    found = bracketed_roots(lambda x, _: asked.extend(x) or x - 1.0, low, high, ends=(low - 1.0, high - 1.0))
+    assert found == pytest.approx([1.0, 1.0, 3.0, 1.0], rel=5e-16)
+    assert asked
+    assert all(0.5 < x < 2.0 for x in asked)
+    assert bracketed_roots(lambda x, _: x, np.zeros(0), np.zeros(0)).size == 0
+
+
+def test_roots_in_an_open_bracket():
+    # 0 to infinity, from guesses decades off
+    roots = np.array([1e-9, 2.0, 5e7])
+
+    def function(x, index):
+        return np.log(x / roots[index]), 1.0 / x
+
+    found = monotone_roots(function, np.array([1e3, 1.0, 1e-2]), np.zeros(3), np.full(3, np.inf), np.full(3, -1.0))
+    assert found == pytest.approx(roots, rel=5e-16)

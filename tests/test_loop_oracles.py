@@ -1,4 +1,4 @@
-"""Published and independently computed loops, exact dead time; each test is named by its source."""
+"""Published and independently computed loops, exact dead time, and loops once answered wrongly or refused."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from types import SimpleNamespace
 import control as ct
 import numpy as np
 import pytest
+import random_loops
+from loop_checker import poles_right
+from scipy.optimize import brentq
+from scipy.signal import butter
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
@@ -158,3 +162,224 @@ def test_stabilising_p_gains_of_unstable_lags(plant, dead_time, low, high, frequ
 
 def test_unstable_pole_times_dead_time_12_is_not_stabilised_by_any_gain():
     assert DeadTimeLoop(2 / (S - 5), dead_time=2.4).stabilizing_gain_range is None
+
+
+# -- once answered wrongly or refused; each is checked against something independent -------------------------------
+
+
+def two_masses():
+    m1, m2, k, c = 1.0, 2.0, 30.0, 0.1
+    a = [[0, 1, 0, 0], [-k / m1, -c / m1, k / m1, c / m1], [0, 0, 0, 1], [k / m2, c / m2, -k / m2, -c / m2]]
+    return ct.ss(a, [[0], [1 / m1], [0], [0]], [[1, 0, 0, 0]], 0)
+
+
+def test_integrators_of_a_realisation_are_found_exactly():
+    loop = DeadTimeLoop(two_masses() * 0.5, 0.05)
+    assert np.count_nonzero(loop.system.poles == 0) == 2
+    omega = np.geomspace(0.1, 30, 20)
+    assert loop(1j * omega) == pytest.approx(0.5 * two_masses()(1j * omega) * np.exp(-0.05j * omega), rel=1e-8)
+
+
+@pytest.mark.parametrize("integrators", [1, 2])
+def test_integrators_survive_any_change_of_state(integrators):
+    system = ct.ss((S + 1) / (S**integrators * (S + 3) * (S + 4)))
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        t = rng.normal(size=(system.nstates, system.nstates))
+        moved = Rational.from_state_space(
+            t @ system.A @ np.linalg.inv(t), t @ system.B, system.C @ np.linalg.inv(t), 0.0
+        )
+        assert np.count_nonzero(moved.poles == 0) == integrators
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time"),
+    [
+        (1e-3 / (S + 1) + 0.0085 * 0.2 * S / (S**2 + 0.2 * S + 1e4), 10.0),
+        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 4e4),
+        (0.95 * 0.02 * S / (S**2 + 0.02 * S + 1), 1e5),
+    ],
+    ids=["resonance far below unit gain", "6000 turns of dead time before the resonance", "16000 turns"],
+)
+def test_gain_increase_behind_very_many_phase_crossovers(system, dead_time):
+    loop = DeadTimeLoop(system, dead_time)
+    m = loop.margins()
+    assert loop.scaled(m.gain_increase * (1 - 1e-6)).is_stable()
+    assert not loop.scaled(m.gain_increase * (1 + 1e-6)).is_stable()
+    assert m.gain_increase >= m.ms / (m.ms - 1) * (1 - 1e-9)  # what Ms guarantees
+
+
+def test_a_real_pole_through_infinity_bounds_the_gain():
+    # s (1 - 2k) + 10 - 2k: stable for k < 1/2 and k > 5, and 1/2 is nearer to 1 in ratio
+    assert DeadTimeLoop(-2 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((0.0, 0.5))
+    assert DeadTimeLoop(-12 * (S + 1) / (S + 10)).stabilizing_gain_range == pytest.approx((10 / 12, np.inf))
+
+
+@pytest.mark.parametrize("system", [1.0, ct.tf([1], [1]), ct.ss([], [], [], [[1]])])
+def test_static_loops(system):
+    loop = DeadTimeLoop(system)
+    assert loop.is_stable()
+    assert loop.margins().ms == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("system", [-1.0, (1 - S) / (1 + S)])
+def test_ill_posed_loops_are_named(system):
+    loop = DeadTimeLoop(system)
+    assert not loop.is_well_posed
+    with pytest.raises(UnstableLoopError, match="not well posed"):
+        loop.margins()
+    with pytest.raises(InputError, match="not well posed"):
+        loop.closed_loop_poles()
+
+
+def test_double_pair_on_the_axis_is_on_the_axis():
+    loop = DeadTimeLoop(0.1 * S * (S + 0.1) / (S**2 + 1) ** 2)
+    assert loop.open_loop_unstable_poles == 0
+    assert loop.unstable_closed_loop_poles == np.count_nonzero(np.roots([1, 0, 2.1, 0.01, 1]).real > 0)
+    assert loop.stabilizing_gain_range is None
+
+
+@pytest.mark.parametrize(
+    ("system", "dead_time", "count"),
+    [
+        (2 / ((S + 1) * (S + 2)), 1e-5, 6),
+        (1e-6 / ((S - 1) * (S + 2) * (S + 3)), 0.1, 6),
+        (0.4431 / (S - 5.041), 3.195, 6),
+        (2 / S, 0.3, 200),
+        (2 / S, 1e-9, 4),
+        (2 / ((S + 1) * (S + 2)), 100.0, 8),
+    ],
+)
+def test_rightmost_poles_over_many_scales(system, dead_time, count):
+    loop = DeadTimeLoop(system, dead_time)
+    poles = loop.closed_loop_poles(count)
+    assert poles.size == count
+    assert np.count_nonzero(poles.real > 0) == min(count, loop.unstable_closed_loop_poles)
+
+
+def test_poles_of_neutral_loops_lie_on_their_chain():
+    static = DeadTimeLoop(0.5, 1.0).closed_loop_poles(4)
+    assert static == pytest.approx(np.log(0.5) + np.array([1j, -1j, 3j, -3j]) * np.pi)  # 1 + exp(-s)/2 = 0
+    loop = DeadTimeLoop(0.9 * (S + 0.1) / (S + 1), 1.0)
+    for pole in loop.closed_loop_poles(4):
+        assert abs(1 + 0.9 * (pole + 0.1) / (pole + 1) * np.exp(-pole)) < 1e-9
+
+
+@pytest.mark.parametrize("dead_time", [None, 1j, "0.1", True])
+def test_dead_time_must_be_a_number(dead_time):
+    with pytest.raises(InputError, match="dead time"):
+        DeadTimeLoop(1 / S, dead_time)
+
+
+@pytest.mark.parametrize("count", [0, 2.5, "3", True])
+def test_count_must_be_a_whole_number(count):
+    with pytest.raises(InputError, match="count"):
+        DeadTimeLoop(1 / S, 0.1).closed_loop_poles(count)
+
+
+def test_response_at_a_pole_is_infinite():
+    assert np.isinf(abs(DeadTimeLoop(1 / S, 0.1)(0.0)))
+
+
+@pytest.mark.parametrize("kp", [229.42206153608234, 246.58224915670456])
+def test_poles_with_a_lead_that_cancels_the_lag_exactly(kp):
+    # D and N vanish together at -1/0.6: a hidden closed-loop pole, found once
+    zeros, poles = (
+        np.array([-5 / kp, -1 / 0.6, -7.81098]),
+        np.array([0.0, -1 / 0.06, -1 / 0.6, 0.82083763, -8.63596062]),
+    )
+    found = DeadTimeLoop(Rational(zeros, poles, 0.118 * kp / 229), 0.15).closed_loop_poles(6)
+    assert np.count_nonzero(np.abs(found + 1 / 0.6) < 1e-9) <= 1
+    assert np.all(np.abs(np.diff(np.sort_complex(found))) > 1e-9)
+
+
+def test_two_crossovers_close_together_make_a_third_order_loop_unstable():
+    poles = [-0.41945180088 + 1.35819739297j, -0.41945180088 - 1.35819739297j, -0.56035926206]
+    loop = DeadTimeLoop(Rational(np.array([]), np.array(poles), 1.51437571629), 1.24338877280)
+    assert loop.unstable_closed_loop_poles == poles_right([], poles, 1.51437571629, 1.24338877280) == 2
+
+
+def test_gain_one_at_frequency_zero_is_no_crossover():
+    margins = DeadTimeLoop(1 / (S + 1), 2.0).margins()
+    crossing = brentq(lambda w: np.arctan(w) + 2 * w - np.pi, 0.1, 3)
+    assert margins.gain_crossovers.size == 0
+    assert (margins.phase_deg, margins.delay_s) == (np.inf, np.inf)
+    assert margins.gain_increase == pytest.approx(np.hypot(1, crossing), rel=1e-13)
+    assert margins.mt >= 0.5
+
+
+@pytest.mark.parametrize("order", [3, 8])
+def test_a_flat_response_has_the_crossovers_of_its_digits_and_no_others(order):
+    _, poles, gain = butter(order, 1.0, analog=True, output="zpk")
+    for rise in (-1e-12, 1e-12):  # |L|^2 = (1 + rise)^2/(1 + w^(2 n)) is 1 at w^(2 n) = 2 rise
+        crossovers = DeadTimeLoop(Rational([], poles, gain * (1 + rise)), 0.1).gain_crossovers
+        expected = [(2 * rise) ** (0.5 / order)] if rise > 0 else []
+        assert crossovers == pytest.approx(expected, rel=1e-3 / order)  # rounding of the poles is 1e-15 of 2e-12
+
+
+@pytest.mark.parametrize("velocity", [2.0, 1e6, 3e16, 1e18])
+def test_any_velocity_constant(velocity):
+    # s + k exp(-s): a pair crosses at each k = pi/2 + 2 pi n
+    loop = DeadTimeLoop(ct.tf([velocity], [1, 0]), 1.0)
+    assert loop.unstable_closed_loop_poles == pytest.approx(2 * ((velocity - np.pi / 2) // (2 * np.pi) + 1), rel=1e-15)
+    margins = DeadTimeLoop(ct.tf([velocity], [1, 0])).margins()
+    assert margins.delay_s == pytest.approx(np.pi / 2 / velocity, rel=1e-15)
+
+
+def test_one_rounding_beyond_minus_one_at_zero():
+    above, below = (Rational([], [-1.0, -1.0], -gain) for gain in (1 + 2.3e-16, 1 - 1.2e-16))
+    assert DeadTimeLoop(above).unstable_closed_loop_poles == 1
+    margins = DeadTimeLoop(below, 0.1).margins()
+    assert margins.ms == pytest.approx(2.0**53, rel=1e-15)  # 1/(1 + L(0)) with L(0) one rounding from -1
+    assert margins.gain_increase == pytest.approx(1, abs=1e-15)
+
+
+@pytest.mark.parametrize(("zero", "pole", "gain"), [(1.0, 0.4, -0.5), (0.67, 1.6, -3.2)])
+def test_no_gain_stabilises_a_loop_of_even_powers(zero, pole, gain):
+    # D + k N has even powers alone: its roots lie mirrored about the axis, whatever k
+    assert DeadTimeLoop(Rational([zero * 1j, -zero * 1j], [pole * 1j, -pole * 1j], gain)).stabilizing_gain_range is None
+
+
+@pytest.mark.parametrize("through", [0.9999991634577146, -0.9999999993])
+def test_peaks_beside_the_limit_of_neutral_loops(through):
+    # |L| rises to its limit, so that the peak is the limit too
+    margins = DeadTimeLoop(Rational([-0.1], [-0.1 - 1.0], through), 0.5).margins()
+    assert margins.ms == pytest.approx(1 / (1 - abs(through)), rel=1e-14)
+    assert margins.ms_frequency == np.inf
+
+
+def test_a_gain_range_below_thousands_of_crossovers():
+    loop = ([-5.9465556010803935], [-4.604331054949167], 0.9999999981107192, 0.6370033780826049)
+    low, high = DeadTimeLoop(Rational(*loop[:3]), loop[3]).stabilizing_gain_range
+    assert low == 0
+    assert poles_right(*loop[:2], loop[2] * high * (1 - 1e-9), loop[3]) == 0
+    assert poles_right(*loop[:2], loop[2] * high * (1 + 1e-9), loop[3]) > 0
+
+
+def test_margins_that_rounding_of_the_phase_would_blur():
+    # arg L + 180 deg = w/a - tau w to first order, from numbers near 90 deg: w = sqrt(a/tau) at the phase crossover
+    pole, dead_time, gain = 34.71239946735765, 1.5378576654320126e-16, 1.2966870873929182e16
+    margins = DeadTimeLoop(Rational([], [0.0, -pole], gain), dead_time).margins()
+    crossing = brentq(lambda w: np.arctan2(pole, w) - dead_time * w, 1e7, 1e12, xtol=1e-9, rtol=1e-15)
+    assert margins.gain_increase == pytest.approx(crossing * np.hypot(crossing, pole) / gain, rel=1e-13)
+    omega = margins.phase_frequency
+    assert margins.phase_deg == pytest.approx(np.degrees(np.arctan2(pole, omega) - dead_time * omega), rel=1e-13)
+
+
+@pytest.mark.parametrize("kind", random_loops.KINDS)
+def test_root_counts_and_gain_ranges_of_random_loops(kind):
+    for zeros, poles, gain, dead_time in random_loops.loops(kind, 20):
+        loop = DeadTimeLoop(Rational(zeros, poles, gain), dead_time)
+        told, usable = loop.root_count, loop.stabilizing_gain_range
+        try:
+            assert poles_right(zeros, poles, gain, dead_time) == told.right
+            assert not told.marginal
+        except ArithmeticError:
+            assert told.marginal
+        if usable is None:
+            continue
+        low, high = usable
+        for factor in {low * (1 + 1e-9), high * (1 - 1e-9)} - {0.0, np.inf}:
+            assert poles_right(zeros, poles, gain * factor, dead_time) == 0
+        for factor in {low * (1 - 1e-9), high * (1 + 1e-9)} - {0.0, np.inf}:
+            assert poles_right(zeros, poles, gain * factor, dead_time) > 0

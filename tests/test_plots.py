@@ -25,7 +25,7 @@ from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.curves import gang_of_four
+from railslip_ctrl.loop.deadtime import gang_of_four
 from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.plots import (

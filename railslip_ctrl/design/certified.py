@@ -14,8 +14,7 @@ from flint import arb, ctx
 from railslip_ctrl.core.arguments import number, numbers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.crossings import Response
-from railslip_ctrl.loop.exact import SIZE, ExactLoop
+from railslip_ctrl.loop.crossings import SIZE, ExactLoop, Response
 from railslip_ctrl.loop.stability import root_count
 
 from .intervals import Interval

@@ -35,7 +35,7 @@ from flint import fmpq_poly
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response
-from railslip_ctrl.loop.polynomials import Axis, fraction
+from railslip_ctrl.loop.rational import Axis, fraction
 
 from .real_values import monotone_roots, parts, real_frequencies
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from railslip_ctrl.design import PIController
-from railslip_ctrl.loop.curves import FrequencyCurve, frequency_curve
+from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.model.linearization import OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, Vehicle, table4_gains
 

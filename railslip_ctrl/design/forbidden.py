@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, frequency_nodes
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
 
 from .intervals import Interval
 from .specification import Specification

@@ -23,8 +23,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, frequency_nodes
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import arb, ctx, fmpq, fmpq_poly
 
-from railslip_ctrl.loop.polynomials import Axis, fraction, positive_square_roots
-from railslip_ctrl.loop.rational import angle_sum
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import bracketed_roots
+from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

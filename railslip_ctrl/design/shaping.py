@@ -7,8 +7,8 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop
-from railslip_ctrl.loop.curves import frequency_curve
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import bracketed_roots
+from railslip_ctrl.loop.deadtime import frequency_curve
 
 
 @checked

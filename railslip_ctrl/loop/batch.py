@@ -12,25 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.errors import InputError
 
+from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
-from .margins import RESPONSES, box_bounds
-from .rational import Rational
-from .rootfinding import bracketed_roots
+from .margins import box_bounds, responses
+from .rational import Complexes, Floats, Rational
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
-    Flags = NDArray[np.bool_]
-    Indices = NDArray[np.intp]
-    Spans = tuple[Floats, Floats]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Spans = tuple[Floats, Floats]
 
 DELICATE = 1e-9
 """A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
@@ -95,19 +90,9 @@ disk_frequency : array
 
 
 def stack(loops: Sequence[Rational], dead_times: ArrayLike) -> tuple[Complexes, Complexes, Floats, Floats]:
-    """Arguments of `batch_margins` from n transfer functions of one structure.
+    """Arguments of `batch_margins` from n transfer functions of one structure and a dead time, s, or one each.
 
-    Parameters
-    ----------
-    loops : sequence of Rational
-        G of each loop, all with the same numbers of zeros and of poles.
-    dead_times : float or array (n,)
-        s.
-
-    Raises
-    ------
-    InputError
-        The numbers of zeros or of poles differ, or the dead times are not one per loop.
+    Raises InputError where the numbers of zeros or of poles differ, or the dead times are not one per loop.
     """
     shapes = {(g.zeros.size, g.poles.size) for g in loops}
     if len(shapes) > 1:
@@ -143,11 +128,8 @@ def batch_margins(
     gain_margins, peaks : bool
         False leaves the gain margins, or `ms`, `mt`, `disk` and where they are, NaN: the rest takes half the time.
 
-    Raises
-    ------
-    InputError
-        Shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead time,
-        or complex roots without their conjugates.
+    InputError: shapes that do not belong together, not strictly proper, a number that is not finite, a negative dead
+    time, or complex roots without their conjugates.
     """
     loops = _checked(zeros, poles, gain, dead_time)
     n = loops.gain.size
@@ -308,7 +290,7 @@ def _may_hide(loops: Loops, points: Points, bent: Floats, spans: Spans, limits: 
         left = np.flatnonzero(hidden & ((spans[0][0] > -limits[0, rows]) & (spans[0][1] < limits[1, rows])))
         if left.size == 0 or rounds == _MOST_ROUNDS:
             break
-        points, pieces, bent = parted(loops, points, bent, left, _PARTS)
+        points, pieces, bent = parted(loops, points, bent, left, np.full(left.size, _PARTS))
         spans = ranges(pieces, bent)
     doubtful = np.zeros(limits.shape[1], dtype=bool)
     doubtful[rows[left]] = True
@@ -341,17 +323,17 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
         with np.errstate(divide="ignore", invalid="ignore"):
-            values = np.array([shape(loop, loop)[0] for shape in RESPONSES])
+            values = responses(loop, loop)[0]
         _raise(peak, omega, values, np.arange(n), np.full(n, end))
     _raise(peak, omega, points.responses()[0], points.row, points.omega)
     may_rise = bounds(points, spans) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
     at = np.flatnonzero(may_rise.any(axis=0))
-    fine, piece, twisted = divided(loops, points, at)
-    bent = bent[:, at[piece]]
+    parts = np.ceil(np.abs(points.phase[at + 1] - points.phase[at]) / _PHASE_STEP).astype(int) + 1
+    twisted = np.zeros(n, dtype=bool)
+    twisted[points.row[at[parts > _MOST_PARTS]]] = True
+    fine, pieces, bent = parted(loops, points, bent, at, np.minimum(parts, _MOST_PARTS))
     values, slopes = fine.responses()
     _raise(peak, omega, values, fine.row, fine.omega)
-    # numbered by piece, so that neighbours from different pieces are not taken for a piece
-    pieces = replace(fine, row=piece)
     boxes = bounds(pieces, ranges(pieces, bent))
     may_rise = boxes > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
@@ -373,7 +355,7 @@ def _may_be_higher(loops: Loops, fine: Points, bent: Floats, left: Indices, most
     for _ in range(_MOST_ROUNDS):
         if left.size == 0:
             return doubtful
-        fine, pieces, bent = parted(loops, fine, bent, left, _PARTS)
+        fine, pieces, bent = parted(loops, fine, bent, left, np.full(left.size, _PARTS))
         values = fine.responses()[0]
         doubtful[fine.row[(values > most[:, fine.row]).any(axis=0)]] = True
         boxes = bounds(pieces, ranges(pieces, bent))
@@ -475,8 +457,7 @@ class Points:
         """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
         loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            both = [shape(loop, self.size_slope + 1j * self.phase_slope) for shape in RESPONSES]
-        return np.array([value for value, _ in both]), np.array([slope for _, slope in both])
+            return responses(loop, self.size_slope + 1j * self.phase_slope)
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
@@ -643,24 +624,11 @@ def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most:
     return np.asarray(open_ones)
 
 
-def divided(loops: Loops, points: Points, at: Indices) -> tuple[Points, Indices, Flags]:
-    """The pieces number `at` divided into equal parts of small phase change, ends included; the place in `at` of
-    each point; and the loops in which that takes too many parts (they get fewer)."""
-    parts = np.ceil(np.abs(points.phase[at + 1] - points.phase[at]) / _PHASE_STEP).astype(int) + 1
-    twisted = np.zeros(loops.gain.size, dtype=bool)
-    twisted[points.row[at[parts > _MOST_PARTS]]] = True
-    parts = np.minimum(parts, _MOST_PARTS)
+def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: Indices) -> tuple[Points, Points, Floats]:
+    """The pieces number `at` in so many equal parts each, ends included; the same numbered by piece, so that neighbours
+    from different pieces are not taken for a piece; and their bends."""
     piece = np.repeat(np.arange(at.size), parts + 1)
     step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]
-    left, right = points.omega[at][piece], points.omega[at + 1][piece]
-    return loops.evaluate(left + step * (right - left), points.row[at][piece]), piece, twisted
-
-
-def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: int) -> tuple[Points, Points, Floats]:
-    """The pieces number `at` in equal parts, their ends included; the same numbered by piece, so that neighbours from
-    different pieces are not taken for a piece; and their bends."""
-    low, high = points.omega[at], points.omega[at + 1]
-    omega = (low[:, None] + (high - low)[:, None] * np.linspace(0, 1, parts + 1)).ravel()
-    found = loops.evaluate(omega, np.repeat(points.row[at], parts + 1))
-    numbered = replace(found, row=np.repeat(np.arange(at.size), parts + 1))
-    return found, numbered, np.repeat(bent[:, at], parts + 1, axis=1)
+    low, high = points.omega[at][piece], points.omega[at + 1][piece]
+    found = loops.evaluate(low + step * (high - low), points.row[at][piece])
+    return found, replace(found, row=piece), bent[:, at[piece]]

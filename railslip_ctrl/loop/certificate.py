@@ -1,33 +1,26 @@
 """Certificates: the stability and the margins of a dead-time loop as enclosures by ball arithmetic.
 
-Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`exact`). For Ms and Mt the
+Root count, gain, phase and delay margins follow from the isolated roots of polynomials (`crossings`). For Ms and Mt the
 axis is covered by parts, on each of which a bound lies below the upper end of the enclosure; the lower end is attained.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import arb, ctx
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import Pieces, Response, limits, located
-from .exact import AXIS, GAIN, MOST_BITS, PHASE, SIZE
-from .margins import SHAPES
+from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Pieces, Response, limits, located
+from .margins import SHAPES, Margins
 from .stability import root_count
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from .margins import Margins
-
-    Enclosure = tuple[float, float]
+Enclosure = tuple[float, float]
 
 WIDTH = 1e-9
 """Largest relative width of an enclosure."""

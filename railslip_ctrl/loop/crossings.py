@@ -1,28 +1,317 @@
-"""All gain and phase crossovers of L(s) = G(s) exp(-tau s).
+"""Where on the axis a loop L(s) = G(s) exp(-tau s) does what decides: gain and phase crossovers, extrema between them.
 
-Gain crossovers and the extrema of |L| and of its phase are roots of polynomials (`exact`). Between them both are
-monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is then refined to the
-last bits.
+Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
+Between them both are monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is
+then refined to the last bits (`monotone_roots`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import acb, arb, ctx, fmpq, fmpq_poly
+from numpy.typing import NDArray
 
-from .exact import GAIN, PHASE, SIZE, ExactLoop
-from .rational import Rational
-from .rootfinding import monotone_roots
+from .rational import (
+    DOUBLE_BITS,
+    Axis,
+    Complexes,
+    Floats,
+    Rational,
+    complex_roots,
+    fraction,
+    largest_root_of_ratio,
+    positive_square_roots,
+    without,
+)
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+# -- many bracketed scalar roots at once ---------------------------------------------------------------------------
 
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
+# SciPy's `optimize.elementwise.find_root` is the same method; here no call costs milliseconds, which is what one
+# `DeadTimeLoop.margins()` may take in all, and no `scipy.optimize` is loaded.
+
+_HALF_OF_THE_DIGITS = 1e-9
+_MOST_STEPS = 100  # bisection alone needs about 60 from a factor-of-two bracket to the last bit
+
+
+def bracketed_roots(
+    function: Callable[[Floats, NDArray[np.intp]], Floats],
+    low: Floats,
+    high: Floats,
+    ends: tuple[Floats, Floats] | None = None,
+) -> Floats:
+    """Roots of `function` in the brackets [low, high], to the last bits of a double.
+
+    `function` gives f(x, index), x and index of one shape: the value at x of the function of bracket number index. At
+    the ends, (n,), f has opposite signs, else the end of smaller size of f is returned; `ends` are its values there,
+    where known. Chandrupatla's method: Advances in Engineering Software 28(3), 1997, pp. 145-149.
+    """
+    if low.size == 0:
+        return low
+    index = np.arange(low.size)
+    x1, x2 = low.astype(float), high.astype(float)
+    f1, f2 = (function(x1, index), function(x2, index)) if ends is None else ends
+    root = np.where(np.abs(f1) < np.abs(f2), x1, x2)
+    live = np.sign(f1) * np.sign(f2) < 0
+    if not live.all():
+        x1, x2, f1, f2, index = x1[live], x2[live], f1[live], f2[live], index[live]
+    t: Floats | float = 0.5
+    for _ in range(_MOST_STEPS):
+        if index.size == 0:
+            break
+        x = x1 + t * (x2 - x1)
+        f = function(x, index)
+        same = np.sign(f) == np.sign(f1)
+        x3, f3 = np.where(same, x1, x2), np.where(same, f1, f2)
+        x2, f2 = np.where(same, x2, x1), np.where(same, f2, f1)
+        x1, f1 = x, f
+        best = np.where(np.abs(f1) < np.abs(f2), x1, x2)
+        root[index] = best
+        width = np.abs(x2 - x1)
+        smallest = 2e-16 * np.abs(best) + 1e-300
+        keep = (width > 2 * smallest) & (f != 0)
+        least = smallest / np.maximum(width, 1e-300)
+        if not keep.all():
+            kept = np.flatnonzero(keep)
+            x1, x2, x3, f1, f2, f3, least = (q.take(kept) for q in (x1, x2, x3, f1, f2, f3, least))
+            index = index.take(kept)
+        t = _next_fraction(x1, x2, x3, f1, f2, f3, least)
+    return root
+
+
+def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f3: Floats, least: Floats) -> Floats:
+    """Where in [x1, x2] to look next: inverse quadratic where it can be trusted, else the middle."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        of12, of13, of32 = f1 - f2, f1 - f3, f3 - f2
+        xi, phi = (x1 - x2) / (x3 - x2), of12 / of32
+        quadratic = f1 / of12 * f3 / of32 - (x3 - x1) / (x2 - x1) * f1 / of13 * f2 / of32
+        trusted = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi) & np.isfinite(quadratic)
+    edge = np.minimum(least, 0.5)
+    return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))
+
+
+def monotone_roots(
+    function: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]],
+    start: Floats,
+    low: Floats,
+    high: Floats,
+    side: Floats,
+) -> Floats:
+    """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
+
+    `function` gives f and df/dx as for `bracketed_roots`; `start` are first guesses. Brackets, (n,), may begin at 0
+    and end at infinity; `side` is the sign of f at the lower end.
+    """
+    root, low, high = start.astype(float), low.astype(float), high.astype(float)
+    index = np.arange(root.size)
+    x, width = root, np.full(root.size, np.inf)
+    for _ in range(_MOST_STEPS):
+        if index.size == 0:
+            break
+        with np.errstate(all="ignore"):
+            f, slope = function(x, index)
+            below = f * side > 0
+            low, high = np.where(below, x, low), np.where(below, high, x)
+            new = x - f / slope
+            inside = (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
+            wide = high > 4 * low
+            middle = np.where(wide, np.sqrt(np.maximum(low, x / 64) * np.minimum(high, x * 64)), 0.5 * (low + high))
+            new = np.where(f == 0, x, np.where(inside, new, middle))
+            width = np.abs(new - x)
+            # Newton's method doubles the digits, so that half of them before the step are all after it
+            done = (f == 0) | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x)
+        root[index] = new
+        left = ~done
+        x, index, width = new[left], index[left], width[left]
+        low, high, side = low[left], high[left], side[left]
+    return root
+
+
+# -- what the polynomials of a loop decide ----------------------------------------------------------------------------
+
+# With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, dead
+# time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
+
+_NEWTON_STEPS = 4  # from a double
+_NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
+REFINED_BITS = 160  # of margins that doubles would give with fewer digits
+MOST_BITS = 4000
+"""Precision at which a sign that is still open is given up as zero."""
+
+GAIN, SIZE, PHASE, AXIS = "gain", "size", "phase", "axis"
+"""Kinds of frequencies: |L| = 1, extrema of |L|, extrema of arg L, zeros and poles of G on the axis."""
+
+
+class ExactLoop:
+    """A `Rational` and its `dead_time`, s, as exact polynomials."""
+
+    def __init__(self, system: Rational, dead_time: float) -> None:
+        self._system = system
+        self._given, self._dead_time = dead_time, fraction(dead_time)
+        self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
+        self._roots: dict[int, tuple[list[acb], list[acb]]] = {}
+
+    def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
+        """To another process go the numbers it was made from: FLINT's do not."""
+        return ExactLoop, (self._system, self._given)
+
+    @property
+    def numerator(self) -> fmpq_poly:
+        """N(s), gain included."""
+        return self._system.polynomials[0]
+
+    @property
+    def denominator(self) -> fmpq_poly:
+        """D(s)."""
+        return self._system.polynomials[1]
+
+    @property
+    def through(self) -> fmpq:
+        """G(infinity)."""
+        order = self.denominator.degree()
+        return self.numerator[order] / self.denominator[order]
+
+    @property
+    def hidden_on_axis(self) -> bool:
+        """Whether a zero and a pole of G meet on the axis, 0 aside."""
+        common = self._axis[0].undamped.gcd(self._axis[1].undamped)
+        return bool(positive_square_roots(common))
+
+    @property
+    def pole_at_origin(self) -> bool:
+        """Whether s = 0 is a closed-loop pole."""
+        return bool(self.numerator[0] + self.denominator[0] == 0)
+
+    @property
+    def all_pass(self) -> bool:
+        """Whether |L| = 1 at every frequency."""
+        return bool(self._polynomials[GAIN].degree() < 0)
+
+    @property
+    def large_at_zero(self) -> bool:
+        """Whether |L| > 1 as omega tends to 0."""
+        gap = self._polynomials[GAIN]
+        return bool(next(c for c in gap.coeffs() if c != 0) > 0)
+
+    def frequencies(self, kind: str, bits: int = DOUBLE_BITS) -> list[tuple[arb, int]]:
+        """All omega > 0 of a kind, rad/s, ascending, as balls of relative width 2^-bits, with their multiplicities."""
+        if (kind, bits) not in self._found:
+            with ctx.workprec(bits):
+                self._found[kind, bits] = positive_square_roots(self._polynomials[kind])
+        return self._found[kind, bits]
+
+    def value(self, omega: arb) -> tuple[acb, acb]:
+        """L(j omega) and d ln L/d omega, at the precision of the context."""
+        s, slope = acb(0, omega), acb(0)
+        value = acb(self.numerator.leading_coefficient() / self.denominator.leading_coefficient())
+        zeros, poles = self.roots()
+        for root in zeros:
+            away = s - root
+            value, slope = value * away, slope + 1 / away
+        for root in poles:
+            away = 1 / (s - root)
+            value, slope = value * away, slope - away
+        delay = arb(self._dead_time)
+        return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
+
+    def phase_crossover(self, omega: float, slope: float) -> tuple[float, float]:
+        """A phase crossover near `omega`, rad/s, and 1/|L| there, refined; `slope` is d(arg L)/d omega."""
+        with ctx.workprec(REFINED_BITS):
+            refined, found = arb(omega), self.argument(arb(omega)) / arb.pi()
+            odd = 2 * round((float(found) - 1) / 2) + 1
+            for _ in range(2):
+                refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
+            return float(refined), float((1 / abs(self.value(refined)[0])).mid())
+
+    def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
+        """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
+
+        def slope(at: arb) -> arb:
+            """Of half the square of the inverse, which is nearly a parabola however sharp the peak is."""
+            loop, rate = self.value(at)
+            inverse = (1 + loop) / (a + b * loop)
+            return (inverse.conjugate() * (a - b) * rate * loop / (a + b * loop) ** 2).real
+
+        found = arb(omega)
+        for _ in range(_NEWTON_STEPS):
+            step = found * arb(2) ** (-ctx.prec // 3)
+            here = slope(found)
+            change = here * step / (slope(found + step) - here)
+            if not abs(change) < found * _NEAR:
+                break  # no peak so near: a resonance beside it, or the precision does not tell
+            found = (found - change).mid()
+        loop, _ = self.value(found)
+        return found, abs((a + b * loop) / (1 + loop))
+
+    def peaks(self) -> list[tuple[arb, float]]:
+        """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and where they are attained, rad/s."""
+        n, d = self.numerator, self.denominator
+        below = Axis(n + d).power
+        return [largest_root_of_ratio(Axis(one).power, below) for one in (d, n, (d - n) / 2)]
+
+    def roots(self) -> tuple[list[acb], list[acb]]:
+        """Zeros and poles of G, at the precision of the context or higher; the real part is 0 on the axis alone."""
+        if not self._system.from_coefficients:
+            return [acb(root) for root in self._system.zeros], [acb(root) for root in self._system.poles]
+        if ctx.prec not in self._roots:
+            self._roots[ctx.prec] = complex_roots(self.numerator), complex_roots(self.denominator)
+        return self._roots[ctx.prec]
+
+    def argument(self, omega: arb, side: int = 0) -> arb:
+        """Continuous phase of L(j omega), rad, as `Rational.angle` has it, at the context's precision; at a frequency
+        of the kind `AXIS` just above (`side` 1) or below it (-1)."""
+        turned = arb.pi() if self._system.gain < 0 else arb(0)
+        zeros, poles = (_angle(roots, omega, side) for roots in self.roots())
+        return turned + zeros - poles - arb(self._dead_time) * omega
+
+    def offset(self, kind: str, index: int) -> tuple[int, float]:
+        """The phase at frequency number `index` of a kind, as an odd n next to arg L/pi and the signed rest; 0.0 if
+        `MOST_BITS` do not tell it from zero."""
+        bits = DOUBLE_BITS
+        while True:
+            bits = min(4 * bits, MOST_BITS)
+            with ctx.workprec(bits):
+                half = self.argument(self.frequencies(kind, bits)[index][0]) / arb.pi()
+                odd = 2 * int((half.mid() / 2).floor().unique_fmpz()) + 1
+                rest = half - odd
+            if rest > 0 or rest < 0:
+                return odd, float(rest.mid()) or math.copysign(math.ulp(0.0), 1 if rest > 0 else -1)
+            if bits == MOST_BITS:
+                return odd, 0.0
+
+    @cached_property
+    def _axis(self) -> tuple[Axis, Axis]:
+        return Axis(self.numerator), Axis(self.denominator)
+
+    @cached_property
+    def _polynomials(self) -> dict[str, fmpq_poly]:
+        num, den = self._axis
+        common = num.power.gcd(den.power)
+        p, r = num.power // common, den.power // common
+        turned = num.turning * r - den.turning * p - self._dead_time * common * p * r
+        undamped = num.undamped * den.undamped
+        size, phase = (without(undamped, one) for one in (p.derivative() * r - p * r.derivative(), turned))
+        return {GAIN: p - r, SIZE: size, PHASE: phase, AXIS: undamped}
+
+
+def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
+    """`rational.angle_sum` in balls."""
+    total = arb(0)
+    for root in roots:
+        away = omega - root.imag
+        if not (root.real.is_zero() and away.contains(0)):
+            angle = arb.atan2(away, abs(root.real))
+        else:
+            angle = side * arb.pi() / 2 if side else arb(0, 1.6)  # not known on which side: more than a quarter turn
+        total += arb.pi() - angle if root.real > 0 else angle
+    return total
+
+
+# -- the response and its crossovers ------------------------------------------------------------------------------
 
 # Phase crossovers are listed wherever |L| is above this (or what the caller asks), and at least these many: with dead
 # time there are infinitely many, whose gains 1/|L| grow without bound beyond the last feature of a strictly proper L.
@@ -103,7 +392,7 @@ class Response:
         turns = np.where(right, -self._signs, self._signs)
         return size * turns, size, imag.copy(), turns, np.pi * turned
 
-    def log_slope(self, omega: Floats) -> NDArray[np.complex128]:
+    def log_slope(self, omega: Floats) -> Complexes:
         """d ln L(j omega)/d omega, complex."""
         return np.asarray(self.system.log_slope(omega) - 1j * self.dead_time)
 
@@ -145,7 +434,7 @@ class Response:
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
-    def __call__(self, omega: Floats) -> NDArray[np.complex128]:
+    def __call__(self, omega: Floats) -> Complexes:
         """L(j omega)."""
         value = self.system(1j * omega)
         with np.errstate(invalid="ignore"):
@@ -155,15 +444,8 @@ class Response:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Parts of the axis omega > 0, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign.
-
-    Attributes
-    ----------
-    low, high : arrays, shape (n,)
-        Ends, rad/s; the first may begin at 0, the last end at infinity.
-    size, half_turns : arrays, shape (2, n)
-        ln|L| and arg L/pi at, or in the limit to, both ends.
-    """
+    """Parts of the axis, ascending, on each of which |L| and its phase are monotone and |L| - 1 has one sign: ends,
+    rad/s, (n,), from 0 to infinity, and ln|L| and arg L/pi at, or in the limit to, both ends, (2, n)."""
 
     low: Floats
     high: Floats
@@ -254,10 +536,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
 
 
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
-    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s.
-
-    Complete wherever |L| >= smallest and for the first 20; beyond, with dead time, there are infinitely many.
-    """
+    """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
     start, end = cut.half_turns
     rising = end > start
     # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached

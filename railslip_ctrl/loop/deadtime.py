@@ -4,30 +4,28 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from flint import ctx
+from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
-from .crossings import SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
-from .exact import GAIN, REFINED_BITS
+from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
 from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .rational import Rational, pade
+from .rational import Complexes, Floats, Rational, pade
 from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
 if TYPE_CHECKING:
     from control import FrequencyResponseData
-    from numpy.typing import ArrayLike, NDArray
-
-    Complexes = NDArray[np.complex128]
 
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
@@ -109,12 +107,13 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def gain_crossovers(self) -> NDArray[np.float64]:
+    def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
 
     @abstractmethod
-    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """Continuous phase of L, rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape."""
+    def phase(self, omega: ArrayLike) -> Floats:
+        """Continuous phase of L, rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape, up to pi/h of
+        a sampled loop. InputError for a frequency that is not finite and positive."""
 
     @abstractmethod
     def feature_band(self) -> tuple[float, float]:
@@ -122,7 +121,10 @@ class Loop(ABC):
 
     @abstractmethod
     def margins(self) -> Margins:
-        """All margins; see `Margins`. Raises UnstableLoopError where the closed loop is not stable."""
+        """All margins; see `Margins`.
+
+        Raises UnstableLoopError where the closed loop is not stable: by how many poles, and which gains stabilise it.
+        """
 
     def is_stable(self) -> bool:
         """True if every closed-loop pole is stable, chains at infinity included."""
@@ -173,10 +175,7 @@ class DeadTimeLoop(Loop):
     dead_time : float
         s, >= 0.
 
-    Raises
-    ------
-    InputError
-        `system` is not of this form, or the dead time is negative, not finite or no number.
+    InputError: `system` is not of this form, or the dead time is negative, not finite or no number.
 
     Notes
     -----
@@ -184,8 +183,6 @@ class DeadTimeLoop(Loop):
     ([WaltonMarshall1987]), margins from all crossovers, refined to rounding. Neutral loops (as many zeros as
     poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the
     frequency tends to infinity.
-
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops; `loop(s)` is L(s).
     """
 
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
@@ -207,11 +204,9 @@ class DeadTimeLoop(Loop):
         return f"DeadTimeLoop(order {order}, relative degree {self._system.relative_degree}, {self._dead_time:g} s)"
 
     def scaled(self, factor: float) -> DeadTimeLoop:
-        """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
         return DeadTimeLoop(self._system * number("gain factor", factor), self._dead_time)
 
     def __mul__(self, other: Any) -> DeadTimeLoop:
-        """Series connection with a continuous-time SISO system without dead time, or a change of gain."""
         if isinstance(other, DeadTimeLoop):
             if other._dead_time:
                 raise InputError(
@@ -226,10 +221,7 @@ class DeadTimeLoop(Loop):
         return DeadTimeLoop(self._system, self._dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
-        """The loop with a diagonal Pade approximation of some `order` in place of its dead time; for comparison only.
-
-        Raises InputError for an order that is not an integer from 1 to 100.
-        """
+        """The loop with a diagonal Pade approximation of an `order`, 1 to 100, in place of its dead time."""
         return DeadTimeLoop(self._system * pade(self._dead_time, order), 0.0)
 
     # -- frequency response -------------------------------------------------------------------------------
@@ -249,22 +241,16 @@ class DeadTimeLoop(Loop):
         return np.where(np.isinf(value), value, value * np.exp(-s * self._dead_time))
 
     def response(self, omega: ArrayLike) -> Complexes:
-        """L(j omega), complex, of the shape of `omega` (rad/s), finite."""
         return self._response(numbers("omega", omega, "rad/s"))
 
-    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
-        """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape.
-
-        InputError for a frequency that is not finite and positive.
-        """
+    def phase(self, omega: ArrayLike) -> Floats:
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
 
-    def phase_slope(self, omega: ArrayLike) -> NDArray[np.float64]:
+    def phase_slope(self, omega: ArrayLike) -> Floats:
         """d(arg L)/d omega, s (minus the group delay). omega > 0, rad/s, any shape; InputError for another."""
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[1]
 
     def feature_band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, between which everything about L happens; for plots."""
         roots = np.abs(np.concatenate([self._system.zeros, self._system.poles]))
         scales = np.concatenate(
             [roots[roots > 0], self.gain_crossovers, [1 / self._dead_time] if self._dead_time else []]
@@ -287,12 +273,10 @@ class DeadTimeLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Poles of G with positive real part."""
         return int(np.count_nonzero(self._system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Poles of G at 0."""
         return int(np.count_nonzero(self._system.poles == 0))
 
     def poles(self) -> Complexes:
@@ -335,8 +319,7 @@ class DeadTimeLoop(Loop):
     # -- margins ------------------------------------------------------------------------------------------
 
     @cached_property
-    def gain_crossovers(self) -> NDArray[np.float64]:
-        """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
+    def gain_crossovers(self) -> Floats:
         return self._response.gain_crossovers
 
     @cached_property
@@ -362,13 +345,6 @@ class DeadTimeLoop(Loop):
         return None if found is None or at_low.marginal else (found[0] * low, found[1] * low)
 
     def margins(self) -> Margins:
-        """All margins of the loop; see `Margins`.
-
-        Raises
-        ------
-        UnstableLoopError
-            The closed loop is not stable: says by how many poles, and which gain factors would stabilise it.
-        """
         if not self.is_stable():
             raise self._unstable_error()
         return self._margins
@@ -415,11 +391,11 @@ class DeadTimeLoop(Loop):
         return pieces(self._response)
 
     @property
-    def _phase_crossings(self) -> NDArray[np.float64]:
+    def _phase_crossings(self) -> Floats:
         return self._listed[0]
 
     @cached_property
-    def _listed(self) -> tuple[NDArray[np.float64], list[GainLimit]]:
+    def _listed(self) -> tuple[Floats, list[GainLimit]]:
         """Phase crossovers, down to an |L| below which none can matter to the stabilising gains, and their limits."""
         smallest = SMALLEST_LISTED * min(1.0, self._size_at_unstable_poles())
         for _ in range(_MOST_LISTINGS):
@@ -468,3 +444,60 @@ class DeadTimeLoop(Loop):
             return limit
         below = count_right_of(self._system * (1 - 2 * _NEAR_ONE), self._dead_time)
         return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))
+
+
+# -- records for plotting -----------------------------------------------------------------------------------------
+
+_POINTS = 4000  # a smooth line in print, the turns of the dead time included
+
+
+@dataclass(frozen=True)
+class FrequencyCurve:
+    """L(j omega) on a grid: omega in rad/s, complex response, and its continuous phase in deg."""
+
+    omega: Floats
+    response: Complexes
+    phase_deg: Floats
+
+    @property
+    def magnitude_db(self) -> Floats:
+        """20 log10 |L|, dB; -inf where L is 0, as it is everywhere without gain."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(20 * np.log10(np.abs(self.response)))
+
+
+@checked
+def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
+    """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points."""
+    _check_band(low, high)
+    omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
+    return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
+
+
+@dataclass(frozen=True)
+class GangOfFour:
+    """The four closed-loop responses that matter ([Astrom2021] 12.1), complex, on one grid of omega (rad/s).
+
+    S = 1/(1 + C P), T = C P/(1 + C P), PS = P/(1 + C P) (load to output), CS = C/(1 + C P) (noise to control).
+    """
+
+    omega: Floats
+    s: Complexes
+    t: Complexes
+    ps: Complexes
+    cs: Complexes
+
+
+@checked
+def gang_of_four(controller: Callable[[Any], Any], plant: DeadTimeLoop, low: float, high: float) -> GangOfFour:
+    """The gang of four between two frequencies, rad/s; `controller` is C(s), `plant` P with its dead time, exact."""
+    _check_band(low, high)
+    omega = np.geomspace(low, high, _POINTS)
+    p, c = plant(1j * omega), controller(1j * omega)
+    s = 1 / (1 + c * p)
+    return GangOfFour(omega, np.asarray(s), np.asarray(c * p * s), np.asarray(p * s), np.asarray(c * s))
+
+
+def _check_band(low: float, high: float) -> None:
+    number("low", low, "rad/s", gt=0)
+    number("high", high, "rad/s", gt=low)

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import ctx, fmpq
+from numpy.typing import NDArray
 
-from .crossings import Pieces, Response
-from .exact import REFINED_BITS
-from .rootfinding import monotone_roots
+from .crossings import REFINED_BITS, Pieces, Response, monotone_roots
+from .rational import Complexes, Floats
 from .stability import count_right_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 _STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S - 1/2| are first looked at for peaks
 _SMALL = 0.02  # |L| below which the phase does not matter there
@@ -169,28 +162,19 @@ def compute_margins(
     """
     up = min((g for g in limits if g.factor > 1), key=lambda g: g.factor, default=GainLimit(np.inf, np.nan, 0))
     down = max((g for g in limits if g.factor < 1), key=lambda g: g.factor, default=GainLimit(0.0, np.nan, 0))
-    smallest_phase, phase_frequency = _smallest_of(180 * np.abs(rest), crossovers)
-    smallest_delay, delay_frequency = _smallest_of(_room(rest, crossovers), crossovers)
+    room = smallest_of(_room(rest, crossovers), crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
-        smallest_delay, delay_frequency = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
-    (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(response, cut, crossings)
+        room = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
+    ms, mt, (disk, disk_frequency) = _peaks(response, cut, crossings)
     at_zero = [limit for limit in limits if limit.frequency == 0]
     gains = np.exp(-response.log_size(crossings))
     return Margins(
-        gain_increase=up.factor,
-        gain_increase_frequency=up.frequency,
-        gain_decrease=down.factor,
-        gain_decrease_frequency=down.frequency,
-        phase_deg=smallest_phase,
-        phase_frequency=phase_frequency,
-        delay_s=smallest_delay,
-        delay_frequency=delay_frequency,
-        ms=ms,
-        ms_frequency=ms_frequency,
-        mt=mt,
-        mt_frequency=mt_frequency,
-        disk=1.0 / disk if disk > 0 else float("inf"),
-        disk_frequency=disk_frequency,
+        *(up.factor, up.frequency, down.factor, down.frequency),
+        *smallest_of(180 * np.abs(rest), crossovers),
+        *room,
+        *ms,
+        *mt,
+        *(1.0 / disk if disk > 0 else float("inf"), disk_frequency),
         gain_crossovers=crossovers,
         phase_margins_deg=180 * np.where(rest == -1, 1.0, rest),
         phase_crossovers=np.concatenate([[g.frequency for g in at_zero], crossings]),
@@ -208,31 +192,22 @@ def _room(rest: Floats, crossovers: Floats) -> Floats:
     return np.pi * np.where(rest > 0, rest, rest + 2) / crossovers
 
 
-def _smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
+def smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
     if values.size == 0:
         return float("inf"), float("nan")
     at = int(np.argmin(values))
     return float(values[at]), float(frequencies[at])
 
 
-def _sensitivity(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
-    return 1 / np.abs(1 + loop), -(slope * loop / (1 + loop)).real
-
-
-def _complementary(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
-    return np.abs(loop / (1 + loop)), (slope / (1 + loop)).real
-
-
-def _disk(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
-    return np.abs((1 - loop) / (1 + loop)) / 2, -2 * (slope * loop / ((1 - loop) * (1 + loop))).real
-
-
 SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))
 """(a, b): (a + b L)/(1 + L) is S, T and 1/2 - S."""
 _A, _B = np.array(SHAPES).T[:, :, None]
 
-# Each takes L and d ln L/d omega, and gives the response's magnitude and the logarithmic slope of that.
-RESPONSES = (_sensitivity, _complementary, _disk)
+
+def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
+    """|S|, |T| and |S - 1/2| and their logarithmic slopes, both (3, n), from L and d ln L/d omega."""
+    above, below = _A + _B * loop, 1 + loop
+    return np.abs(above / below), ((_B - _A) * slope * (loop / below) / above).real
 
 
 def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[float, float]]:
@@ -328,10 +303,10 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
 
 def _highest(response: Response, points: Floats) -> list[tuple[float, float]]:
     """The largest |S|, |T| and |S - 1/2| at the points, and where."""
-    return _top_of(_sizes(response.value_and_slope(points)[0]), points)
+    return top_of(_sizes(response.value_and_slope(points)[0]), points)
 
 
-def _top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
+def top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
@@ -412,7 +387,7 @@ def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]
     tops = (inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]) & (inner >= _NEARLY_HIGHEST * sizes.max(axis=1)[:, None])
     kinds, top = np.nonzero(tops)
     if top.size == 0:
-        return _top_of(sizes, points)
+        return top_of(sizes, points)
     top += 1
     a, b = _A[kinds, 0], _B[kinds, 0]
 
@@ -430,7 +405,7 @@ def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]
     low = np.where(rising, points[top], points[top - 1])  # the peak lies where the response still rises
     high = np.where(rising, points[top + 1], points[top])
     refined = monotone_roots(slopes, points[top], low, high, np.ones(top.size))
-    return [max(pair) for pair in zip(_top_of(sizes, points), _highest(response, refined), strict=True)]
+    return [max(pair) for pair in zip(top_of(sizes, points), _highest(response, refined), strict=True)]
 
 
 def _end_values(response: Response) -> list[list[tuple[float, float]]]:

@@ -10,26 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, reduce
+from itertools import zip_longest
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
-from .crossings import Pieces, Response, phase_crossovers
+from .crossings import Pieces, Response, bracketed_roots, phase_crossovers
+from .deadtime import DeadTimeLoop
 from .margins import Margins, compute_margins, gain_limits, stabilizing_range
-from .rational import Rational
-from .rootfinding import bracketed_roots
+from .rational import Complexes, Floats, Rational
 from .stability import RootCount
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from .deadtime import DeadTimeLoop
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12
@@ -51,10 +44,7 @@ class QuasiPolynomial:
     delay : float
         s, >= 0.
 
-    Raises
-    ------
-    InputError
-        No term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
+    InputError: no term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
     """
 
     terms: tuple[Floats, ...]
@@ -92,8 +82,7 @@ class QuasiPolynomial:
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
         """Sum of two with the same delay."""
-        size = max(len(self.terms), len(other.terms))
-        pairs = zip(_padded(self.terms, size), _padded(other.terms, size), strict=True)
+        pairs = zip_longest(self.terms, other.terms, fillvalue=np.zeros(1))
         return QuasiPolynomial([np.polyadd(a, b) for a, b in pairs], self.delay)
 
     def times(self, polynomial: ArrayLike, power: int = 0) -> QuasiPolynomial:
@@ -117,8 +106,6 @@ class QuasiPolynomial:
 
         The argument of F(j omega) is followed from 0 to where the highest power decides. No step is taken on
         trust: over each, |F| at the middle exceeds its largest possible change, by a bound on dF/ds.
-
-        Raises InputError for a quasi-polynomial that is not of retarded type.
         """
         if not self.retarded:
             raise InputError(
@@ -134,14 +121,9 @@ class QuasiPolynomial:
         rest = float(np.angle(value[-1] / (self.terms[0][0] * (1j * top) ** self.degree)))
         return RootCount(float(round((self.degree * np.pi / 2 - turned + rest) / np.pi)), False)
 
-    def _sizes(self) -> Floats:
-        """Sum over k of |c_k|, coefficient by coefficient: bounds |F| on the axis."""
-        return _sum_of_sizes(self.terms)
-
     def _dominant_frequency(self) -> float:
         """omega beyond which the highest power exceeds twice the sum of all others."""
-        sizes = self._sizes()
-        sizes = 2 * sizes / abs(self.terms[0][0])
+        sizes = 2 * _sum_of_sizes(self.terms) / abs(self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
 
     def _axis_nodes(self, top: float) -> tuple[Floats, bool]:
@@ -164,15 +146,9 @@ class QuasiPolynomial:
         return np.unique(np.concatenate(done)), False
 
 
-def _padded(terms: tuple[Floats, ...], size: int) -> list[Floats]:
-    return [*terms, *[np.zeros(1)] * (size - len(terms))]
-
-
 def _sum_of_sizes(terms: Sequence[Floats]) -> Floats:
-    total: Floats = np.zeros(1)
-    for c in terms:
-        total = np.asarray(np.polyadd(total, np.abs(c)), dtype=np.float64)
-    return total
+    """Sum over k of |c_k|, coefficient by coefficient: bounds |F| on the axis."""
+    return np.asarray(reduce(np.polyadd, map(np.abs, terms)), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -209,10 +185,7 @@ class DelayedLoop:
         L. Factors common to N and D are hidden modes: they are kept and count for stability. So N + D must be the
         characteristic function of plant and controller *as realised*.
 
-    Raises
-    ------
-    InputError
-        D is not of retarded type, or L does not tend to 0 at infinity.
+    InputError: D is not of retarded type, or L does not tend to 0 at infinity.
 
     Notes
     -----
@@ -311,10 +284,7 @@ class DelayedLoop:
 
 
 class _DelayedResponse(Response):
-    """L(j omega) and its logarithmic derivatives, as the crossover and margin code wants them.
-
-    The phase is continuous by following it over `nodes` between which ln L changes little.
-    """
+    """L(j omega) as margins want it; the phase is followed over `nodes` between which ln L changes little."""
 
     def __init__(self, ratio: DelayedRatio) -> None:
         num, den = ratio.numerator, ratio.denominator

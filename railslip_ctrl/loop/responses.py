@@ -15,20 +15,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import number, reals
 from railslip_ctrl.core.errors import InputError
 
-from .rational import Rational, realise
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
+from .rational import Floats, Rational, realise
 
 _DEFAULT_POINTS = 1001  # a smooth line in print
 # On a piece of length h = 4/rate the Chebyshev series of order 20 of any signal of the loop is cut off
@@ -169,11 +165,8 @@ def closed_loop_response(
         States of `realise(plant)`, of a `Rational`, at t = 0; `realise(plant).b * J` is what an impulse J at its input
         leaves.
 
-    Raises
-    ------
-    InputError
-        A system, dead time, time, height or state that is not allowed; times so long against dead time and time
-        constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
+    InputError: a system, dead time, time, height or state that is not allowed; times so long against dead time and time
+    constants that the response would take minutes; without dead time, an algebraic loop with L(inf) = -1.
 
     Notes
     -----

@@ -15,27 +15,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError
 
-from .crossings import Response
+from .crossings import Response, bracketed_roots
 from .deadtime import Loop, unstable_error
-from .margins import RESPONSES, Margins
-from .rational import Rational, realise
+from .margins import Margins, responses, smallest_of, top_of
+from .rational import Complexes, Floats, Rational, realise
 from .responses import TimeResponse, given_times, pieces_at
-from .rootfinding import bracketed_roots
 from .sampled_delay import ROUNDING, BoxedResponse, added_delay
 from .stability import RootCount
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
 
 # The delay chain has a state a period, and eigenvalues cost the cube of that: at this many a few seconds.
 MOST_PERIODS = 500
@@ -89,14 +83,7 @@ class SampledLoop(Loop):
     period : float
         h, s, > 0.
 
-    Raises
-    ------
-    InputError
-        A system of another kind, a plant that is not strictly proper, or a time out of range.
-
-    Notes
-    -----
-    `2 * loop`, `loop / 2`, `C * loop` (C discrete) and `-loop` are loops; `loop(z)` is L(z).
+    InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
 
     def __init__(self, controller: Any, plant: Any, dead_time: float, period: float) -> None:
@@ -146,11 +133,9 @@ class SampledLoop(Loop):
         return f"SampledLoop(order {order}, {self._dead_time:g} s, period {self._period:g} s)"
 
     def scaled(self, factor: float) -> SampledLoop:
-        """The loop with its gain multiplied by `factor`, not 0, of either sign. InputError for one not finite."""
         return SampledLoop(self._controller * number("gain factor", factor), self._plant, self._dead_time, self._period)
 
     def __mul__(self, other: Any) -> SampledLoop:
-        """Series connection with a discrete-time SISO system of the loop's period, or a change of gain."""
         if isinstance(other, Loop):
             raise InputError("factor: a loop is not accepted beside a sampled loop; multiply its controller")
         factor = Rational.from_control(other, "factor", period=self._period)
@@ -215,12 +200,10 @@ class SampledLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        """Poles of controller and plant outside the unit circle."""
         return int(np.count_nonzero(np.abs(self._controller.poles) > 1) + np.count_nonzero(self._plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        """Poles of controller and plant at z = 1."""
         return int(np.count_nonzero(self._controller.poles == 1) + np.count_nonzero(self._plant.poles == 0))
 
     def poles(self) -> Complexes:
@@ -245,7 +228,6 @@ class SampledLoop(Loop):
         return self.response_and_slope(numbers("omega", omega, "rad/s", gt=0))[0]
 
     def phase(self, omega: ArrayLike) -> Floats:
-        """Continuous phase of L(exp(j omega h)), rad, with dead time. 0 < omega <= pi/h, rad/s, any shape."""
         omega = numbers("omega", omega, "rad/s", gt=0)
         nodes = np.union1d(_nodes(self, peaks=False), omega)
         first = nodes[:1]  # where z - 1 is j omega h
@@ -255,7 +237,6 @@ class SampledLoop(Loop):
         return np.asarray(phase[np.searchsorted(nodes, omega)])
 
     def feature_band(self) -> tuple[float, float]:
-        """Frequencies, rad/s, between which everything about L happens, up to pi/h; for plots."""
         low = np.concatenate([self.feature_frequencies, self.gain_crossovers, [self.nyquist_frequency]]).min()
         return float(low / 10), self.nyquist_frequency
 
@@ -311,7 +292,6 @@ class SampledLoop(Loop):
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """All omega up to pi/h with |L| = 1, rad/s, ascending; also of an unstable loop."""
         nodes = _nodes(self, peaks=False)
         return _gain_crossovers(self, nodes, self.response(nodes))
 
@@ -328,11 +308,6 @@ class SampledLoop(Loop):
         frequencies between which bounds show that none is hidden, and refined to rounding. The delay margin is not
         read off a crossover: more dead time changes the pulse transfer function itself (what the hold lets through
         between samples); see `sampled_delay`.
-
-        Raises
-        ------
-        UnstableLoopError
-            The closed loop is not stable: says by how many poles, and which gain factors would stabilise it.
         """
         if self.is_stable():
             return _margins(self)
@@ -408,24 +383,15 @@ def _margins(loop: SampledLoop) -> Margins:
     up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
     down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
     signed = np.angle(-loop.response(crossovers), deg=True)  # of -L: 0 at the critical point
-    smallest = int(np.argmin(np.abs(signed))) if signed.size else None
-    delay, delay_frequency = added_delay(loop)
-    (ms, ms_frequency), (mt, mt_frequency), (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
+    ms, mt, (disk, disk_frequency) = _peaks(loop, nodes, response, slope)
     return Margins(
-        gain_increase=up[0],
-        gain_increase_frequency=up[1],
-        gain_decrease=down[0],
-        gain_decrease_frequency=down[1],
-        phase_deg=math.inf if smallest is None else abs(float(signed[smallest])),
-        phase_frequency=math.nan if smallest is None else float(crossovers[smallest]),
-        delay_s=delay,
-        delay_frequency=delay_frequency,
-        ms=ms,
-        ms_frequency=ms_frequency,
-        mt=mt,
-        mt_frequency=mt_frequency,
-        disk=1.0 / disk,
-        disk_frequency=disk_frequency,
+        *up,
+        *down,
+        *smallest_of(np.abs(signed), crossovers),
+        *added_delay(loop),
+        *ms,
+        *mt,
+        *(1.0 / disk, disk_frequency),
         gain_crossovers=crossovers,
         phase_margins_deg=signed,
         phase_crossovers=np.array([frequency for _, frequency in limits]),
@@ -479,9 +445,7 @@ def _nodes(loop: SampledLoop, peaks: bool = True) -> Floats:
         sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
         if peaks:
             value = np.exp(logarithm)
-            heights, slopes = (
-                np.array(each) for each in zip(*(shape(value, slope) for shape in RESPONSES), strict=True)
-            )
+            heights, slopes = responses(value, slope)
             best = np.maximum(best, np.log(heights.max(axis=1)))
             rests = _shape_rests(value, np.abs(slope) * half, rest)
             bound = np.log(heights) + np.abs(slopes) * half + rests
@@ -517,8 +481,8 @@ def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
 def _at_zero(loop: SampledLoop) -> Floats:
     """|S|, |T| and |S - 1/2| at frequency 0; with an integrator any |L| far beyond 1 gives the limit."""
     start = np.array([loop.dc_gain if math.isfinite(loop.dc_gain) else 1e100], dtype=complex)
-    with np.errstate(invalid="ignore"):  # the slope of S - 1/2 where L = 1
-        return np.array([shape(start, np.zeros(1, dtype=complex))[0][0] for shape in RESPONSES])
+    with np.errstate(divide="ignore", invalid="ignore"):  # the slope of S - 1/2 where L = 1
+        return responses(start, start)[0][:, 0]
 
 
 def _roots(loop: SampledLoop, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
@@ -545,28 +509,18 @@ def _gain_limits(loop: SampledLoop, nodes: Floats, response: Complexes) -> list[
 
 def _peaks(loop: SampledLoop, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
     """Largest |S|, |T| and |S - 1/2| over 0 <= omega <= pi/h, and where, rad/s."""
-    peaks = [_peak(loop, shape, nodes, *shape(response, slope)) for shape in RESPONSES]
-    return [max(peak, (float(value), 0.0)) for peak, value in zip(peaks, _at_zero(loop), strict=True)]
+    sizes, rises = responses(response, slope)
+    inner = sizes[:, 1:-1]
+    kinds, left = np.nonzero((inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]))
+    left += rises[kinds, left + 1] > 0  # the peak lies on the side to which the response still rises
 
+    def rise(omega: Floats, index: NDArray[np.intp]) -> Floats:
+        return responses(*loop.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
 
-def _peak(
-    loop: SampledLoop,
-    shape: Callable[[Complexes, Complexes], tuple[Floats, Floats]],
-    nodes: Floats,
-    value: Floats,
-    rise: Floats,
-) -> tuple[float, float]:
-    """Largest value of one closed-loop response on (0, pi/h] and where, from its values and slopes at the nodes."""
-    top = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
-    # the peak lies on the side to which the response still rises
-    rising = rise[top] > 0
-    low, high = np.where(rising, nodes[top], nodes[top - 1]), np.where(rising, nodes[top + 1], nodes[top])
-    refined = bracketed_roots(lambda w, _: shape(*loop.response_and_slope(w))[1], low, high)
-    height = shape(*loop.response_and_slope(refined))[0]
-    at = np.concatenate([refined, nodes[[0, -1]], nodes[top]])
-    heights = np.concatenate([height, value[[0, -1]], value[top]])
-    best = int(np.argmax(heights))
-    return float(heights[best]), float(at[best])
+    refined = bracketed_roots(rise, nodes[left], nodes[left + 1])
+    heights = responses(*loop.response_and_slope(refined))[0]
+    found = top_of(np.concatenate([heights, sizes], axis=1), np.concatenate([refined, nodes]))
+    return [max(peak, (float(value), 0.0)) for peak, value in zip(found, _at_zero(loop), strict=True)]
 
 
 def check_period(period: float) -> float:

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from .rational import Complexes, Floats
+
 Bools = NDArray[np.bool_]
 
 ROUNDING = 1e-12  # of ln L, many times what is seen

@@ -7,7 +7,7 @@ crossover the two differ by 2 pi round(arg L/2 pi). So the gain crossovers, with
 decide: no grid, no Pade, and poles on or near the axis need no indentation because where |L| is large only N
 is looked at. This is the direct method of [WaltonMarshall1987] read at one dead time.
 
-The crossovers are algebraic numbers, isolated exactly (`exact`). Where rounding of the phase could matter, balls of
+The crossovers are algebraic numbers, isolated exactly (`crossings`). Where rounding of the phase could matter, balls of
 growing precision decide; with dead time they do so in the end, as exp(-j tau omega) is transcendental there (Lindemann)
 and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
 """
@@ -15,22 +15,15 @@ and L cannot be -1. Without, L = -1 at a crossover is a pole on the axis.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import ctx
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import Response
-from .exact import GAIN, MOST_BITS
-from .rational import Rational, realise
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
+from .crossings import GAIN, MOST_BITS, Response
+from .rational import Complexes, Floats, Rational, realise
 
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
@@ -56,10 +49,7 @@ class RootCount:
 
 
 def count_right_of(system: Rational, dead_time: float, line: float = 0.0) -> RootCount:
-    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s), unity feedback.
-
-    `inf` for a neutral loop whose chain of poles lies right of the line.
-    """
+    """Count the closed-loop poles with real part > `line` (1/s) of L = G exp(-dead_time s); inf for a chain of them."""
     if dead_time * line < -_FARTHEST:
         return RootCount(float("inf"), False)  # so far left that exp(-tau line) overflows: beyond any use
     return root_count(_moved(Response(system, dead_time), line) if line else Response(system, dead_time))
@@ -171,11 +161,7 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
 
 
 def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
-    """Approximate poles far from the origin, one a turn of the dead time.
-
-    From N exp(-tau s)/D = -1: tau s = ln(-N/D) + 2 pi j k, iterated from each k >= 0; it contracts where
-    |s| tau exceeds the relative degree.
-    """
+    """Poles far out, about, one a turn of the dead time: tau s = ln(-N/D) + 2 pi j k, iterated from each k >= 0."""
     turns = np.arange(count, dtype=float)
     s = (2 * np.pi * turns + np.pi / 2) * 1j / dead_time + 1.0 / dead_time
     with np.errstate(all="ignore"):

@@ -12,8 +12,7 @@ from matplotlib.ticker import MultipleLocator
 from railslip_ctrl import __version__
 from railslip_ctrl.design.assessment import Assessment
 from railslip_ctrl.design.design_check import ControllerGroup
-from railslip_ctrl.loop.curves import FrequencyCurve, frequency_curve
-from railslip_ctrl.loop.deadtime import Loop
+from railslip_ctrl.loop.deadtime import FrequencyCurve, Loop, frequency_curve
 from railslip_ctrl.report.laws import words_at
 
 from .style import (

@@ -24,7 +24,7 @@ from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.design.selection import Choice, Selection, select
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.curves import frequency_curve
+from railslip_ctrl.loop.deadtime import frequency_curve
 from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
