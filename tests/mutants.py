@@ -44,7 +44,7 @@ ROOMS = {
     "core/cache": "cache",
     "core/folders": "cache interruption",
     "core/processes": "interruption",
-    "core/rounding": "cli_output",
+    "core/rounding": "units",
     "core/user_files": "vehicle laws law_files",
     "model/": "vehicle input_errors",
     "model/adhesion/": "laws linearization numeric",

@@ -127,7 +127,7 @@ class AdhesionLaw(Record):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The published parameters on a `rail`, at v0 of 30 to 140 km/h and a `wheel_load` (N).
+        """The published parameters on a `rail`, at v0 = `initial_speed_kmh` (30 to 140 km/h) and a `wheel_load` (N).
 
         MissingParametersError where the source gives none; InputError for a number outside its range.
         """
