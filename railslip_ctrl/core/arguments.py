@@ -30,13 +30,13 @@ Check = Callable[[object], Any]
 
 
 class _Refused(Exception):
-    """A value is not of the kind asked for, which the message names with its article."""
+    """A value of another kind; the message names the wanted one with its article."""
 
 
 def checked(function: F) -> F:
-    """Have a function refuse arguments that are not of the kinds it is annotated with: InputError in one line.
+    """Check a function's arguments against its annotations: InputError in one line for one of another kind.
 
-    An enumeration's value will do for its member. Ranges are the function's own to check, for example by `number`.
+    An enumeration's value counts as its member. The function itself checks ranges, for example by `number`.
     """
     text: Any = unwrap(function)  # what a cache holds
     names = text.__code__.co_varnames[: text.__code__.co_argcount]
@@ -147,7 +147,7 @@ def _shown(value: object) -> str:
 
 @cache
 def _checks_of(thing: Any) -> dict[str, Check]:
-    """The checks of a function's arguments, or a dataclass's fields; those of what is known to type checkers alone."""
+    """The checks of a function's arguments or a dataclass's fields, by name."""
     known = vars(sys.modules[thing.__module__])
     found = {}
     for name, annotation in thing.__annotations__.items():
@@ -162,7 +162,7 @@ def _checks_of(thing: Any) -> dict[str, Check]:
 
 
 def _check_of(annotation: Any) -> Check | None:
-    """The check of an annotation; None where anything goes, or nothing can be said."""
+    """The check of an annotation; None where anything is taken."""
     if annotation in _PLAIN:
         return _PLAIN[annotation]
     origin, inner = get_origin(annotation), get_args(annotation)

@@ -151,7 +151,7 @@ def _not_a_unit(given: str, unit: str, text: str) -> InputError:
 
 
 def _unit_words(given: str) -> str | None:
-    """Return `given` in the few words Pint is shown, a product for every space, or None if it holds others."""
+    """`given` in the words that Pint may see, a product for every space; None if it holds others."""
     words: list[str] = []
     previous = ""
     position = 0
@@ -180,7 +180,7 @@ def quantity(
     lt: float | None = None,
     le: float | None = None,
 ) -> Any:
-    """A field of a parameter record (`parameters.Record`): a float in `unit` that may be given as a string with a unit.
+    """A field of a parameter record (`vehicle.Record`): a float in `unit` that may be given as a string with a unit.
 
     Written `mass: float = quantity("kg", "quarter-car mass M", gt=0)`; without `default` the field is required.
     """

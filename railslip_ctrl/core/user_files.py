@@ -206,14 +206,14 @@ def _flat(error: object) -> str:
 
 
 def place(file: str, line: int | None) -> str:
-    """A line of a user's file, named from where we are."""
+    """A line of a user's file, its path relative to the working directory."""
     path = Path(file)
     near = path.is_relative_to(Path.cwd())
     return f"{file_name(path.relative_to(Path.cwd()) if near else path)}, line {line}"
 
 
 def failure(error: BaseException, what: str) -> str:
-    """File and line of the user's code in which `what` failed, how, and what to do; one line."""
+    """One line: file and line of the user's code in which `what` failed, the error, and the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))

@@ -10,11 +10,10 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from . import plant
 from .adhesion import AdhesionLaw
-from .numeric import FUNCTIONS, sources_hash
 
 
-def generate(law: type[AdhesionLaw]) -> str:
-    """Text of the numeric module of a law."""
+def module_of(law: type[AdhesionLaw], sources_hash: str) -> str:
+    """Text of the numeric module of a law, with the hash of its sources."""
     closed, own = plant.close(law), law.statement().functions
     in_force = {type(function).__name__ for function in closed.force.atoms(sp.Function)}
     # in a kernel these two read the table
@@ -27,11 +26,11 @@ def generate(law: type[AdhesionLaw]) -> str:
         "# mypy: ignore-errors",
         *("", "import numpy", "from numpy import where"),
         *(["", *imports] if imports else []),
-        *("", f'SOURCES_SHA256 = "{sources_hash(law)}"'),
+        *("", f'SOURCES_SHA256 = "{sources_hash}"'),
     ]
     printer = _Printer(readers)
     names = [*plant.VEHICLE_PARAMETERS, *law.argument_names()]
-    functions = [_function_text(name, getattr(closed, name), plant.ARGUMENTS, names, printer) for name in FUNCTIONS]
+    functions = [_function_text(name, value, plant.ARGUMENTS, names, printer) for name, value in vars(closed).items()]
     lag = f"\n\ndef lag_rate(Tb, Tc, T):\n    return {printer.doprint(plant.actuator_lag_rate())}\n"
     return "\n".join(head) + "\n" + "".join(functions) + lag
 

@@ -96,7 +96,7 @@ def scalar_source(law: type[AdhesionLaw]) -> str:
 
 
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """A module of the scalar functions of a law, then the parts; to be compiled or to be interpreted.
+    """A module of the functions of a law, then the parts; to be compiled or to be interpreted.
 
     Parts are texts as `plain` gives them. What Python calls is named `run` and marked `entry`.
     """
@@ -126,7 +126,7 @@ def compiled(function: F) -> F:
 
 
 def entry(function: F) -> F:
-    """Marks what Python calls: compiled, kept, and free to allocate; in interpreted use it does nothing."""
+    """Marks what Python calls: compiled, cached, and free to allocate; in interpreted use it does nothing."""
     return function
 
 
@@ -154,7 +154,7 @@ step = _filled_in("step")
 store_state = _filled_in("store_state")
 
 
-# --- kernels compiled by numba, and kept -----------------------------------------------------------------------------
+# --- kernels compiled by numba, and cached ---------------------------------------------------------------------------
 
 
 logger = logging.getLogger(__name__)
@@ -162,7 +162,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """The module of a text (see `text.module_text`), ready to run; the same `compiled` as the text was made for."""
+    """The module of a text (see `module_text`), ready to run; the same `compiled` as the text was made for."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)
@@ -182,7 +182,7 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
 
 @cache
 def _tell_of_compiling(folder: Path) -> None:
-    """Say it, once in a process however many pairs of law and controller it compiles."""
+    """Log it, once in a process."""
     logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
 
 

@@ -30,9 +30,6 @@ from .adhesion import AdhesionLaw
 PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"
 
-FUNCTIONS = ("force", "force_gradient", "rest_state", "rates", "rates_and_powers", "jacobian", "trim_torque")
-"""The generated functions: the attributes of `plant.ClosedPlant`."""
-
 WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")
 """What takes energy from train and wheel, in the order of `plant.powers`."""
 
@@ -72,9 +69,14 @@ def source(law: type[AdhesionLaw]) -> str:
     """The text of `numeric_plant`."""
     if _is_committed(law):
         return (GENERATED / f"{law.name}.py").read_text(encoding="utf-8")
-    from .generation import generate
-
     return generate(law)
+
+
+def generate(law: type[AdhesionLaw]) -> str:
+    """The text of `numeric_plant`, generated now."""
+    from .generation import module_of  # imports SymPy
+
+    return module_of(law, sources_hash(law))
 
 
 def _is_committed(law: type[AdhesionLaw]) -> bool:

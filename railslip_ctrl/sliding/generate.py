@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from railslip_ctrl.model.adhesion import law_classes
-from railslip_ctrl.model.generation import generate
+from railslip_ctrl.model.numeric import generate
 
 from .generated import LAW_FILE, generate_law
 

@@ -286,7 +286,7 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
 
 
 NAME = "LAW"
-"""What the file has to call its law."""
+"""Name of the law in the file."""
 
 
 @checked
