@@ -57,7 +57,7 @@ class Energies:
     booked : float
         What came in with changes of mass.
     works : dict
-        By `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
+        By `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
         resistance, random force, caliper disturbance.
     """
 
