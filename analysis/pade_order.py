@@ -16,7 +16,7 @@ import numpy as np
 from railslip_ctrl.design import PIController, actuated_plant, stabilizing_pi
 from railslip_ctrl.design.schedule import plant_at
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 ORDERS = (1, 2, 3, 4, 5)

@@ -11,7 +11,7 @@ import control as ct
 import railslip_ctrl as rs
 
 S = ct.tf("s")
-PID = 1030 + 80 / S + 360 * S / (0.03 * S + 1)  # N*m/(m/s), from slip error to torque
+PID = 1030 + 80 / S + 370 * S / (0.015 * S + 1)  # N*m/(m/s), from slip error to torque
 NOTCH = (S**2 + 32 * S + 80**2) / (S**2 + 80 * S + 80**2)  # at a bogie's pitch, 80 rad/s
 
 

@@ -289,9 +289,12 @@ def _climbed(value_at, low, high):
 
 
 def refused(zeros, poles, gain, tau, c):
-    """What a certificate says wrongly about a stable loop; an empty list accepts it."""
+    """What a certificate says wrongly about a stable loop; an empty list accepts it. Each end is moved out by `OUTSIDE`
+    before it is tried, so that an end that is the margin itself is not asked to differ from it."""
     plain = zeros, poles, gain, tau
-    outside = 1 + OUTSIDE
+
+    def out(enclosure):
+        return arb(enclosure[0]) * (1 - arb(OUTSIDE)), arb(enclosure[1]) * (1 + arb(OUTSIDE))
 
     def kept(check, *arguments):
         try:
@@ -299,25 +302,22 @@ def refused(zeros, poles, gain, tau, c):
         except UndecidedError:
             return False
 
-    def gain_kept():
-        return keeps_gain(*plain, max(c.gain_decrease[1], 1e-6), min(c.gain_increase[0], 1e6))
-
     def lost(factor=1.0, delay=0.0, phase=0.0):
         return poles_right(zeros, poles, gain * arb(factor), arb(tau) + arb(delay), phase) > 0
 
     with ctx.workprec(160):
-        phase = [arb(one) * arb.pi() / 180 for one in c.phase_deg] if math.isfinite(c.phase_deg[0]) else [arb(4)] * 2
-        delay = c.delay_s
+        up, down, delay, degrees = map(out, (c.gain_increase, c.gain_decrease, c.delay_s, c.phase_deg))
+        phase = [one * arb.pi() / 180 if one.is_finite() else arb(4) for one in degrees]
         checks = {
             "stable": lambda: poles_right(*plain) == 0,
-            "gain_increase": lambda: math.isinf(c.gain_increase[1]) or lost(c.gain_increase[1] * outside),
-            "gain_decrease": lambda: c.gain_decrease[0] == 0 or lost(c.gain_decrease[0] / outside),
-            "gain": lambda: kept(lambda *_: gain_kept()),
+            "gain_increase": lambda: not up[1].is_finite() or lost(up[1]),
+            "gain_decrease": lambda: down[0] == 0 or lost(down[0]),
+            "gain": lambda: kept(keeps_gain, down[1].max(arb(1e-6)), up[0].min(arb(1e6))),
             "phase": lambda: kept(keeps_crossovers, lambda t, _: t > phase[0] and 2 * arb.pi() - t > phase[0]),
-            "phase_deg": lambda: math.isinf(c.phase_deg[1]) or lost(phase=phase[1] * outside),
+            "phase_deg": lambda: not degrees[1].is_finite() or lost(phase=phase[1]),
             "delay": lambda: delay[0] == 0 or kept(keeps_crossovers, lambda t, w: t > delay[0] * w),
-            "delay_s": lambda: math.isinf(delay[1]) or lost(delay=max(delay[1] * outside, 1e-300)),
-            "ms": lambda: kept(peak_within, 1, 0, *c.ms),
-            "mt": lambda: kept(peak_within, 0, 1, *c.mt),
+            "delay_s": lambda: not delay[1].is_finite() or lost(delay=delay[1].max(arb(1e-300))),
+            "ms": lambda: kept(peak_within, 1, 0, *out(c.ms)),
+            "mt": lambda: kept(peak_within, 0, 1, *out(c.mt)),
         }
         return [name for name, check in checks.items() if not check()]

@@ -22,7 +22,7 @@ from railslip_ctrl.design.sweeps import sweep_speed
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import step_response
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail

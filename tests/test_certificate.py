@@ -44,6 +44,17 @@ def test_the_checker_accepts_certificates(certified):
         assert refused(*one, certificate) == [], (kind, one, certificate)
 
 
+def test_the_checker_accepts_ends_that_are_the_margins():
+    # k/s with dead time 0: every margin is a dyadic number, and an enclosure of it may have no width
+    certificate = made([], [0.0], 0.5, 0.0).certificate()
+    exact = {"phase_deg": (90.0, 90.0), "ms": (1.0, 1.0), "mt": (1.0, 1.0)}
+    assert refused([], [0.0], 0.5, 0.0, replace(certificate, **exact)) == []
+    assert refused([], [0.0], 0.5, 0.0, replace(certificate, phase_deg=(90.001, 90.001))) == ["phase"]
+    lag = made([], [-1.0], -0.5, 0.0).certificate()  # the real pole leaves through the origin at gain 2; S(0) is 2
+    exact = {"gain_increase": (2.0, 2.0), "ms": (2.0, 2.0), "mt": (1.0, 1.0)}
+    assert refused([], [-1.0], -0.5, 0.0, replace(lag, **exact)) == []
+
+
 def test_the_checker_refuses_a_certificate_with_a_margin_moved(certified):
     # by a millionth, a thousand times the width of an enclosure
     _, one, _, certificate = next(one for one in certified if one[0] is random_loops.wheel_slip)

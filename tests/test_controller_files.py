@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import tomllib
@@ -11,15 +12,19 @@ import control as ct
 import numpy as np
 import pytest
 
+import railslip_ctrl as rs
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design import PIController, StateSpaceController, actuated_plant
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
-from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
+from railslip_ctrl.report.recommendation.stops import as_run
+from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.published import published_reference
+from railslip_ctrl.sliding.gains import LawGains
 
 S = ct.tf("s")
 HELD = ReferenceSlip(dry=0.1317, wet=0.0923)
@@ -51,6 +56,35 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
     assert load_controller(path) == CONTROLS[name]
 
 
+PUBLISHED = published_reference("bristle")
+IN_FEW_WORDS = {
+    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(
+        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None
+    ),
+    'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
+        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5
+    ),
+    'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
+        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01, tracking_time=None, rule="tustin"
+    ),
+    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
+    'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
+        LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
+    ),
+    'kind = "slide-protection"': SlideProtection(PUBLISHED),
+    'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
+        PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5
+    ),
+}
+
+
+@pytest.mark.parametrize("text", IN_FEW_WORDS)
+def test_what_a_file_leaves_out_is_the_controller_s_own(tmp_path, text):
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    assert load_controller(path) == IN_FEW_WORDS[text]
+
+
 def test_a_run_from_the_file_is_the_run(tmp_path):
     scenario = built_in_scenario("park2008")
     own = LinearControl(ct.tf2ss(1210 * (1 + 1 / S) * (0.6 * S + 1) / (0.06 * S + 1)), HELD, "mine", 0.01, **ALL)
@@ -74,6 +108,8 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
+        ("kind = 3", "kind: 3 is not one"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_low = 1"),
         (
             'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_max = 1.0\ntorque_high = 2.0',
             "torque_max: torque_high is given too",
@@ -190,6 +226,35 @@ def test_a_tuned_controller_goes_on_as_a_file(railslip, tmp_path):
     status, _, _ = railslip("simulate", "--scenario", "park2008-si", "--controller", path, "--no-noise", "--json")
     assert status == 0
     assert "give FILE.toml" in railslip("tune", *CASE, *words, "--out", tmp_path / "tuned.json")[2]
+
+
+def test_what_tune_writes_is_the_same_controller_in_every_command(railslip, tmp_path):
+    """Judged, run and counted alike; it starts and hands over as the report's design does."""
+    file = tmp_path / "best.toml"
+    case = ("--adhesion", "curve", "--speed", "60", "--speed", "100", "--slip", "0.1")
+    words = ("--structure", "pi-lead", "--ms-max", "2", "--envelope", "default", "--out", file, "--json")
+    tuned = json.loads(railslip("tune", *case, *words)[1])
+    judged = json.loads(railslip("margins", *case, "--envelope", "default", "--controller", file, "--json")[1])
+    assert judged["worst"] == tuned["worst"]
+
+    envelope = rs.Envelope(laws="curve", speeds=(60, 100), reference={"dry": 0.1, "wet": 0.1})
+    best = rs.tune(envelope, structure="pi-lead", ms_max=2.0)
+    as_reported = as_run(rs.PIController(best.gains, best.lead, best.lead_filter), best.judgement, 60.0, "best")
+    assert as_reported.toml == file.read_text("utf-8")
+    takes = [
+        rs.operating_point(rs.published_law("curve", rail), load, speed / 3.6, 0.1, rail=rail).brake_torque
+        for rail, speed in itertools.product(("dry", "wet"), (60, 100))
+        for load in (rs.PARK2008, rs.PARK2008.loaded())
+    ]
+    assert as_reported.initial_torque == as_reported.cut_out_torque == pytest.approx(0.8 * min(takes), rel=1e-12)
+
+    wet = rs.stop(rail="wet")
+    stop = ("--scenario", "stop", "--rail", "wet", "--seed", "3", "--controller", file, "--json")
+    expected = rs.simulate(wet, best, seed=3, record_every=None)
+    assert json.loads(railslip("simulate", *stop)[1])["braking_distance_m"] == expected.braking_distance
+    many = rs.campaign(wet, [best, rs.load_controller(file)], runs=3).controllers
+    tuned_runs, file_runs = (many[name].measures["braking_distance_m"].moments for name in ("pi-lead", "best"))
+    assert tuned_runs == file_runs
 
 
 def test_a_campaign_takes_the_same_words(railslip, tmp_path):

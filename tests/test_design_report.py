@@ -6,16 +6,20 @@ import json
 import math
 from dataclasses import replace
 
+import control as ct
 import numpy as np
 import pytest
 from html_page import LARGEST_BYTES, Page
-from project import SMALL
+from project import SMALL, refused
 from test_law_files import LAW
 
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.model.adhesion import law_in, published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
+from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report.design_report import design_report_json, design_report_text
 from railslip_ctrl.report.html.blocks import Table
 from railslip_ctrl.report.html.design_sections import design_sections
@@ -109,6 +113,58 @@ def test_a_law_of_one_s_own_in_a_python_file_is_reported_on(railslip, tmp_path, 
     assert stop_again["adhesion"] != "bristle"
 
 
+MINE = """
+import control as ct
+SYSTEM = ct.tf([137.4, 232.0, 5.0], [0.06, 1.0, 0.0])
+class Mine:
+    period = 0.01
+    def reset(self, t, v, omega):
+        self.error = 0.0
+    def step(self, t, v, omega):
+        return 1500.0
+"""
+FORMS = {
+    "tf.toml": 'kind = "transfer-function"\nnum = [137.4, 232, 5]\nden = [0.06, 1, 0]\nperiod = "10 ms"\n'
+    'torque_max = "5 kN*m"\ninitial_torque = "1.5 kN*m"\n[reference]\ndry = 0.1\nwet = 0.07\n',
+    "ss.py": MINE + "CONTROLLER = ct.tf2ss(SYSTEM)\n",
+    "told.py": MINE + "    def linear(self, point):\n        return SYSTEM\nCONTROLLER = Mine()\n",
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(name, railslip, tmp_path):
+    (tmp_path / name).write_text(FORMS[name])
+    case = ("--adhesion", "curve", "--rail", "dry", "--controller", tmp_path / name)
+    narrow = ("--speed", "100", "--loaded", "--nominal", "--no-html", "--out", tmp_path / "out")
+    status, out, err = railslip("report", *case, *narrow, "--json")
+    assert status == 0, err
+    (given,) = json.loads(out)["given"]
+    slip = 0.1 if name == "tf.toml" else 0.132  # its own, or the law's
+    assert given["worst"]["case"]["slip"] == slip
+    plant = linearize(operating_point(published_law("curve", "dry"), PARK2008.loaded(), 100 / 3.6, slip))
+    s = ct.tf("s")
+    mine = (232 + 5 / s + 137.4 * s) / (0.06 * s + 1)
+    assert given["worst"]["ms"] == pytest.approx(wheel_slip_loop(plant, mine).margins().ms, rel=1e-6)
+    run = json.loads(railslip("simulate", "--scenario", "stop", "--loaded", *case, "--json")[1])
+    assert given["stops"][0]["braking_distance_m"] == run["braking_distance_m"]
+
+
+def test_a_step_object_that_is_not_linear_is_refused(railslip, tmp_path):
+    (tmp_path / "mute.py").write_text(MINE + "CONTROLLER = Mine()\n")
+    told = refused(railslip("report", *SMALL[:4], "--controller", tmp_path / "mute.py", "--out", tmp_path / "out"))
+    assert "linear" in told
+
+
+def test_a_law_of_one_s_own_stands_in_the_envelope_of_a_vehicle_s_file(tmp_path):
+    (tmp_path / "mine.py").write_text(LAW)
+    (tmp_path / "car.toml").write_text('mass = 3517\n[envelope]\nlaws = ["mine.py"]\nspeeds = [60, 100]\n')
+    car = load_vehicle(tmp_path / "car.toml")
+    judged = judge(GIVEN, Envelope(car))
+    assert judged.ms == pytest.approx(judge(GIVEN, Envelope(car, laws=law_in(tmp_path / "mine.py"))).ms, rel=1e-12)
+    assert judged.worst.point.adhesion == "coulomb_smoothed"
+    assert judged.worst.point.slip in (0.02, 0.01)
+
+
 # --- the record -----------------------------------------------------------------------------------------------------
 
 
@@ -126,7 +182,7 @@ def hopeless():
 def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robust):
     first = first_page(robust)
     assert robust.in_use.verdict == "robust"
-    assert first.headline == "USE"
+    assert first.headline == "USE ABOVE 20 km/h"  # below the lowest speed judged the file holds a torque
     assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
     assert first.words <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
@@ -135,6 +191,27 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
     assert float(worst["Ms"]) >= robust.in_use.worst.ms - 1e-12
     least = float(robust.in_use.margins.phase_deg[robust.in_use.points.operating].min())
     assert float(worst["Phase margin"].split()[0]) == pytest.approx(least, rel=5e-3)
+
+
+def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken(robust):
+    assert robust.trials[0].choice is robust.best
+    assert len(robust.trials) > 1
+    means = []
+    for trial in robust.trials:
+        cars = (robust.vehicle, robust.vehicle.loaded())
+        runs = [simulate(stop(car, rail), trial.control, seed=0) for car in cars for rail in ("dry", "wet")]
+        means.append(np.mean([run.braking_distance for run in runs]))
+        assert trial.distance() == pytest.approx(means[-1], rel=1e-12)
+    assert means[0] == min(means)
+    (said,) = (float(value.split()[0]) for name, value, _ in first_page(robust).rows if name == "Mean stop")
+    assert said == pytest.approx(means[0], rel=5e-4)  # four digits
+
+
+def test_a_load_that_leaves_the_wheel_load_is_told(robust):
+    told = "its wheel load stays 34500 N"
+    assert told in Page.parsed(rendered(robust)).text
+    own = PARK2008.model_copy(update={"wheel_load_loaded": 50e3})
+    assert told not in Page.parsed(rendered(replace(robust, envelope=robust.envelope.at(vehicle=own)))).text
 
 
 def test_no_design_is_told_as_such_everywhere(hopeless):
@@ -158,7 +235,7 @@ def test_a_fragile_design_is_not_to_be_used(robust):
 def test_use_above_a_speed_hands_over_below_it(robust):
     told = first_page(replace(robust, above_kmh=100.0, control=replace(robust.control, cut_out_speed=100 / 3.6)))
     assert told.headline == "USE ABOVE 100 km/h"
-    assert "Below 100 km/h" in dict(told.lines)["To do"]
+    assert "Below 100 km/h the file holds" in dict(told.lines)["To do"]
 
 
 def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):

@@ -14,6 +14,7 @@ from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle_files import load_vehicle
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 
@@ -116,6 +117,27 @@ def test_the_table_of_the_vehicle_s_file_is_read_and_written_back(tmp_path: Path
     assert (envelope.rails, envelope.lag, envelope.reference.wet) == ((Rail.WET,), (1.0, 2.0), 0.07)
     assert Envelope(envelope.vehicle, **envelope.table()) == envelope
     assert envelope.points(nominal=True).case(0).point.slip == 0.07
+
+
+def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Path):
+    (tmp_path / "law.toml").write_text('law = "polach"\n[parameters]\n', "utf-8")
+    path = tmp_path / "coach.toml"
+    path.write_text(
+        'mass = 11000\n[envelope]\nlaws = ["law.toml", "curve"]\nspeeds = ["10 m/s"]\n'
+        "reference = {dry = 0.1, wet = 0.07}",
+        "utf-8",
+    )
+    car = load_vehicle(path)
+    assert Envelope(car) == load_envelope(path)
+    assert Envelope(car, speeds=60) == load_envelope(path).at(speeds=60)  # what is given wins
+    assert Envelope(car.model_copy(update={"mass_loaded": 12e3})).speeds == (36.0,)  # a changed one keeps it
+    assert Envelope(PARK2008) == Envelope()
+    own = tmp_path / "own.toml"
+    own.write_text("[envelope]\nspeeds = [20]", "utf-8")
+    assert load_envelope(own, car).reference is None  # a file of its own stands for itself
+    path.write_text("mass = 11000\n[envelope]\nspeeds = [0]", "utf-8")
+    with pytest.raises(InputError, match="speeds: 0 is not allowed"):
+        Envelope(load_vehicle(path))
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,13 @@ import pytest
 from sample_vehicles import COACH
 
 from railslip_ctrl.core.errors import InfeasibleDesignError
-from railslip_ctrl.design import PIController
+from railslip_ctrl.design import PIController, envelope_tuning
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import tune
+from railslip_ctrl.design.envelope_tuning import held_slips, tune
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.design.tuning_cases import tune_cases
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
 
@@ -151,6 +154,34 @@ def test_tune_judges_the_envelope_unless_points_are_named(railslip):
 def test_tune_says_that_no_speed_will_do():
     with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
         tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)
+    with pytest.raises(InfeasibleDesignError, match="from 60 km/h up it can"):
+        tune(Envelope(speeds=(20, 40, 60, 100), rails="dry", laws="curve"), "pi-lead", 1.15)
+
+
+def test_the_slips_held_are_those_of_every_law():
+    mine = published_law("bristle", "dry").model_copy(update={"reference": ReferenceSlip(dry=0.1, wet=0.08)})
+    for axes, held in (({}, (0.132, 0.092)), ({"rails": "wet"}, (0.092, 0.092)), ({"laws": [mine, "curve"]}, None)):
+        envelope = Envelope(speeds=60, **axes)
+        found = held_slips(envelope, envelope.points(nominal=True))
+        assert (found and (found.dry, found.wet)) == held
+
+
+def test_an_infeasible_tune_tells_early(monkeypatch):
+    """What the slowest and the fastest points refuse all refuse; from which speed it can is found by halving."""
+    asked = []
+
+    def counted(plants, *arguments, **options):
+        asked.append(len(plants))
+        return tune_cases(plants, *arguments, **options)
+
+    monkeypatch.setattr(envelope_tuning, "tune_cases", counted)
+    envelope = Envelope(rails="dry", laws="curve", loads="empty", speeds=range(4, 101, 4))
+    with pytest.raises(InfeasibleDesignError, match=r"at 4 and 100 km/h alone: .*; from 16 km/h up it can"):
+        tune(envelope, "pi-lead", 1.8)
+    assert sum(asked) < 2 * len(envelope.speeds)  # each speed in turn: 25 + 24 + 23 + 22
+    for speed, can in ((12, False), (16, True)):  # halving finds what asking all above a speed says
+        some = envelope.at(speeds=range(speed, 101, 4))
+        assert (envelope_tuning.tune_over(some, Specification(1.8), "pi-lead")[1] is not None) == can
 
 
 def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):

@@ -44,7 +44,7 @@ from railslip_ctrl.design import actuated_plant, margin_grid
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.model.vehicle import Record, Wheel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import control as ct
 import numpy as np
 import pytest
 from sample_vehicles import COACH
@@ -12,9 +13,11 @@ from sample_vehicles import COACH
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.design.sampled import sampled_loop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
+from railslip_ctrl.simulation import LinearControl
 
 PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
 FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # for the coach
@@ -48,6 +51,7 @@ def test_no_loop_of_the_envelope_is_worse_than_the_worst(name, controller):
         chosen = tuple(axis[rng.integers(len(axis))] for axis in axes)
         loop = own_loop(car, controller, *chosen)
         ms[chosen] = loop.margins().ms if loop.is_stable() else math.inf
+    assert judged.stable.mean() == pytest.approx(np.isfinite([*ms.values()]).mean(), abs=0.1)  # of 150, at least 0.04
     assert max(x for chosen, x in ms.items() if chosen[2] >= usable) <= judged.worst_with_tolerances.ms * (1 + 1e-9)
     for adhesion, rail, speed, load in itertools.product(*axes[:4]):
         loop = own_loop(car, controller, adhesion, rail, speed, load, 1.0, 1.0, 1.0, 1.0)
@@ -100,12 +104,11 @@ def test_a_design_that_is_stable_nowhere_says_so():
 
 
 def test_fragile_names_an_operating_point_over_the_limit():
-    weak = PIController(PIGains(kp=190.0, ki=5.0))
-    judged = judge(weak, Envelope(laws="bristle", rails="dry", speeds=100), nominal=True)
-    assert judged.verdict == "fragile"
-    assert judged.robust_from_kmh is None
-    assert judged.usable_from_kmh == 100.0
-    assert judged.verdict_line.startswith("fragile at the operating points: Ms 5.58 at bristle, dry, empty, 100 km/h")
+    slips = {"dry": 0.1, "wet": 0.1}  # Ms 1.28, 1.84, 2.29: robust below 100 km/h, which no stop begins from
+    envelope = Envelope(laws="curve", rails="dry", loads="empty", speeds=(20, 60, 100), reference=slips)
+    judged = judge(PIController(PIGains(kp=900.0, ki=5.0), 0.6, 0.06), envelope, nominal=True)
+    assert (judged.verdict, judged.usable_from_kmh, judged.robust_from_kmh) == ("fragile", 20.0, None)
+    assert judged.verdict_line == "fragile at the operating points: Ms 2.3 at curve, dry, empty, 100 km/h"
 
 
 def test_map_and_axes_are_of_the_cases():
@@ -137,3 +140,41 @@ def test_the_worst_is_a_loop_to_look_at():
     worst = judge(PI_LEAD, Envelope(speeds=60)).worst_with_tolerances
     again = wheel_slip_loop(linearize(worst.point), PI_LEAD, worst.point.vehicle.actuator)
     assert (again.margins().ms, again.margins().delay_s) == (worst.ms, worst.margins.delay_s)
+
+
+# --- sampled ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_discrete_controller_is_judged_by_its_sampled_loops():
+    s = ct.tf("s")
+    discrete = ct.sample_system((229.4 + 5.0 / s) * (0.6 * s + 1) / (0.06 * s + 1), 0.05, "tustin")
+    judged = judge(discrete, Envelope(laws="bristle", rails="dry", speeds=100, loads="empty"))
+    points, rng = judged.points, np.random.default_rng(2)
+    for i in rng.choice(len(points), 8, replace=False):
+        loop = wheel_slip_loop(points.plants[points.plant[i]], discrete, points.actuators[points.actuator[i]])
+        # a parabola's top, looked at over a 1e-5 of its width
+        assert judged.ms[i] == pytest.approx(loop.margins().ms, rel=1e-8)
+    assert judged.worst.margins.ms == judged.worst.loop.margins().ms
+    assert np.isfinite(judged.margins.delay_s[points.operating]).all()
+
+
+def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
+    envelope = Envelope(laws="bristle", rails="dry", speeds=(60, 100), loads="empty")
+    reference = ReferenceSlip(dry=0.132, wet=0.092)
+    assert judge(PI_LEAD, envelope).verdict == "robust"
+    verdicts = {}
+    for period in (0.02, 0.3, 1.0):
+        control = LinearControl(PI_LEAD, reference, period=period)
+        found = judge(control, envelope)
+        verdicts[period] = (found.verdict, found.usable_from_kmh, found.robust_from_kmh)
+        for worst in (found.worst, found.worst_with_tolerances):
+            run = sampled_loop(control.sampled(period), worst.case.plant, worst.case.actuator)
+            ms = run.margins().ms if run.is_stable() else None
+            assert worst.table()["sampled"] == {"period_s": period, "ms": ms}
+            assert worst.ms == wheel_slip_loop(worst.case.plant, PI_LEAD, worst.case.actuator).margins().ms
+        assert f"sampled every {period:g} s) at bristle" in found.verdict_line
+    assert verdicts == {
+        0.02: ("robust", 60.0, 60.0),
+        0.3: ("fragile", 60.0, None),
+        1.0: ("unstable", None, None),
+    }

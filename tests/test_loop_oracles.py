@@ -10,8 +10,8 @@ import pytest
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.loop import Rational, spectrum
-from railslip_ctrl.loop.pade import pade
+from railslip_ctrl.loop import Rational, stability
+from railslip_ctrl.loop.rational import pade
 
 S = ct.tf("s")
 
@@ -102,17 +102,17 @@ def test_lambert_w_poles_of_the_delayed_integrator():
 @pytest.mark.parametrize("gain", [0.4, -3.0])
 def test_poles_without_dead_time_of_a_loop_that_passes_all_frequencies(gain, monkeypatch):
     # gain (s^8 + 1)/(s^8 + 256); the eigenvalues alone, as Newton's method finds poles from bad guesses too
-    monkeypatch.setattr(spectrum, "_NEWTON_STEPS", 0)
+    monkeypatch.setattr(stability, "_NEWTON_STEPS", 0)
     turns = np.exp(1j * np.pi * np.arange(1, 16, 2) / 8)
-    poles = spectrum.rightmost_poles(Rational(turns, 2 * turns, gain), 0.0, 9)
+    poles = stability.rightmost_poles(Rational(turns, 2 * turns, gain), 0.0, 9)
     assert poles**8 == pytest.approx(np.full(8, -(256 + gain) / (1 + gain)), rel=1e-12)
     assert np.abs(np.diff(np.sort(np.angle(poles)))) == pytest.approx(np.full(7, np.pi / 4))
-    assert list(spectrum.rightmost_poles(Rational(turns[:0], np.array([0.0, -1.0]), 0.0), 1.0, 9)) == [0, -1]
+    assert list(stability.rightmost_poles(Rational(turns[:0], np.array([0.0, -1.0]), 0.0), 1.0, 9)) == [0, -1]
 
 
 def test_guesses_of_poles_near_0_are_good_before_newton_s_method_takes_them():
     system = Rational(np.array([-1.0, -2 + 3j, -2 - 3j, 4.0]), np.array([0.0, -0.5, -1 + 1j, -1 - 1j]), 0.4)
-    start = spectrum._start_values(system, 0.8, 40)
+    start = stability._start_values(system, 0.8, 40)
     near = start[np.argsort(np.abs(start))[:6]]
     parts = np.polyval(np.poly(system.poles), near), system.gain * np.polyval(np.poly(system.zeros), near)
     parts = parts[0], parts[1] * np.exp(-0.8 * near)
@@ -120,8 +120,8 @@ def test_guesses_of_poles_near_0_are_good_before_newton_s_method_takes_them():
 
 
 def test_poles_that_the_root_count_contradicts_are_not_returned(monkeypatch):
-    monkeypatch.setattr(spectrum, "count_right_of", lambda *_: SimpleNamespace(marginal=False, right=7.0))
-    with pytest.raises(spectrum.SpectrumError, match="could not be confirmed"):
+    monkeypatch.setattr(stability, "count_right_of", lambda *_: SimpleNamespace(marginal=False, right=7.0))
+    with pytest.raises(stability.SpectrumError, match="could not be confirmed"):
         DeadTimeLoop(1 / S, 1.0).closed_loop_poles(2)
 
 

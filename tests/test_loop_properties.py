@@ -16,7 +16,7 @@ from property_examples import examples
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, gain_crossovers
+from railslip_ctrl.loop.crossings import Response
 
 S = ct.tf("s")
 
@@ -113,7 +113,7 @@ def test_gain_crossovers_are_the_roots_of_the_polynomial_in_omega_squared(loop):
     assume(on_axis.size == 0 or double.min() > 1e-3)  # a double root is a touch, which rounding decides
     near = (np.abs(candidates.real) < 1e-4 * np.abs(candidates)) & (np.abs(candidates.imag) > 1e-5)
     assume(np.count_nonzero(near & (candidates.imag > 0)) == on_axis.size)
-    found = gain_crossovers(Response(system, 0.0))
+    found = Response(system, 0.0).gain_crossovers
     assert np.sort(found[found > 1e-4]) == pytest.approx(np.sort(on_axis), rel=1e-6)
 
 

@@ -13,8 +13,8 @@ from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.loop import Rational, sampled_delay
-from railslip_ctrl.loop.sampled_boxes import BoxedResponse
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
+from railslip_ctrl.loop.sampled_delay import BoxedResponse
 from railslip_ctrl.model.vehicle import PIGains
 
 
@@ -133,7 +133,7 @@ def test_no_resonance_is_too_narrow_to_be_seen(name):
     m = loop.margins()
     top = loop.nyquist_frequency
     grid = np.union1d(resonance * (1 + np.linspace(-2e-3, 2e-3, 200_000)), np.geomspace(1e-4, top, 2000))
-    response = loop.frequency_response(grid[grid <= top])
+    response = loop.response(grid[grid <= top])
     # the grid's step is a few hundredths of the narrowest peak's width
     assert m.ms == pytest.approx(np.max(np.abs(1 / (1 + response))), rel=1e-3)
     assert m.mt == pytest.approx(np.max(np.abs(response / (1 + response))), rel=1e-3)
@@ -160,7 +160,7 @@ def test_no_narrow_peak_of_random_loops_is_missed():
         m, around = loop.margins(), np.linspace(-20, 20, 2001)
         grid = np.concatenate([resonance * (1 + damping * around), dip * (1 + damping_dip * around)])
         grid = np.union1d(grid[(grid > 0) & (grid < 31.4)], np.geomspace(1e-4, 31.4, 500))
-        response = loop.frequency_response(grid)
+        response = loop.response(grid)
         # what is said of a peak, if another is as high
         assert np.max(np.abs(1 / (1 + response))) <= m.ms * (1 + 1e-6)
         assert np.max(np.abs(response / (1 + response))) <= m.mt * (1 + 1e-6)
@@ -190,7 +190,7 @@ def test_bounds_on_boxes_hold_and_shrink_with_the_square_of_the_box(shape):
         for move, late in [*rng.uniform(-1, 1, (20, 2)), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
             at, at_fraction = theta + move * half, fraction + late * half_fraction
             exact = [
-                loop.delayed((2 + f) * 0.1).frequency_response(np.array([w]))[0]
+                loop.delayed((2 + f) * 0.1).response(np.array([w]))[0]
                 for w, f in zip(at / 0.1, at_fraction, strict=True)
             ]
             found = np.log(exact) + 3j * at - expansion.value
@@ -254,7 +254,7 @@ def test_two_phase_crossovers_side_by_side_hold_the_gains_that_stabilise():
     def delayed(dead_time: float) -> SampledLoop:
         return SampledLoop(gain(1.0), Rational(np.full(2, -1.0), np.zeros(3), 1.0), dead_time, 0.1)
 
-    loop = delayed(brentq(lambda d: np.angle(-delayed(d).frequency_response(grid)).max() - 1e-4, 0.2, 0.35))
+    loop = delayed(brentq(lambda d: np.angle(-delayed(d).response(grid)).max() - 1e-4, 0.2, 0.35))
     limits = loop.stabilizing_gain_range
     assert limits is not None
     low, high = limits

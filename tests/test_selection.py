@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from sample_vehicles import COACH
 
-from railslip_ctrl.design import PIController
+from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.selection import REACH_SHARE, Choice, select
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
@@ -40,18 +41,43 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
 
 
-@pytest.mark.parametrize("factor", [1.0, 0.75])
-def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, factor):
+@pytest.mark.parametrize(("envelope", "factor"), [(SMALL, 1.0), (SMALL, 0.75), (Envelope(speeds=40.0), 1.0)])
+def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope, factor):
     """None is robust from a lower speed, or from the same one with a larger ki."""
-    found = choice(selection, "pi-lead", factor)
+    selected = selection if envelope is SMALL else select(envelope, ["pi-lead"], [factor])
+    found = choice(selected, "pi-lead", factor)
     mine, gains = found.design.judgement.robust_from_kmh, found.design.gains
     assert mine is not None
-    for kp in np.geomspace(30.0, 1000.0, 12):
-        for ki in gains.ki * np.array([0.1, 1.0, 1.4]):  # the search's own grids are 1.33 and 1.41 apart
+    for kp in gains.kp * np.geomspace(0.2, 5.0, 9):
+        for ki in gains.ki * np.array([0.1, 1.0, 1.2]):  # the search ends at 1.05, its gains are 1.1 apart
             other = PIController(PIGains(kp=kp, ki=ki), found.design.lead, found.design.lead_filter)
-            judged = judge(other, SMALL.at(reference=found.design.reference))
+            judged = judge(other, envelope.at(reference=found.design.reference))
             robust = math.inf if judged.robust_from_kmh is None else judged.robust_from_kmh
             assert robust > mine if ki > gains.ki else robust >= mine
+
+
+def test_where_none_is_robust_the_least_ms_is_given_up_by_a_twentieth_for_ki(monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.design.selection._INTEGRAL_TIMES", 64.0 * 2.0 ** -np.arange(0, 2, 0.25))
+    brake = Actuator(dead_time=0.15, lag=0.3)
+    envelope = SMALL.at(vehicle=PARK2008.model_copy(update={"actuator": brake}), speeds=100.0, laws="bristle")
+    (found,) = select(envelope, ["pi"], [1.0]).choices
+    gains, (plant,) = found.design.gains, operating_plants(envelope.points(nominal=True))
+
+    def least(time):
+        loops = [wheel_slip_loop(plant, PIController(PIGains(kp=kp, ki=kp / time))) for kp in range(180, 260, 4)]
+        return min(loop.margins().ms for loop in loops)
+
+    slowest = least(64 * 0.45)
+    assert slowest > 2.0
+    # grids of kp: 1 % of the interval here, 5 % there
+    assert 0.99 * least(gains.kp / gains.ki) <= found.design.judgement.worst.ms <= 1.055 * slowest
+    assert least(gains.kp / gains.ki / 2**0.25) > 1.045 * slowest
+
+
+def test_without_dead_time_and_lag_any_gain_holds_a_stable_wheel():
+    prompt = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
+    below_the_peak = SMALL.at(vehicle=prompt, speeds=20.0, slip=1.0, reference={"dry": 0.1, "wet": 0.1})
+    assert select(below_the_peak).best.design.judgement.verdict == "robust"
 
 
 def test_the_time_to_the_reference_is_that_of_the_integral(selection):

@@ -15,6 +15,8 @@ import scipy.signal
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import judge
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PIGains
@@ -85,6 +87,7 @@ def test_the_interpreted_kernel_calls_steps_too():
 
 def test_a_function_without_numbers_of_its_own_is_taken_as_it_is():
     expected = simulate(SCENARIO, LinearControl(PIController(PIGains(kp=1210.0, ki=0.0)), REFERENCE, period=0.01))
+    assert as_run(PI()).reference == REFERENCE  # its own
     for function in (proportional, proportional.py_func):
         made = as_run(function)
         assert (made.name, made.period, made.reference) == ("proportional", 0.01, SCENARIO.adhesion.reference)
@@ -244,6 +247,7 @@ def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert f"{path}, {told}" in err
+    assert "Failed in" not in err  # the reason, not where Numba was
 
 
 def test_an_interruption_in_a_step_interrupts():
@@ -291,6 +295,79 @@ def test_a_run_has_its_own_copy():
     assert one.count == 0
     assert np.array_equal(first, second)
     assert math.isclose(first[1], 20.0)
+
+
+KINDS = """
+import control as ct
+
+class Timed:
+    dt = 0.01
+    def step(self, t, v, omega):
+        return 0.0
+
+class Linear:
+    def __init__(self, made):
+        self.made = made
+    def linear(self, point):
+        return self.made(self, point)
+
+class Narrow:
+    def linear(self):
+        return 1.0
+
+class Forgetful(Timed):
+    def reset(self):
+        pass
+
+def step(t, v, omega):
+    return 0.0
+
+CONTROLLER = {}
+"""
+ALONE = "is known by its step alone and has no margins"
+
+
+@pytest.mark.parametrize(
+    ("controller", "margins", "run"),
+    [
+        ("Timed()", f"controller: Timed {ALONE}", None),
+        ("Timed().step", f"controller: step {ALONE}", None),
+        ("step", f"controller: step {ALONE}", None),
+        ("lambda t, v, omega: 0.0", f"controller: <lambda> {ALONE}", None),
+        ("Timed", "Timed is a class; give an object of it, Timed()", "Timed is a class; give an object of it, Timed()"),
+        ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
+        ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
+        ("Linear(lambda s, p: 'pi')", "mine.py, line 12: what linear gives is refused: controller: str", None),
+        ("Linear(lambda s, p: p.none)", "mine.py, line 26: linear fails with AttributeError: 'OperatingPoint'", None),
+        ("Narrow()", "mine.py, line 16: linear cannot be called with (operating_point): Narrow.linear() takes", None),
+        ("Forgetful()", ALONE, "mine.py, line 20: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
+    ],
+)
+def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
+    """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
+    path = tmp_path / "mine.py"
+    path.write_text(KINDS.replace("{}", controller))
+    mine = load_controller(path)
+    short = SCENARIO.with_changes(longest_time=0.1, events=())
+    envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
+    if run is None and controller.startswith(("Linear", "Narrow")):
+        run = "has no step to run by; give it step(t, v, omega)"
+    for told, ask in ((margins, lambda: judge(mine, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
+        if told is None:
+            ask()
+            continue
+        with pytest.raises(InputError, match=re.escape(told)) as refused:
+            ask()
+        assert "\n" not in str(refused.value)
+        assert "railslip_ctrl" not in str(refused.value)
+
+
+def test_a_number_is_a_gain_and_says_so(railslip, tmp_path):
+    path = tmp_path / "three.py"
+    path.write_text("CONTROLLER = 3\n")
+    for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "park2008-si")):
+        assert "gain 3 N*m/(m/s)" in railslip(*command, "--controller", path)[1]
+    assert as_run(3).name == "gain-3"
 
 
 def test_steps_of_any_callable_kind_are_taken():

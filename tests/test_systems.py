@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,7 @@ from railslip_ctrl.design.rules import first_order_model, simc_pi
 from railslip_ctrl.design.tuning import pi_for_crossover
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import closed_loop_response, disturbance_response, step_response
+from railslip_ctrl.loop.sampled import SampledLoop
 
 NUM, DEN = [1.5, 6.0], [2.0, 9.0, 10.0]  # zero -4, poles -2 and -2.5
 SYSTEMS: dict[str, Callable[[], Any]] = {
@@ -104,6 +106,7 @@ FACTORS: dict[str, Callable[[DeadTimeLoop], DeadTimeLoop]] = {
     "loop * 2.0": lambda x: x * 2.0,
     "numpy's number": lambda x: np.float64(2) * x,
     "-loop": lambda x: -x * -2,
+    "loop / 2": lambda x: x / np.float64(0.5),
 }
 
 
@@ -146,9 +149,79 @@ def test_the_step_response_of_a_loop_is_the_closed_loop_s():
     assert LOOP.step_response(4).output[::50] == pytest.approx(LOOP.step_response(time[::4]).output, abs=1e-9)
 
 
+H, FINE = 0.2, 20
+CONTROLLER = ct.tf([0.15, -0.147], [1, -1], H)
+SAMPLED = SampledLoop(CONTROLLER, PLANT, 1.75 * H, H)
+
+
+def finely_sampled() -> tuple[np.ndarray, np.ndarray]:
+    """Time and output of the closed loop of SAMPLED, the plant advanced by python-control in steps of H/FINE."""
+    plant = ct.c2d(ct.ss(PLANT), H / FINE)
+    x, past, command, y = np.zeros(2), [0.0] * (FINE * 7 // 4), 0.0, []
+    errors = [0.0]
+    for k in range(12 * FINE):
+        y.append(float((plant.C @ x)[0]))
+        if k % FINE == 0:
+            errors.append(1 - y[-1])
+            command += 0.15 * errors[-1] - 0.147 * errors[-2]  # u[k] = u[k-1] + 0.15 e[k] - 0.147 e[k-1]
+        past.append(command)
+        x = plant.A @ x + plant.B[:, 0] * past.pop(0)
+    return np.arange(12 * FINE) * H / FINE, np.array(y)
+
+
+def test_a_sampled_loop_answers_a_step_between_its_samples_too():
+    time, expected = finely_sampled()
+    found = SAMPLED.step_response(time)
+    assert found.output == pytest.approx(expected, abs=1e-12)  # rounding of 240 steps
+    assert found.error == pytest.approx(1 - expected, abs=1e-12)
+    assert found.control[: 2 * FINE] == pytest.approx([0.15] * FINE + [0.153] * FINE)
+    late = 7 * FINE // 4
+    assert found.plant_input == pytest.approx(np.append(np.zeros(late), found.control[:-late]))
+    with pytest.raises(InputError, match=r"give a time <= 4e\+04 s"):
+        SAMPLED.step_response(1e6)
+    with pytest.raises(InputError, match="overflows"):
+        (60 * SAMPLED).step_response(300)
+
+
+def test_a_sampled_loop_is_multiplied_and_divided():
+    factor = ct.tf([1, -0.3], [1, 0.2], H)
+    z = np.exp(1j * np.array([0.3, 2.0, 15.0]) * H)
+    assert SAMPLED(z) == pytest.approx(SAMPLED.response(np.array([0.3, 2.0, 15.0])), rel=1e-12)
+    for name, made in FACTORS.items():
+        assert made(SAMPLED)(z) == pytest.approx(2 * SAMPLED(z), rel=1e-12), name
+    for found in (factor * SAMPLED, SAMPLED * factor):
+        assert found(z) == pytest.approx(factor(z) * SAMPLED(z), rel=1e-9)
+    for other in (SAMPLED, PLANT, "C", ct.tf([1], [1, 2], 0.1)):
+        with pytest.raises(InputError, match="factor: "):
+            SAMPLED * other
+    for loop in (LOOP, SAMPLED):
+        for divisor in (0, "C", None):
+            with pytest.raises(InputError, match=r"divisor: |gain factor: "):
+                loop / divisor
+        with pytest.raises(InputError, match=r"^final time: 'a'"):
+            loop.step_response("a")
+
+
+def test_a_sampled_loop_has_what_python_control_asks_of_it():
+    assert np.sort_complex(SAMPLED.poles()) == pytest.approx([0, 0, np.exp(-2.5 * H), 1, 1])
+    assert np.isinf(SAMPLED(1))
+    assert SAMPLED.integrators == 2
+    record = SAMPLED.frequency_response(np.geomspace(0.1, np.pi / H, 4000))
+    assert record.dt == H
+    gain, phase, *_ = ct.stability_margins(record)  # interpolates between the points
+    margins = SAMPLED.margins()
+    assert (gain, phase) == pytest.approx((margins.gain_increase, margins.phase_deg), rel=1e-5)
+    assert SAMPLED.gain_crossovers == pytest.approx(margins.gain_crossovers)
+    assert np.degrees(SAMPLED.phase(SAMPLED.gain_crossovers)) == pytest.approx(margins.phase_margins_deg - 180)
+    slow = 1e-3  # rad/s, where the hold and 1/(z - 1) are half a period of dead time each
+    zero = np.angle((np.exp(1j * slow * H) - 0.98) / (1 + 0.4j * slow))
+    assert SAMPLED.phase(slow) == pytest.approx(-np.pi + zero - slow * 2.75 * H, abs=1e-6)
+
+
 def test_a_loop_and_a_region_draw_themselves():
-    for draw, x in ((LOOP.bode_plot, "frequency"), (LOOP.nyquist_plot, "Re"), (LOOP.nichols_plot, "phase")):
-        figure = draw()
+    kinds = (("bode_plot", "frequency"), ("nyquist_plot", "Re"), ("nichols_plot", "phase"))
+    for loop, (draw, x) in itertools.product((LOOP, SAMPLED), kinds):
+        figure = getattr(loop, draw)()
         figure.draw_without_rendering()
         assert defects(figure) == []
         assert x in figure.axes[-1].get_xlabel()

@@ -10,7 +10,7 @@ import pytest
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.families import family_margins, worst_of
-from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.design.specification import Specification, is_robust
 from railslip_ctrl.design.tuning_search import Family, _bracket, _inside, _refined_ki, _tightest, _to_the_tip
 from railslip_ctrl.loop import Rational
 
@@ -21,6 +21,8 @@ def test_a_specification_takes_whatever_can_be_asked_and_says_it():
     assert not asked.only_ms
     assert Specification(ms_max=2.0).only_ms
     assert Specification().words == ""
+    assert is_robust(2.0)
+    assert not is_robust(2.0001)
 
 
 @pytest.mark.parametrize(

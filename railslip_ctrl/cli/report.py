@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from railslip_ctrl.core.folders import claimed
-from railslip_ctrl.design import PIController
+from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report import check_directory, write_files
@@ -87,8 +87,10 @@ def command(
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
-    point = judged.points(nominal=True).plants[0].point  # refuses what has none, before the work too
-    given = _given(controller, chosen_gains(kp, ki), point)
+    plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
+    given = _given(controller, chosen_gains(kp, ki), plant.point)
+    for one in given.values():
+        wheel_slip_loop(plant, one)  # refuses what has no margins
     with claimed(out):
         found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
         files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)

@@ -101,8 +101,7 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            at_points, vehicle = tuned.controller(tuned.design), points[0].vehicle
-            braking_control(at_points, vehicle, _held(points), name=out.stem).save(out)
+            braking_control(tuned.controller(tuned.design), points, _held(points), name=out.stem).save(out)
     else:
         tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),

@@ -43,6 +43,10 @@ SOURCES = MappingProxyType(
             "K. J. Astrom, B. Wittenmark: Computer-Controlled Systems: Theory and Design. Prentice Hall, 3rd edition, "
             "1997."
         ),
+        "Hanus1987": (
+            "R. Hanus, M. Kinnaert, J.-L. Henrotte: Conditioning technique, a general anti-windup and bumpless "
+            "transfer method. Automatica 23(6), 1987, pp. 729-739. doi:10.1016/0005-1098(87)90029-X"
+        ),
         "Astrom2021": (
             "K. J. Astrom, R. M. Murray: Feedback Systems: An Introduction for Scientists and Engineers. "
             "Princeton University Press, 2nd edition, 2021."

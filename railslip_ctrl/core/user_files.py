@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import shown
+from .errors import InputError
+from .units import shown
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -217,11 +217,29 @@ def failure(error: BaseException, what: str) -> str:
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))
-    not_own = (str(Path(__file__).parents[2]), *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
-    own = [frame for frame in frames if not frame[0].startswith(not_own)]
-    file, line = (own or frames)[-1]
+    file, line = (_own(frames) or frames)[-1]
     told = f": {_flat(error)}" if str(error) else ""
     return f"{place(file, line)}: {what} fails with {type(error).__name__}{told}; mend the file"
+
+
+def _own(frames: list[tuple[str, int | None]]) -> list[tuple[str, int | None]]:
+    """Those of the user's code."""
+    not_own = (str(Path(__file__).parents[1]), *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+    return [frame for frame in frames if not frame[0].startswith(not_own)]
+
+
+def place_of(function: Any) -> str:
+    """Where a user's function is written, for a message; nothing of one that is written in C."""
+    code = getattr(getattr(function, "py_func", function), "__code__", None)
+    return "" if code is None else f"{place(code.co_filename, code.co_firstlineno)}: "
+
+
+def call_failure(error: BaseException, function: Any, name: str, arguments: str, when: str = "") -> str:
+    """As `failure`, of a call of a user's function; where it cannot even be called, with its place and arguments."""
+    frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
+    if _own(frames[1:]) or not isinstance(error, TypeError):  # the first is of the call itself
+        return failure(error, name + when)
+    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; mend it"
 
 
 def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:

@@ -17,14 +17,13 @@ from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design import actuated_plant, wheel_slip_loop
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
 from railslip_ctrl.loop.deadtime import MOST_POLES
-from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.loop.sampled_system import MOST_PERIODS
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator
 
 from .controllers import LinearController, linear_controller
 from .limits import Limits, fundamental_limits
-from .sampled import sampled_loop
+from .sampled import loop_as_run
 from .specification import is_robust
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
@@ -170,7 +169,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     loop = wheel_slip_loop(plant, design, actuator)
     stable = loop.is_stable()
     margins = loop.margins() if stable else None
-    run = None if isinstance(loop, SampledLoop) else _as_run(controller, plant, actuator)
+    run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
     return Assessment(
         label=label or design.structure,
         plant=plant,
@@ -184,40 +183,21 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         verdict=_verdict(margins, design),
         as_run=run,
         sampled=run.margins() if run is not None and run.is_stable() else None,
-        **(_of_sampled(loop, poles) if isinstance(loop, SampledLoop) else _of_continuous(loop, poles)),
+        marginal=loop.root_count.marginal,
+        unstable_poles=loop.unstable_closed_loop_poles,
+        closed_loop_poles=_poles_found(loop, poles),
+        pade=() if isinstance(loop, SampledLoop) else tuple(_pade_row(loop, order) for order in PADE_ORDERS),
     )
 
 
-def _as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
-    """The sampled loop of a controller that says how it is run, unless its period is too short to make a difference."""
-    sampled = getattr(controller, "as_run", None)
-    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
-        return None
-    return sampled_loop(sampled, plant, actuator)
+def _poles_found(loop: DeadTimeLoop | SampledLoop, count: int) -> NDArray[np.complex128]:
+    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one.
 
-
-def _of_continuous(loop: DeadTimeLoop, poles: int) -> dict[str, Any]:
-    return {
-        "marginal": loop.root_count.marginal,
-        "unstable_poles": loop.unstable_closed_loop_poles,
-        "closed_loop_poles": _poles_found(loop, poles),
-        "pade": tuple(_pade_row(loop, order) for order in PADE_ORDERS),
-    }
-
-
-def _of_sampled(loop: SampledLoop, poles: int) -> dict[str, Any]:
-    """Poles by s = ln(z)/h; those at z = 0, which decay at once, left out."""
-    z = loop.closed_loop_poles
-    return {
-        "marginal": bool(np.any(np.abs(z) == 1)),
-        "unstable_poles": float(np.count_nonzero(np.abs(z) >= 1)),
-        "closed_loop_poles": np.log(z[z != 0])[:poles] / loop.period,
-        "pade": (),
-    }
-
-
-def _poles_found(loop: DeadTimeLoop, count: int) -> NDArray[np.complex128]:
-    """As many of the rightmost poles as the root count confirms, up to `count`; none is better than a wrong one."""
+    Those of a sampled loop by s = ln(z)/h, but for z = 0, which decays at once.
+    """
+    if isinstance(loop, SampledLoop):
+        z = loop.closed_loop_poles(count)
+        return np.asarray(np.log(z[z != 0]) / loop.period)
     for asked in range(count, 0, -1):
         try:
             return loop.closed_loop_poles(asked)

@@ -7,6 +7,8 @@ more slip, so that P > 0 and the feedback is negative.
 
 from __future__ import annotations
 
+import functools
+import inspect
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, overload
@@ -15,10 +17,10 @@ import numpy as np
 
 from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import failure
+from railslip_ctrl.core.user_files import call_failure, place_of
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, PIGains
 
@@ -80,8 +82,29 @@ def _first_order(lead: float, lag: float) -> Rational:
     return Rational(zeros, poles, (lead or 1.0) / (lag or 1.0))
 
 
+class _System:
+    """What records of systems share; a `period` of s makes a discrete-time one."""
+
+    period: Any
+    transfer_function: Any
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.period is not None:
+            number("period", self.period, "s", gt=0)
+        _ = self.transfer_function
+
+    @property
+    def structure(self) -> str:
+        """What it is, in words."""
+        system = self.transfer_function
+        if system.poles.size == 0 and self.period is None:
+            return f"gain {system.gain:g} N*m/(m/s)"
+        return f"{'' if self.period is None else 'discrete '}transfer function of order {system.poles.size}"
+
+
 @dataclass(frozen=True)
-class PolynomialController:
+class PolynomialController(_System):
     """C = num/den, a ratio of polynomials.
 
     Parameters
@@ -101,16 +124,6 @@ class PolynomialController:
     den: tuple[float, ...]
     period: float | None = None
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        _check_period(self.period)
-        _ = self.transfer_function
-
-    @property
-    def structure(self) -> str:
-        """What it is, in words."""
-        return _structure(self.transfer_function, self.period)
-
     @cached_property
     def transfer_function(self) -> Rational:
         """C(s), or C(z), in factored form."""
@@ -118,7 +131,7 @@ class PolynomialController:
 
 
 @dataclass(frozen=True)
-class StateSpaceController:
+class StateSpaceController(_System):
     """C as x' = a x + b e, torque = c x + d e (of a discrete one x of the next sample for x').
 
     Parameters
@@ -140,34 +153,15 @@ class StateSpaceController:
     d: float = 0.0
     period: float | None = None
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-        _check_period(self.period)
+    @cached_property
+    def transfer_function(self) -> Rational:
+        """C(s), or C(z), in factored form."""
         order = len(self.a)
         if any(len(part) != order for part in (*self.a, self.b, self.c)):
             shape = f"{order} by {max(map(len, self.a), default=0)}, {len(self.b)} and {len(self.c)}"
             raise InputError(f"state space: shapes {shape} do not fit; give n by n, n and n")
-        _ = self.transfer_function
-
-    @property
-    def structure(self) -> str:
-        """What it is, in words."""
-        return _structure(self.transfer_function, self.period)
-
-    @cached_property
-    def transfer_function(self) -> Rational:
-        """C(s), or C(z), in factored form."""
-        a = np.array(self.a, dtype=float).reshape(len(self.a), len(self.a))
+        a = np.array(self.a, dtype=float).reshape(order, order)
         return Rational.from_state_space(a, np.array(self.b), np.array(self.c), np.array([self.d]))
-
-
-def _check_period(period: float | None) -> None:
-    if period is not None:
-        number("period", period, "s", gt=0)
-
-
-def _structure(system: Rational, period: float | None) -> str:
-    return f"{'' if period is None else 'discrete '}transfer function of order {system.poles.size}"
 
 
 LinearController = PIController | PolynomialController | StateSpaceController
@@ -193,16 +187,11 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     """
     if isinstance(controller, PIController | PolynomialController | StateSpaceController):
         return controller
+    if inspect.isclass(controller):
+        raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
     if callable(linear := getattr(controller, "linear", None)):
-        if point is None:
-            raise InputError("controller: it is linear at an operating point; give one")
-        try:
-            return linear_controller(linear(point), point)
-        except InputError:
-            raise
-        except Exception as error:  # a user's method may fail in any way
-            raise InputError(f"controller {_name(controller)}: {failure(error, 'linear')}") from error
-    if (hasattr(controller, "step") and not hasattr(controller, "dt")) or hasattr(controller, "py_func"):
+        return _linear_at(point, linear, _name(controller))
+    if has_step(controller):
         raise step_alone(controller)
     dt = getattr(controller, "dt", None)
     if dt is True:
@@ -224,6 +213,45 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     return StateSpaceController(
         tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
     )
+
+
+def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
+    """What the method `linear` of a user's object gives at a point."""
+    if point is None:
+        raise InputError(f"controller {name}: it is linear at an operating point; give one")
+    try:
+        made = linear(point)
+    except InputError:
+        raise
+    except Exception as error:  # a user's method may fail in any way
+        raise InputError(f"controller {name}: {call_failure(error, linear, 'linear', 'operating_point')}") from error
+    if isinstance(made, _System) or not hasattr(made, "linear"):
+        try:
+            return linear_controller(made)
+        except InputError as error:
+            raise InputError(f"controller {name}: {place_of(linear)}what linear gives is refused: {error}") from None
+    raise InputError(
+        f"controller {name}: {place_of(linear)}linear gives {_name(made)}, which is no system; give python-control's"
+    )
+
+
+def is_function(thing: Any) -> bool:
+    """Whether it is called itself: a function, a method, or Numba's."""
+    return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
+
+
+def is_system(controller: Any) -> bool:
+    """Whether it is a linear system as it stands: python-control's and SciPy's have ports and a `dt`."""
+    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")
+    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)
+
+
+def has_step(controller: Any) -> bool:
+    """Whether it is known by its step: a function, or an object with `step` that is no linear system.
+
+    Of a linear system of scipy.signal `step` is its response, and a step object may have a `dt`.
+    """
+    return is_function(controller) or (hasattr(controller, "step") and not is_system(controller))
 
 
 def step_alone(controller: Any) -> InputError:

@@ -34,7 +34,7 @@ from flint import fmpq_poly
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.crossings import Response, gain_crossovers
+from railslip_ctrl.loop.crossings import Response
 from railslip_ctrl.loop.polynomials import Axis, fraction
 
 from .real_values import monotone_roots, parts, real_frequencies
@@ -277,7 +277,7 @@ class Decomposition:
     def _width_above_one(self, system: Rational, highest: float) -> float:
         """Measure of the frequencies 0 < omega < highest with |system| > 1, rad/s; `system` strictly proper."""
         response = Response(system, 0.0)
-        crossovers = gain_crossovers(response)
+        crossovers = response.gain_crossovers
         ends = np.minimum(np.concatenate([[0.0], crossovers]), highest)
         inside = response.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
@@ -285,7 +285,7 @@ class Decomposition:
     def _last_crossover(self, system: Rational) -> float:
         """Frequency beyond which |system| < 1, rad/s; 0 if it always is."""
         response = Response(system, 0.0)
-        return float(np.max(gain_crossovers(response), initial=0.0))
+        return float(np.max(response.gain_crossovers, initial=0.0))
 
     @cached_property
     def _limit(self) -> float:

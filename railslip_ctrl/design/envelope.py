@@ -17,6 +17,7 @@ In a vehicle's TOML file, or in one of its own; what is left out has the default
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,7 +37,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_in, loa
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Record, Vehicle
-from railslip_ctrl.model.vehicle_files import load_vehicle
+from railslip_ctrl.model.vehicle_files import load_vehicle, with_laws_beside
 
 Load = Literal["empty", "loaded"]
 Law = str | Path | InstanceOf[AdhesionLaw]
@@ -52,7 +53,8 @@ class Envelope(Record):
     Operating points are at the reference slip, with the actuator and the wheel as given; around each, the factors of
     `slip`, `dead_time`, `lag` and `radius` are combined with one another. "loaded" is the vehicle's loaded mass and
     wheel load, which published laws follow, and laws of files too (mu stays). A reference slip that is given is held
-    on every law in place of the law's own.
+    on every law in place of the law's own. What is left out is that of the vehicle's file, if its table [envelope]
+    says it, or the default.
 
     Raises
     ------
@@ -74,7 +76,9 @@ class Envelope(Record):
     initial_speed: float = quantity("km/h", "v0, at which the brake is applied", gt=0, default=INITIAL_SPEED_KMH)
 
     def __init__(self, vehicle: Vehicle = PARK2008, /, **values: Any) -> None:
-        super().__init__(**{"vehicle": vehicle, **values})
+        car = values.setdefault("vehicle", vehicle)
+        own = json.loads(car.envelope) if isinstance(car, Vehicle) else {}
+        super().__init__(**{**own, **values})
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # as of `Record`
 
@@ -193,9 +197,7 @@ def load_envelope(path: str | Path, vehicle: Vehicle | None = None) -> Envelope:
         raise InputError(f"{where}: envelope: {table!r} is not allowed; write a table [envelope]")
     if "vehicle" in table:
         raise InputError(f"{where}: envelope.vehicle: unknown key; the vehicle's own keys stand above the table")
-    laws = table.get("laws")
-    if isinstance(laws, list):
-        table = table | {"laws": [path.parent / x if isinstance(x, str) and _is_file(x) else x for x in laws]}
+    table = with_laws_beside(table, path)
     return validated(Envelope, {**table, "vehicle": car}, f"{where}: envelope")
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +20,8 @@ from .envelope import Envelope, EnvelopePoints
 from .judging import Judgement, judge_points
 from .specification import Specification
 from .tuning_cases import TunedCases, tune_cases
+
+Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 
 
 @dataclass(frozen=True)
@@ -111,23 +114,41 @@ def tune_over(
         )
 
     plants = operating_plants(points)
-    tuned = tuned_at(plants)
+    tuned = tuned_at(plants) if (early := _early(tuned_at, plants)) is None else early
     if tuned.design is None:
-        # looked for from below: where more is asked for, the search ends sooner
-        feasible = (
-            speed
-            for speed in sorted(envelope.speeds)[1:]
-            if tuned_at([plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]).design is not None
-        )
-        speed = next(feasible, None)
-        found = "at no speed of the envelope it can" if speed is None else f"from {speed:g} km/h up it can"
-        return replace(tuned, reason=f"{tuned.reason}; {found}"), None
+        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(tuned_at, plants)}"), None
     controller = tuned.controller(tuned.design)
     judgement = judge_points(controller, envelope, points, nominal=nominal)
     # the tuner's own margins are of the scalar engine, those of the judgement of the batch
     assert math.isclose(judgement.ms[points.operating].max(), tuned.design.worst.ms, rel_tol=1e-6)
     slips = held_slips(envelope, points)
     return tuned, EnvelopeDesign(controller.gains, controller.lead, controller.lead_filter, judgement, slips)
+
+
+def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
+    """The plants of the lowest speed from one up, km/h, and of the highest: the hardest, as a rule."""
+    speeds = [v for plant in plants if (v := plant.point.speed_kmh) > 0.999 * from_kmh]
+    ends = min(speeds), max(speeds)
+    return [plant for plant in plants if plant.point.speed_kmh in ends]
+
+
+def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases | None:
+    """What is infeasible at the hardest plants alone is so at all: its reason, had in a fraction of the time."""
+    hardest = _ends(plants)
+    if len(hardest) == len(plants) or (tuned := tuned_at(hardest)).design is not None:
+        return None
+    speeds = sorted({plant.point.speed_kmh for plant in hardest})
+    return replace(tuned, reason=f"at {' and '.join(f'{v:g}' for v in speeds)} km/h alone: {tuned.reason}")
+
+
+def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> str:
+    """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
+    speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
+    first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
+    for speed in speeds[first:]:
+        if tuned_at([plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]).design is not None:
+            return f"from {speed:g} km/h up it can"
+    return "at no speed of the envelope it can"
 
 
 def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:

@@ -16,11 +16,14 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.loop import DeadTimeLoop, Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import wheel_slip_loop
+from .controllers import linear_controller, wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints
+from .sampled import loop_as_run, sampled_peak
 from .specification import is_robust
 
 Floats = NDArray[np.float64]
@@ -31,11 +34,16 @@ _ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None where it is unstable."""
+    """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None where it is unstable.
+
+    `as_run` and `sampled` are the same of a continuous controller that says how it is run, else None.
+    """
 
     case: Case
     loop: Any
     margins: Margins | None
+    as_run: SampledLoop | None = None
+    sampled: Margins | None = None
 
     @property
     def point(self) -> Any:
@@ -49,16 +57,25 @@ class WorstCase:
 
     @property
     def words(self) -> str:
-        """Its Ms and where it is."""
-        kept = "unstable" if self.margins is None else f"Ms {rounded_up(self.ms):.3g}"
-        return f"{kept} at {self.case.words}"
+        """Its Ms, also as run, and where it is."""
+        run = f" ({_kept(self.sampled)} sampled every {self.as_run.period:g} s)" if self.as_run is not None else ""
+        return f"{_kept(self.margins)}{run} at {self.case.words}"
 
     def table(self) -> dict[str, Any]:
         """For JSON: Ms, phase (deg) and delay margin (s), null where it is unstable or without bound, and the case."""
         m = self.margins
         found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
-        return {**dict(zip(names, found, strict=True)), "case": self.case.table()}
+        run = {} if self.as_run is None else {"sampled": {"period_s": self.as_run.period, "ms": _ms(self.sampled)}}
+        return {**dict(zip(names, found, strict=True)), **run, "case": self.case.table()}
+
+
+def _kept(margins: Margins | None) -> str:
+    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):.3g}"
+
+
+def _ms(margins: Margins | None) -> float | None:
+    return None if margins is None else margins.ms
 
 
 @dataclass(frozen=True)
@@ -92,8 +109,8 @@ class Judgement:
     nominal : bool
         Whether the operating points alone were judged.
     points : EnvelopePoints
-        The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins are those of the
-        operating points alone, NaN elsewhere.
+        The cases; `margins` has one entry for each, NaN where the loop is unstable. Gain margins, and of a discrete
+        controller all but Ms, are those of the operating points alone, NaN elsewhere.
     """
 
     controller: Any
@@ -112,16 +129,32 @@ class Judgement:
         """Ms of each case, inf where the loop is unstable, (n,)."""
         return np.where(self.stable, self.margins.ms, np.inf)
 
+    @cached_property
+    def run_ms(self) -> Floats:
+        """`ms`, and where a continuous controller says how it is run the larger of that and its sampled Ms, (n,).
+
+        The latter of every operating point, and of the worst case of every speed.
+        """
+        found = self.ms.copy()
+        if getattr(self.controller, "as_run", None) is None:
+            return found
+        speeds = (np.flatnonzero(self.points.speed_kmh == speed) for speed in np.unique(self.points.speed_kmh))
+        worst = [int(cases[np.argmax(self.ms[cases])]) for cases in speeds]
+        for i in {*np.flatnonzero(self.points.operating).tolist(), *worst}:
+            loop = loop_as_run(self.controller, *_of(self.points, i))
+            found[i] = max(found[i], 0.0 if loop is None else sampled_peak(loop))
+        return found
+
     @property
     def verdict(self) -> str:
         """ "robust": Ms <= 2 at every operating point, and stable with every tolerance. "fragile": stable at every
-        operating point. Else "unstable"."""
+        operating point. Else "unstable". Of a continuous controller that says how it is run, all of it sampled too."""
         return self._verdict(np.ones(len(self.points), dtype=bool))
 
     @cached_property
     def usable_from_kmh(self) -> float | None:
         """The lowest speed of the envelope from which on up every loop is stable; None if not at the highest."""
-        return self._lowest(lambda cases: bool(self.stable[cases].all()))
+        return self._lowest(lambda cases: bool(np.isfinite(self.run_ms[cases]).all()))
 
     @cached_property
     def robust_from_kmh(self) -> float | None:
@@ -216,10 +249,10 @@ class Judgement:
         return float(stable.sum() / chosen.sum()), float(self.ms[stable].max()) if stable.any() else math.inf
 
     def _verdict(self, cases: Flags) -> str:
-        ms = self.ms[cases & self.points.operating]
+        ms = self.run_ms[cases & self.points.operating]
         if not np.isfinite(ms).all():
             return "unstable"
-        robust = bool(self.stable[cases].all()) and (ms.size == 0 or is_robust(float(ms.max())))
+        robust = bool(np.isfinite(self.run_ms[cases]).all()) and (ms.size == 0 or is_robust(float(ms.max())))
         return "robust" if robust else "fragile"
 
     def _lowest(self, holds: Any) -> float | None:
@@ -233,9 +266,9 @@ class Judgement:
     def _worst(self, chosen: Flags) -> WorstCase:
         """The chosen case of largest Ms; of unstable ones that whose plant is fastest against its actuator."""
         index = np.flatnonzero(chosen)
-        unstable = index[~self.stable[index]]
+        unstable = index[~np.isfinite(self.run_ms[index])]
         if not unstable.size:
-            return self._checked(int(index[np.argmax(self.ms[index])]))
+            return self._checked(int(index[np.argmax(self.run_ms[index])]))
         poles = np.array([float(plant.poles.real.max(initial=-np.inf)) for plant in self.points.plants])
         times = np.array([one.dead_time + one.lag for one in self.points.actuators])
         hardness = poles[self.points.plant[unstable]] * times[self.points.actuator[unstable]]
@@ -245,8 +278,9 @@ class Judgement:
         """One case by the scalar engine, which must agree with the batch."""
         case = self.points.case(index)
         loop = wheel_slip_loop(case.plant, self.controller, case.actuator)
-        margins = loop.margins() if loop.is_stable() else None
-        found = WorstCase(case, loop, margins)
+        run = loop_as_run(self.controller, case.plant, case.actuator)
+        margins, sampled = (one.margins() if one is not None and one.is_stable() else None for one in (loop, run))
+        found = WorstCase(case, loop, margins, run, sampled)
         assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
         return found
 
@@ -298,6 +332,8 @@ def margins_at(
     With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
+    if not callable(getattr(controller, "linear", None)):
+        controller = linear_controller(controller)  # once, not at every plant
     used = np.unique(points.plant).tolist()
     bare = dict(zip(used, (wheel_slip_loop(points.plants[i], controller, _NO_BRAKE) for i in used), strict=True))
     if not all(isinstance(loop, DeadTimeLoop) for loop in bare.values()):
@@ -335,14 +371,21 @@ def margins_at(
     return BatchMargins(**{**flat, "stable": flat["stable"] == 1})
 
 
+def _of(points: EnvelopePoints, index: int) -> tuple[LinearPlant, Actuator]:
+    """Plant and actuator of a case."""
+    return points.plants[int(points.plant[index])], points.actuators[int(points.actuator[index])]
+
+
 def _one_by_one(controller: Any, points: EnvelopePoints) -> BatchMargins:
-    """Margins of sampled loops, which no batch has."""
+    """Margins of sampled loops, which no batch has: all at the operating points, stability and Ms elsewhere."""
     found = {field.name: np.full(len(points), np.nan) for field in fields(BatchMargins)}
     for index in range(len(points)):
-        plant = points.plants[int(points.plant[index])]
-        loop = wheel_slip_loop(plant, controller, points.actuators[int(points.actuator[index])])
-        found["stable"][index] = loop.is_stable()
-        margins = loop.margins() if found["stable"][index] else None
-        for name in found.keys() - {"stable"}:
-            found[name][index] = getattr(margins, name, np.nan)
+        plant, actuator = _of(points, index)
+        loop = wheel_slip_loop(plant, controller, actuator)
+        found["ms"][index] = sampled_peak(loop)
+        found["stable"][index] = math.isfinite(found["ms"][index])
+        if points.operating[index] and found["stable"][index]:
+            margins = loop.margins()
+            for name in found.keys() - {"stable"}:
+                found[name][index] = getattr(margins, name, np.nan)
     return BatchMargins(**{**found, "stable": found["stable"] == 1})

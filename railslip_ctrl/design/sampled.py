@@ -16,9 +16,8 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
-from railslip_ctrl.loop.sampled_loop import SampledLoop
-from railslip_ctrl.loop.sampled_system import check_period
+from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
@@ -39,6 +38,9 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
 
 _STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
+_WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e-8, are not moved by a hair
+# of `sampled_peak`: poles that ring, frequencies over the slowest feature, points, and times it looks closer
+_RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
 
@@ -51,7 +53,7 @@ class Rule(StrEnum):
 
 @dataclass(frozen=True)
 class SampledController:
-    """A linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 8).
+    """A linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
 
     With the continuous design x' = A x + B e, torque = C x + D e (a `PIController`'s states are the integral part of
     its torque and the error behind the lead's filter), at sample k::
@@ -59,9 +61,11 @@ class SampledController:
         x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
         unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
 
-    phi, now and before are those of the rule, exact for it; of a discrete design its own. `back` moves the poles that
-    decay more slowly than the tracking time Tt, an integrator's first, to 1 - h/Tt while a limit acts, and leaves the
-    others where they are. `difference.linear_step` is what runs.
+    phi, now and before are those of the rule, exact for it; of a discrete design its own. While a limit acts, `back`
+    moves the slow poles, and leaves those of leads and filters where they are: poles and zeros in order of their speed,
+    each pole that is slower than its zero goes to the speed of that, 1/T, at 1 - h/T. With all poles at the zeros it
+    would be the conditioned controller of [Hanus1987], whose states are those of an error that the brake could have
+    followed; of a PI it is back-calculation with Tt = kp/ki. `difference.linear_step` is what runs.
 
     Parameters
     ----------
@@ -74,8 +78,8 @@ class SampledController:
     rule : Rule
         Tustin's, or the backward difference.
     tracking_time : float, optional
-        Tt of the back-calculation, s, >= h; left out that of the design's slowest zero (of a PI kp/ki), or where it
-        has none of its fastest pole, at least h. inf switches the anti-windup off.
+        Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest zero (of a PI
+        kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no anti-windup.
 
     Raises
     ------
@@ -118,29 +122,34 @@ class SampledController:
         return (float(c.size), self.torque_low, self.torque_high, d, *(float(x) for part in parts for x in part))
 
     def _back(self, phi: Floats, c: Floats) -> Floats:
-        tracking = self.effective_tracking_time
+        rates, h = self._tracking_rates, self.period
         if isinstance(self.design, PIController):  # of its two states only the integral winds up
-            share = self.period / tracking if self.design.gains.ki != 0 else 0.0
-            return np.array([share, *[0.0] * (c.size - 1)])
-        return np.append(0.0, _back_calculation(phi[1:, 1:], c[1:], self.period, tracking))
+            return np.append(h * rates, np.zeros(c.size - 1))
+        slow = (phi[1:, 1:] - np.eye(c.size - 1)) / h if self.design.period else _continuous(self.design)[0][1:, 1:]
+        return np.append(0.0, _back_calculation(phi[1:, 1:], slow, c[1:], h, rates))
 
     @cached_property
-    def effective_tracking_time(self) -> float:
-        """Tt in use, s."""
-        if self.tracking_time is not None:
-            return self.tracking_time
+    def _tracking_rates(self) -> Floats:
+        """What the poles, slowest first, are moved to where they decay more slowly while a limit acts, 1/s."""
+        system, h = self.design.transfer_function, self.period
         if isinstance(self.design, PIController):
             gains = self.design.gains
-            return max(self.period, abs(gains.kp / gains.ki)) if gains.ki != 0 else math.inf
-        zeros, poles = (
-            np.abs(roots if self.design.period is None else (1 - roots) / self.period)
-            for roots in (self.design.transfer_function.zeros, self.design.transfer_function.poles)
-        )
-        least = _STANDING / self.period
-        speed = np.min(zeros[zeros > least], initial=math.inf)
-        if math.isinf(speed):
-            speed = np.max(poles[poles > least], initial=0.0) or 1 / self.period
-        return max(self.period, float(1 / speed))
+            rates = np.array([0.0 if gains.ki == 0 else abs(gains.ki / gains.kp) if gains.kp != 0 else math.inf])
+        else:
+            roots = (system.zeros, system.poles)
+            zeros, poles = (np.abs(each if self.design.period is None else (each - 1) / h) for each in roots)
+            fastest = np.max(poles, initial=0.0)
+            missing = fastest if fastest > _STANDING / h else math.inf
+            rates = np.sort(np.append(zeros, np.full(system.relative_degree, missing)))
+        if self.tracking_time is not None:
+            rates[:1] = np.where(rates[:1] > 0, 1 / self.tracking_time, 0.0)
+        return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
+
+    @property
+    def effective_tracking_time(self) -> float:
+        """Tt in use, s."""
+        rate = float(np.append(self._tracking_rates, 0.0)[0])
+        return 1 / rate if rate else math.inf
 
     def start(self, torque: float = 0.0) -> tuple[float, ...]:
         """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
@@ -273,23 +282,29 @@ def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats,
     return inverse @ (one + h / 2 * a), share, share, c, d
 
 
-def _back_calculation(phi: Floats, c: Floats, h: float, tracking_time: float) -> Floats:
-    """Weights of acted - unlimited that move the slow poles of phi, and no others, to 1 - h/Tt.
+def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
+    """Weights of acted - unlimited that move slow poles of phi to 1 - h rate: see `SampledController`.
 
-    Slow ones are those that decay more slowly; on their invariant subspace by Ackermann's formula, in (z - 1)/h, where
-    poles near 1 lie well apart. Modes that the torque does not show stay.
+    `slow` has the invariant subspaces of phi and its poles in s. On that of the poles up to the last one moved, by
+    Ackermann's formula in (z - 1)/h, where poles near 1 lie well apart. Modes that the torque does not show stay.
     """
     from scipy.linalg import schur
 
-    if c.size == 0 or math.isinf(tracking_time):
+    poles = np.linalg.eigvals(slow)
+    poles = poles[np.argsort(np.abs(poles))]
+    decays = np.minimum(np.abs(poles), -2 * poles.real)  # less than its speed where it rings, damping below 0.5
+    moved = np.flatnonzero(rates > decays * _WORTH_MOVING)
+    if not moved.size:
         return np.zeros(c.size)
-    least = (1 - h / tracking_time) * (1 + 1e-12)
-    triangle, basis, count = schur(phi, output="real", sort=lambda re, im: math.hypot(re, im) > least)
-    slow, row = (triangle[:count, :count] - np.eye(count)) / h, c @ basis[:, :count]
-    observed = np.array([row @ np.linalg.matrix_power(slow, k) for k in range(count)]).reshape(count, count)
-    moved = np.linalg.matrix_power(slow + np.eye(count) / tracking_time, count)
-    weights = moved @ np.linalg.lstsq(observed, np.eye(count)[:, -1], rcond=None)[0] if count else np.zeros(0)
-    return np.asarray(h * basis[:, :count] @ weights)
+    limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _STANDING / h
+    _, basis, count = schur(slow, output="real", sort=lambda re, im: math.hypot(re, im) <= limit)
+    basis, one = basis[:, :count], np.eye(count)
+    inner, row = (basis.T @ phi @ basis - one) / h, c @ basis
+    observed = np.array([row @ np.linalg.matrix_power(inner, k) for k in range(count)])
+    weights = np.linalg.lstsq(observed, one[:, -1], rcond=None)[0]
+    for rate in np.minimum(np.maximum(rates, decays), 1 / h)[:count]:
+        weights = inner @ weights + rate * weights
+    return np.asarray(h * basis @ weights)
 
 
 # --- margins ---------------------------------------------------------------------------------------------------------
@@ -327,6 +342,33 @@ def sampled_loop(
     return SampledLoop(
         controller.transfer_function, actuated_plant(plant, actuator), actuator.dead_time + extra, controller.period
     )
+
+
+def loop_as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+    """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
+    make a difference."""
+    sampled = getattr(controller, "as_run", None)
+    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
+        return None
+    return sampled_loop(sampled, plant, actuator)
+
+
+def sampled_peak(loop: SampledLoop) -> float:
+    """Ms of a sampled loop, inf where it is unstable, on a grid and not between bounds: `margins` is exact, and slower.
+
+    Peaks stand at the angles of the closed-loop poles near the circle; the highest is looked at ever more closely.
+    """
+    if not loop.is_stable():
+        return math.inf
+    poles = loop.closed_loop_poles()
+    rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
+    low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
+    omega = np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0])
+    for _ in range(_CLOSER):
+        size = 1 / np.abs(1 + loop.response(omega))
+        top = int(np.argmax(size))
+        omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
+    return float(size.max())
 
 
 @checked

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 REFERENCE_FACTORS = (1.0, 0.75, 0.5)
 """Reference slips that are tried, over those of the envelope."""
 
-INITIAL_SHARE = 0.8
+SURE_SHARE = 0.8
 """Torque that a run begins with, over the least that any operating point holds: what every rail surely takes."""
 
 REACH_SHARE = 0.5
@@ -47,6 +47,7 @@ _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked a
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
+_TIME_STEP = 0.95  # ratio of integral times that are told apart
 _NEARLY = 1.05  # times the least Ms that any integral time has, where it is above 2
 _BINDING = 6  # cases of each speed that bound the gains from below, and as many from above, kept for a closer look
 
@@ -75,20 +76,19 @@ class Choice:
         return self.reach_s <= REACH_SHARE * self.stop_s
 
     @property
-    def rank(self) -> tuple[bool, float, float, bool, float, str]:
-        """Smaller is better; see `select`."""
+    def tier(self) -> tuple[bool, float, float]:
+        """Smaller is better: what comes first in the criterion of `select`, of the judgement alone."""
         if self.design is None or self.design.judgement is None:
-            return True, math.inf, math.inf, True, 0.0, self.structure
+            return True, math.inf, math.inf
         judgement = self.design.judgement
         usable, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
-        return (
-            robust is None,
-            math.inf if usable is None else usable,
-            rounded_up(judgement.worst.ms, 2) if robust is None else robust,
-            not self.reaches,
-            -self.reference_factor,
-            self.structure,
-        )
+        lowest = math.inf if usable is None else usable
+        return robust is None, lowest, rounded_up(judgement.worst.ms, 2) if robust is None else robust
+
+    @property
+    def rank(self) -> tuple[tuple[bool, float, float], bool, float, str]:
+        """Smaller is better; see `select`."""
+        return self.tier, not self.reaches, -self.reference_factor, self.structure
 
     @property
     def words(self) -> str:
@@ -195,7 +195,7 @@ def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope)
     From a rolling wheel the error is the whole reference slip velocity; the run begins with what every rail takes.
     """
     operating = [plant.point for plant in operating_plants(points)]
-    start = INITIAL_SHARE * min(point.brake_torque for point in operating)
+    start = SURE_SHARE * min(point.brake_torque for point in operating)
     times = []
     for point in operating:
         error = point.slip * point.speed
@@ -251,20 +251,36 @@ class _Search:
         if slowest is None:
             raise InfeasibleDesignError("no gains found that hold every loop, with tolerances, at the highest speed")
         looks = [self.held(time, few)[0] for time in times[1:]]
-        found = [one for one in looks if one is not None]
-        if not is_robust(slowest.ms) and not any(is_robust(one.ms) for one in found):
+        found = sorted((one for one in (slowest, *looks) if one is not None), key=lambda one: one.rank)
+        if not is_robust(found[0].ms):
             # the least Ms is had by next to no integral: a little more buys much of it
-            limit = _NEARLY * min(one.ms for one in (slowest, *found) if one.speed <= slowest.speed)
+            limit = _NEARLY * min(one.ms for one in found if one.speed <= slowest.speed)
             found = [one for one in found if one.speed <= slowest.speed and one.ms <= limit]
             found.sort(key=lambda one: -one.kp / one.integral_time)
-        for one in sorted(found, key=lambda one: one.rank) if is_robust(slowest.ms) else found:
-            if one.rank[:2] > slowest.rank[:2]:
-                continue
+        for one in found:
+            if one is slowest:
+                break
             # what the closer look left out may bind after all
             checked, _ = self.held(one.integral_time, hardest)
             if checked is not None and checked.rank[:2] <= slowest.rank[:2]:
-                return self.controller(checked.kp, checked.integral_time)
-        return self.controller(slowest.kp, slowest.integral_time)
+                return self.faster(checked, times, hardest, few)
+        return self.faster(slowest, times, hardest, few)
+
+    def faster(self, held: _Held, times: list[float], points: EnvelopePoints, few: EnvelopePoints) -> PIController:
+        """The controller of gains that hold, or of a shorter integral time, before the next that was tried, that does
+        as well: looked for by halves at a few of the points, asked of all."""
+        best, end = held, max((time for time in times if time < held.integral_time), default=held.integral_time)
+        if not is_robust(held.ms):
+            end = held.integral_time
+        ratio = (end / held.integral_time) ** 0.5
+        while ratio < _TIME_STEP:
+            found, _ = self.held(best.integral_time * ratio, few)
+            if found is not None and found.rank <= best.rank:
+                found, _ = self.held(found.integral_time, points)
+            if found is not None and found.rank <= best.rank:
+                best = found
+            ratio **= 0.5
+        return self.controller(best.kp, best.integral_time)
 
     def held(self, integral_time: float, points: EnvelopePoints) -> tuple[_Held | None, EnvelopePoints]:
         """The lowest speed from which up some gain holds every loop, with Ms <= 2 if that can be had at any speed;

@@ -4,6 +4,6 @@ from .certificate import Certificate, CertificateError
 from .deadtime import DeadTimeLoop
 from .margins import Margins
 from .rational import Rational
-from .spectrum import SpectrumError
+from .stability import SpectrumError
 
 __all__ = ["Certificate", "CertificateError", "DeadTimeLoop", "Margins", "Rational", "SpectrumError"]

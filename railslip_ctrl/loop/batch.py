@@ -1,15 +1,16 @@
 """Margins of many dead-time loops at once: `DeadTimeLoop.margins()` for maps and sweeps, vectorised over loops.
 
 The method is that of the scalar engine (`crossings`, `stability`, `margins`), on the points of all loops at once
-(`batch_points`), between which ln|L| and the continuous phase are monotone. That gives every crossover, the exact root
-count and, piece by piece, a closed-form upper bound on |S|, |T| and |S - 1/2|: only pieces whose bound exceeds what is
-already attained are searched for a peak. A loop in which a decision hangs on rounding is handed to the scalar engine,
-so that there the results are equal by construction.
+(`Points`). Bounds on the second derivative of ln L between them decide that no gain crossover, no phase crossover
+that would limit a margin, and no peak more than 0.1 % higher than the one reported hides there: so root count, gain,
+phase and delay margins are sure, and peaks are to 0.1 %, down to the lowest and up to the highest point, 1e4 beyond
+every feature. The peaks themselves are refined to rounding. A loop in which rounding, or bounds after some
+subdivisions, leave a decision open is handed to the scalar engine, so that there the results are equal by construction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,10 @@ import numpy as np
 
 from railslip_ctrl.core.errors import InputError
 
-from .batch_points import DELICATE, Loops, Points, band, bounds, divided, levels, located, monotone
 from .deadtime import DeadTimeLoop
-from .margins import RESPONSES
+from .margins import RESPONSES, box_bounds
 from .rational import Rational
+from .rootfinding import bracketed_roots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -29,13 +30,30 @@ if TYPE_CHECKING:
     Complexes = NDArray[np.complex128]
     Flags = NDArray[np.bool_]
     Indices = NDArray[np.intp]
+    Spans = tuple[Floats, Floats]
 
+DELICATE = 1e-9
+"""A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
+
+_NODES_PER_DECADE = 16  # as in `crossings`: extrema are located exactly, so nodes only have to separate them
+_NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
+_REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
+_FAR, _NODES_FAR_OUT = 1e3, 4  # of which the outer part, where L is all but its asymptote, has fewer
+_WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
+_EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
+_LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
+_PHASE_STEP = 0.25  # rad, of a piece searched for a peak; as in `margins`
+_MOST_PARTS = 500
+_MOST_HALVINGS = 6  # of a piece on which |L| may cross 1 unseen; a loop that has one left is delicate
+_BLOCK = 1024  # points evaluated together: few calls where they are few, and in the cache where they are many
 _CHUNK = 512  # loops worked on together: their points stay in the cache, and NumPy's cost per call is shared
 _ON_LEVEL = 1e-12  # as `DELICATE`, for values at nodes, which come near a threshold by accident more often
 _OF_GAIN, _OF_PEAKS = (
     tuple(f"{name}{end}" for name in names for end in ("", "_frequency"))
     for names in (("gain_increase", "gain_decrease"), ("ms", "mt", "disk"))
 )
+_PEAK_SURE = 1e-3  # relative: no peak exceeds the one reported by more
+_PARTS, _MOST_ROUNDS = 4, 8  # of a piece that may hold more, before the loop is done alone
 _PEAK_GAIN = 1e-10  # a piece whose bound exceeds the attained peak by less, relatively, is not searched
 
 
@@ -195,7 +213,7 @@ def _solve(
 ) -> Flags:
     """Fill `results` at `index` for these loops, gain margins and peaks as `asked`; returns which of them are delicate
     and to be done again alone."""
-    points, delicate = monotone(loops, low, high)
+    points, bent, delicate = monotone(loops, low, high)
     n = index.size
     at = points.changes(points.size)
     crossovers, falling = located(loops, points, at, lambda found, _: found.size), points.size[at] > 0
@@ -216,10 +234,12 @@ def _solve(
         return delicate
     found = _crossover_margins(crossovers, n)
     if any(asked):
-        points = points.inserted(at, crossovers)
-        points = points.take(stable[points.row])
+        points, bent = points.inserted(at, crossovers), np.insert(bent, at + 1, bent[:, at], axis=1)
+        wanted = stable[points.row]
+        points, bent = points.take(wanted), bent[:, wanted]
+        spans = ranges(points, bent)
     for part in (part for part, wanted in zip((_gain_margins, _peaks), asked, strict=True) if wanted):
-        values, doubtful = part(loops, points, n)
+        values, doubtful = part(loops, points, bent, spans, n)
         found |= values
         delicate |= doubtful
     for name, column in found.items():
@@ -255,7 +275,7 @@ def _crossover_margins(crossovers: Points, n: int) -> dict[str, Floats]:
     }
 
 
-def _gain_margins(loops: Loops, points: Points, n: int) -> tuple[dict[str, Floats], Flags]:
+def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
     """Gain margins, and the loops where one hangs on rounding."""
     off = points.phase - np.pi
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
@@ -265,7 +285,7 @@ def _gain_margins(loops: Loops, points: Points, n: int) -> tuple[dict[str, Float
     # a pole that leaves through the origin is a limit too
     real = (dc < 0) & np.isfinite(dc)
     at_zero = np.where(real, np.log(np.where(real, -dc, 1.0)), np.nan)
-    found = {}
+    found, limits = {}, []
     for name, side in (("gain_increase", -1.0), ("gain_decrease", 1.0)):
         limit, frequency = _nearest_limit(loops, points, n, side)
         closer = (side * at_zero > 0) & (np.abs(at_zero) < limit)
@@ -273,7 +293,26 @@ def _gain_margins(loops: Loops, points: Points, n: int) -> tuple[dict[str, Float
         found[name] = np.exp(-side * limit)
         found[f"{name}_frequency"] = np.where(closer, 0.0, frequency)
         delicate |= limit < DELICATE
-    return found, delicate
+        limits.append(limit)
+    return found, delicate | _may_hide(loops, points, bent, spans, np.array(limits))
+
+
+def _may_hide(loops: Loops, points: Points, bent: Floats, spans: Spans, limits: Floats) -> Flags:
+    """The loops in which a piece may hold phase crossovers that its ends do not show, nearer than the `limits` found
+    below and above |L| = 1, (2, n): parts of it are looked at until bounds exclude that, or do not in some rounds."""
+    pieces = points
+    for rounds in range(_MOST_ROUNDS + 1):
+        first, last = levels(pieces)
+        turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
+        hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
+        left = np.flatnonzero(hidden & ((spans[0][0] > -limits[0, rows]) & (spans[0][1] < limits[1, rows])))
+        if left.size == 0 or rounds == _MOST_ROUNDS:
+            break
+        points, pieces, bent = parted(loops, points, bent, left, _PARTS)
+        spans = ranges(pieces, bent)
+    doubtful = np.zeros(limits.shape[1], dtype=bool)
+    doubtful[rows[left]] = True
+    return doubtful
 
 
 def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[Floats, Floats]:
@@ -296,7 +335,7 @@ def _nearest_limit(loops: Loops, points: Points, n: int, side: float) -> tuple[F
     return limit, _where(crossings.omega, number)
 
 
-def _peaks(loops: Loops, points: Points, n: int) -> tuple[dict[str, Floats], Flags]:
+def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> tuple[dict[str, Floats], Flags]:
     """Suprema of |S|, |T| and |S - 1/2|, and the loops whose pieces turn too far to be searched here."""
     dc = np.clip(loops.dc_gain(), -1e100, 1e100).astype(complex)  # 1e100 for an integrator gives the limit
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
@@ -305,20 +344,42 @@ def _peaks(loops: Loops, points: Points, n: int) -> tuple[dict[str, Floats], Fla
             values = np.array([shape(loop, loop)[0] for shape in RESPONSES])
         _raise(peak, omega, values, np.arange(n), np.full(n, end))
     _raise(peak, omega, points.responses()[0], points.row, points.omega)
-    may_rise = bounds(points) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
-    fine, piece, twisted = divided(loops, points, np.flatnonzero(may_rise.any(axis=0)))
+    may_rise = bounds(points, spans) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
+    at = np.flatnonzero(may_rise.any(axis=0))
+    fine, piece, twisted = divided(loops, points, at)
+    bent = bent[:, at[piece]]
     values, slopes = fine.responses()
     _raise(peak, omega, values, fine.row, fine.omega)
     # numbered by piece, so that neighbours from different pieces are not taken for a piece
-    may_rise = bounds(replace(fine, row=piece)) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
+    pieces = replace(fine, row=piece)
+    boxes = bounds(pieces, ranges(pieces, bent))
+    may_rise = boxes > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
     top = located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
     own = np.where(kind == np.arange(3)[:, None], top.responses()[0], 0.0)
     _raise(peak, omega, own, top.row, top.omega)
+    left = exceeding(pieces, bent[0], boxes, values, (peak * (1 + _PEAK_SURE))[:, fine.row[:-1]])
+    twisted |= _may_be_higher(loops, fine, bent, np.flatnonzero(left), peak * (1 + _PEAK_SURE))
     peak[2] = 1 / peak[2]
     names = ("ms", "mt", "disk")
     found = dict(zip(names, peak, strict=True))
     return found | {f"{name}_frequency": where for name, where in zip(names, omega, strict=True)}, twisted
+
+
+def _may_be_higher(loops: Loops, fine: Points, bent: Floats, left: Indices, most: Floats) -> Flags:
+    """The loops in which a piece, of those `left`, may hold more than `most`, (3, n): parts of it are looked at until
+    bounds on each exclude that, or do not in some rounds."""
+    doubtful = np.zeros(most.shape[1], dtype=bool)
+    for _ in range(_MOST_ROUNDS):
+        if left.size == 0:
+            return doubtful
+        fine, pieces, bent = parted(loops, fine, bent, left, _PARTS)
+        values = fine.responses()[0]
+        doubtful[fine.row[(values > most[:, fine.row]).any(axis=0)]] = True
+        boxes = bounds(pieces, ranges(pieces, bent))
+        left = np.flatnonzero(exceeding(pieces, bent[0], boxes, values, most[:, fine.row[:-1]]))
+    doubtful[fine.row[left]] = True
+    return doubtful
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
@@ -328,3 +389,278 @@ def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequenci
         np.maximum.at(best, rows, np.where(np.isfinite(value), value, 0.0))
         higher = (value > before) & (value == best[rows])
         where[rows[higher]] = frequencies[higher]
+
+
+# -- points, ordered by loop and frequency -------------------------------------------------------------------------
+
+# They divide each loop's axis into pieces, from a point to the next of the same loop, on which ln|L| and the phase are
+# monotone as far as nodes tell, and within bounds by their second derivatives in any case.
+
+
+@dataclass(frozen=True)
+class Loops:
+    """n loops: roots of shape (m, n), `sign` (m,) +1 for zeros and -1 for poles, gain and dead time (n,)."""
+
+    real: Floats
+    imag: Floats
+    sign: Floats
+    gain: Floats
+    dead_time: Floats
+
+    def take(self, index: Indices) -> Loops:
+        return Loops(self.real[:, index], self.imag[:, index], self.sign, self.gain[index], self.dead_time[index])
+
+    def right(self, sign: int) -> Floats:
+        """Number of zeros (+1) or poles (-1) with positive real part, (n,)."""
+        return np.asarray((self.real[self.sign == sign] > 0).sum(axis=0), dtype=float)
+
+    def at_origin(self, sign: int) -> Floats:
+        """Number of zeros (+1) or poles (-1) at s = 0, (n,)."""
+        chosen = self.sign == sign
+        return np.asarray(((self.real[chosen] == 0) & (self.imag[chosen] == 0)).sum(axis=0), dtype=float)
+
+    def dc_gain(self) -> Floats:
+        """L(0), (n,); infinite with an integrator, 0 with a zero at the origin, NaN with both."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            turned = self.gain * np.where((self.real > 0).sum(axis=0) % 2, -1.0, 1.0)
+            return np.asarray(turned * np.exp(self.sign @ np.log(np.hypot(self.real, self.imag))))
+
+    def evaluate(self, omega: Floats, row: Indices) -> Points:
+        """L(j omega) of loop number `row`, in logarithmic form; arrays (N,). The formulas are those of `Rational`."""
+        log_gain, turned = np.log(np.abs(self.gain)), np.where(self.gain < 0, np.pi, 0.0)
+        values = np.empty((4, omega.size))
+        for start in range(0, omega.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            at, one = omega[part], row[part]
+            real, tau = self.real[:, one], self.dead_time[one]
+            offset = at - self.imag[:, one]
+            square = offset * offset + real * real
+            angle = np.arctan2(offset, np.abs(real))
+            phase = self.sign @ np.where(real > 0, np.pi - angle, angle)
+            values[0, part] = log_gain[one] + 0.5 * (self.sign @ np.log(square))
+            values[1, part] = self.sign @ (offset / square)
+            values[2, part] = turned[one] + phase - tau * at
+            values[3, part] = -(self.sign @ (real / square)) - tau
+        return Points(row, omega, *values)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Frequencies ordered by loop, then ascending: ln|L| and the continuous phase there, with their slopes; (N,)."""
+
+    row: Indices
+    omega: Floats
+    size: Floats
+    size_slope: Floats
+    phase: Floats
+    phase_slope: Floats
+
+    def take(self, chosen: Indices | Flags) -> Points:
+        return Points(self.row[chosen], *(a[chosen] for a in self._values()))
+
+    def inserted(self, at: Indices, others: Points) -> Points:
+        """With `others` put in behind the points number `at`."""
+        pairs = zip(self._values(), others._values(), strict=True)
+        return Points(np.insert(self.row, at + 1, others.row), *(np.insert(a, at + 1, b) for a, b in pairs))
+
+    def _values(self) -> tuple[Floats, ...]:
+        return self.omega, self.size, self.size_slope, self.phase, self.phase_slope
+
+    def changes(self, value: Floats) -> Indices:
+        """Numbers of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
+        signs = np.sign(value)
+        return np.flatnonzero((signs[:-1] * signs[1:] < 0) & (self.row[:-1] == self.row[1:]))
+
+    def responses(self) -> tuple[Floats, Floats]:
+        """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
+        loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            both = [shape(loop, self.size_slope + 1j * self.phase_slope) for shape in RESPONSES]
+        return np.array([value for value, _ in both]), np.array([slope for _, slope in both])
+
+
+def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
+    """Lowest and highest node of each loop, rad/s, and which loops are not for the vectorised way, each (n,)."""
+    real, imag, sign, gain = loops.real, loops.imag, loops.sign, loops.gain
+    sizes = np.hypot(real, imag)
+    finite = sizes > 0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        level = np.log(np.abs(gain)) + sign @ np.where(finite, np.log(sizes), 0.0)
+        slope = loops.at_origin(-1) - loops.at_origin(1)
+        inverse = np.where(finite, 1.0 / (real + 1j * imag), 0.0)
+        curvature = 0.5 * (sign @ (inverse * inverse).real)
+        # where the asymptotes of |G| at high and at low frequency cross 1; see crossings._asymptotic_crossovers
+        top = np.exp(np.log(np.abs(gain)) / -sign.sum())
+        bottom = np.where(slope != 0, np.exp(level / slope), np.sqrt(np.maximum(-level / curvature, 0.0)))
+        scales = np.array([*sizes, top, bottom, 1.0 / loops.dead_time])
+        scales[~((scales > 0) & np.isfinite(scales))] = np.nan
+        low, high = np.fmin.reduce(scales) / _REACH, np.fmax.reduce(scales) * _REACH
+        dc = loops.dc_gain()
+        delicate = ~((low > 1 / _EXTREME) & (high < _EXTREME) & (high < _WIDEST * low))  # NaN included
+        delicate |= (np.abs(real) <= _LEAST_DAMPING * np.abs(imag)).any(axis=0, where=imag != 0)
+        delicate |= (loops.at_origin(1) > 0) & (loops.at_origin(-1) > 0)
+        delicate |= (gain == 0) | (np.abs(1 + dc) < DELICATE)
+    return low, high, delicate
+
+
+def _nodes(loops: Loops, low: Floats, high: Floats) -> Points:
+    """Points that resolve every feature of each loop, asymptotes included."""
+    begin, end = low * _FAR, high / _FAR
+    parts = [
+        _spaced(*ends)
+        for ends in ((low, begin, _NODES_FAR_OUT), (begin, end, _NODES_PER_DECADE), (end, high, _NODES_FAR_OUT))
+    ]
+    for real, imag in zip(np.abs(loops.real), loops.imag, strict=True):
+        resonant = real < imag
+        if resonant.any():
+            narrowest = (imag[resonant] / real[resonant]).max()
+            fraction = np.linspace(0.0, 1.0, int(_NODES_PER_RESONANCE * np.log10(20 * narrowest)) + 8)
+            width = np.where(resonant, 0.05 * real, 1.0)[:, None]
+            centre = np.where(resonant, imag, 1.0)[:, None]
+            offset = width * (centre / width) ** fraction
+            around = np.concatenate([centre - offset[:, :-1], centre + offset], axis=1)
+            parts.append(np.where(resonant[:, None], around, low[:, None]))  # repeated nodes are dropped below
+    omega = np.sort(np.concatenate(parts, axis=1), axis=1)
+    new = np.diff(omega, axis=1, prepend=0.0) > 0
+    return loops.evaluate(omega[new], np.nonzero(new)[0])
+
+
+def _spaced(low: Floats, high: Floats, per_decade: int) -> Floats:
+    """Equal in ratio from `low` to `high`, (n,): shape (n, m), as dense as asked or denser."""
+    ratio = (high / low)[:, None]
+    return np.asarray(low[:, None] * ratio ** np.linspace(0.0, 1.0, int(per_decade * np.log10(ratio.max())) + 2))
+
+
+def located(loops: Loops, points: Points, at: Indices, function: Callable[[Points, Indices], Floats]) -> Points:
+    """The points within the pieces number `at` where `function`, of points and places in `at`, is zero."""
+    rows, all_of_them = points.row[at], np.arange(at.size)
+    omega = bracketed_roots(
+        lambda x, i: function(loops.evaluate(x, rows[i]), i),
+        points.omega[at],
+        points.omega[at + 1],
+        ends=(function(points.take(at), all_of_them), function(points.take(at + 1), all_of_them)),
+    )
+    return loops.evaluate(omega, rows)
+
+
+def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, Flags]:
+    """Points from `low` to `high`, rad/s, (n,), with all extrema of ln|L| and of the phase that show between nodes; the
+    `bends` from each to the next; and the loops where |L| all but touches 1, or may cross it unseen between two."""
+    points = _nodes(loops, low, high)
+    at = points.changes(points.size_slope)
+    extrema = located(loops, points, at, lambda found, _: found.size_slope)
+    delicate = np.zeros(loops.gain.size, dtype=bool)
+    delicate[extrema.row[np.abs(extrema.size) < DELICATE]] = True
+    points = points.inserted(at, extrema)
+    at = points.changes(points.phase_slope)
+    points = points.inserted(at, located(loops, points, at, lambda found, _: found.phase_slope))
+    bent = bends(loops, points)
+    pieces = np.flatnonzero(points.row[:-1] == points.row[1:])
+    for _ in range(_MOST_HALVINGS):
+        pieces = pieces[_may_cross_unseen(points, bent[0], pieces)]
+        if pieces.size == 0:
+            return points, bent, delicate
+        middle = loops.evaluate(0.5 * (points.omega[pieces] + points.omega[pieces + 1]), points.row[pieces])
+        points = points.inserted(pieces, middle)
+        bent = np.insert(bent, pieces + 1, bent[:, pieces], axis=1)  # a bound on the whole holds on the parts
+        pieces = pieces + np.arange(pieces.size)
+        pieces = np.sort(np.concatenate([pieces, pieces + 1]))
+    delicate[points.row[pieces]] = True
+    return points, bent, delicate
+
+
+def bends(loops: Loops, points: Points) -> Floats:
+    """Bounds on |d^2 ln L/d omega^2| and on its imaginary part from each point to the next, (2, N)."""
+    found = np.empty((2, points.omega.size))
+    for start in range(0, points.omega.size, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        low, one = points.omega[part], points.row[part]
+        high = np.maximum(np.append(points.omega[start + 1 : start + _BLOCK + 1], np.inf)[: low.size], low)
+        real, imag = loops.real[:, one], loops.imag[:, one]
+        near, square = imag - np.clip(imag, low, high), real * real
+        far = np.maximum(np.abs(imag - low), np.abs(imag - high))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            each = 1 / (square + near * near)
+            found[0, part] = each.sum(axis=0)
+            # 2 real offset/distance^4
+            found[1, part] = (each * np.fmin(2 * np.abs(real) * far * each, 1)).sum(axis=0)
+    return found
+
+
+def _may_cross_unseen(points: Points, bend: Floats, at: Indices) -> Flags:
+    """On which of the pieces number `at` |L| may cross 1 other than its ends show: neither of two bounds excludes it.
+
+    With |d^2 ln|L|/d omega^2| <= m the slope keeps the sign of both ends if |s1| + |s2| > m h, and ln|L| its own if
+    |y1| + |y2| > h max|slope|.
+    """
+    low, high = points.omega[at], points.omega[at + 1]
+    turn = bend[at] * (high - low)
+    slopes, sizes = ([values[at], values[at + 1]] for values in (points.size_slope, points.size))
+    steady = (slopes[0] * slopes[1] > 0) & (np.abs(slopes[0]) + np.abs(slopes[1]) > turn)
+    steepest = np.maximum(np.abs(slopes[0]), np.abs(slopes[1])) + turn
+    apart = (sizes[0] * sizes[1] > 0) & (np.abs(sizes[0]) + np.abs(sizes[1]) > steepest * (high - low))
+    return np.asarray(~(steady | apart))
+
+
+def levels(points: Points) -> tuple[Floats, Floats]:
+    """First and last k with arg L = pi + 2 pi k on each piece, arrays (N - 1,); first > last where there is none."""
+    turns = (points.phase - np.pi) / (2 * np.pi)
+    lower, upper = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
+    return np.ceil(lower), np.floor(upper)
+
+
+def ranges(points: Points, bent: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest ln|L| and phase on each piece, whether monotone there or not, each (2, N - 1); 0 between
+    loops. A function leaves the range of its ends by at most h^2/8 of its second derivative."""
+    width, same, found = np.diff(points.omega), points.row[:-1] == points.row[1:], []
+    for value, slope, bend in ((points.size, points.size_slope, bent[0]), (points.phase, points.phase_slope, bent[1])):
+        with np.errstate(invalid="ignore", over="ignore"):
+            turn = bend[:-1] * width
+            steady = (slope[:-1] * slope[1:] > 0) & (np.abs(slope[:-1]) + np.abs(slope[1:]) > turn)
+            over = np.where(steady, 0.0, turn * width / 8)
+        ends = np.minimum(value[:-1], value[1:]) - over, np.maximum(value[:-1], value[1:]) + over
+        found.append(np.where(same, np.stack(ends), 0.0))
+    return found[0], found[1]
+
+
+def bounds(points: Points, spans: tuple[Floats, Floats]) -> Floats:
+    """`margins.box_bounds` over each piece from its `ranges`, shape (3, N - 1); 0 between loops."""
+    return np.where(points.row[:-1] == points.row[1:], box_bounds(spans[0], spans[1] / np.pi), 0.0)
+
+
+def exceeding(points: Points, bend: Floats, boxes: Floats, values: Floats, most: Floats) -> Flags:
+    """On which pieces |S|, |T| or |S - 1/2|, `values` at the points, may exceed `most`, (3, N - 1): neither their
+    `boxes` nor the bounds by the second derivative exclude it, which is -S T (l' + l^2 (S - T)) of S and T alike,
+    l = d ln L/d omega."""
+    open_ones = np.any(boxes > most, axis=0)
+    at = np.flatnonzero(open_ones)
+    width, (s, t, d), bend = points.omega[at + 1] - points.omega[at], boxes[:, at], bend[at]
+    slope = np.hypot(points.size_slope, points.phase_slope)
+    steepest = np.maximum(slope[at], slope[at + 1]) + 0.5 * bend * width
+    ends = np.maximum(values[:, at], values[:, at + 1])
+    curved = width * width / 8 * s * t * (bend + steepest * steepest * 2 * d)  # |S - T| is 2 |S - 1/2|
+    open_ones[at] = ~np.all(ends + curved <= most[:, at], axis=0)
+    return np.asarray(open_ones)
+
+
+def divided(loops: Loops, points: Points, at: Indices) -> tuple[Points, Indices, Flags]:
+    """The pieces number `at` divided into equal parts of small phase change, ends included; the place in `at` of
+    each point; and the loops in which that takes too many parts (they get fewer)."""
+    parts = np.ceil(np.abs(points.phase[at + 1] - points.phase[at]) / _PHASE_STEP).astype(int) + 1
+    twisted = np.zeros(loops.gain.size, dtype=bool)
+    twisted[points.row[at[parts > _MOST_PARTS]]] = True
+    parts = np.minimum(parts, _MOST_PARTS)
+    piece = np.repeat(np.arange(at.size), parts + 1)
+    step = (np.arange(piece.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[piece]
+    left, right = points.omega[at][piece], points.omega[at + 1][piece]
+    return loops.evaluate(left + step * (right - left), points.row[at][piece]), piece, twisted
+
+
+def parted(loops: Loops, points: Points, bent: Floats, at: Indices, parts: int) -> tuple[Points, Points, Floats]:
+    """The pieces number `at` in equal parts, their ends included; the same numbered by piece, so that neighbours from
+    different pieces are not taken for a piece; and their bends."""
+    low, high = points.omega[at], points.omega[at + 1]
+    omega = (low[:, None] + (high - low)[:, None] * np.linspace(0, 1, parts + 1)).ravel()
+    found = loops.evaluate(omega, np.repeat(points.row[at], parts + 1))
+    numbered = replace(found, row=np.repeat(np.arange(at.size), parts + 1))
+    return found, numbered, np.repeat(bent[:, at], parts + 1, axis=1)

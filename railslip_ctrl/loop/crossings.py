@@ -52,13 +52,18 @@ class Response:
 
     @cached_property
     def gain_crossovers(self) -> Floats:
-        """As the function of this name."""
+        """All omega > 0 with |L(j omega)| = 1, ascending, rad/s; a touch is among them. None if |L| is 1 everywhere."""
         return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
 
     @cached_property
     def crossover_phases(self) -> tuple[Floats, Floats]:
-        """As the function of this name, balls where rounding could matter."""
-        return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())])
+        """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1
+        alone; balls decide where rounding could matter."""
+        return self.phases_at_crossovers()
+
+    def phases_at_crossovers(self, *, certain: bool = False) -> tuple[Floats, Floats]:
+        """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
+        return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())], certain)
 
     def phase_error(self, omega: Floats) -> Floats:
         """Bound on the rounding of `angle` over pi: of each angle and of tau omega."""
@@ -222,15 +227,10 @@ def _turned_at_infinity(response: Response) -> float:
     return float(response.system.gain < 0) - response.system.relative_degree / 2
 
 
-def gain_crossovers(response: Response) -> Floats:
-    """All omega > 0 with |L(j omega)| = 1, ascending, rad/s; a touch is among them. None if |L| is 1 everywhere."""
-    return response.gain_crossovers
-
-
 def frequency_nodes(response: Response) -> Floats:
     """Frequencies, rad/s, ascending, that follow every feature of L; for curves and searches, not for decisions."""
     roots = np.concatenate([response.system.zeros, response.system.poles])
-    scales = np.concatenate([np.abs(roots), gain_crossovers(response), [1 / (response.dead_time or np.inf)]])
+    scales = np.concatenate([np.abs(roots), response.gain_crossovers, [1 / (response.dead_time or np.inf)]])
     scales = scales[scales > 0] if np.any(scales > 0) else np.ones(1)
     low, high = 1e-4 * scales.min(), 1e4 * scales.max()
     parts = [np.geomspace(low, high, int(16 * np.log10(high / low)) + 2)]
@@ -242,18 +242,8 @@ def frequency_nodes(response: Response) -> Floats:
     return np.setdiff1d(np.concatenate(parts), roots.imag[roots.real == 0])
 
 
-def crossover_phases(response: Response, *, certain: bool = False) -> tuple[Floats, Floats]:
-    """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1 alone.
-
-    Balls decide where rounding could matter, or everywhere, if that is to be `certain`.
-    """
-    if not certain:
-        return response.crossover_phases
-    return _phases(response, [(omega, GAIN, i) for i, omega in enumerate(response.gain_crossovers.tolist())], certain)
-
-
 def _phases(response: Response, found: list[tuple[float, str, int]], certain: bool = False) -> tuple[Floats, Floats]:
-    """As `crossover_phases`, at frequencies (rad/s, kind, number)."""
+    """As `Response.crossover_phases`, at frequencies (rad/s, kind, number)."""
     omega = np.array([one for one, _, _ in found])
     half = response.angle(omega) / np.pi
     odd = 2 * np.floor(half / 2) + 1

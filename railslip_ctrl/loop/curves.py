@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked, number
 
-from .deadtime import DeadTimeLoop
+from .deadtime import DeadTimeLoop, Loop
 
 _POINTS = 4000  # a smooth line in print, the turns of the dead time included
 
@@ -32,14 +32,14 @@ class FrequencyCurve:
 
 
 @checked
-def frequency_curve(loop: DeadTimeLoop, low: float, high: float) -> FrequencyCurve:
+def frequency_curve(loop: Loop, low: float, high: float) -> FrequencyCurve:
     """Sample a loop between two frequencies, rad/s, the dead time exact; its crossovers are among the points.
 
     InputError unless 0 < low < high.
     """
     _check_band(low, high)
     omega = np.union1d(np.geomspace(low, high, _POINTS), loop.gain_crossovers.clip(low, high))
-    return FrequencyCurve(omega, loop(1j * omega), np.degrees(loop.phase(omega)))
+    return FrequencyCurve(omega, loop.response(omega), np.degrees(loop.phase(omega)))
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from flint import ctx
@@ -15,18 +16,18 @@ from railslip_ctrl.core.arguments import checked, complexes, number, numbers
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
-from .crossings import SMALLEST_LISTED, Pieces, Response, crossover_phases, gain_crossovers, phase_crossovers, pieces
+from .crossings import SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
 from .exact import GAIN, REFINED_BITS
 from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
-from .pade import pade
-from .rational import Rational
+from .rational import Rational, pade
 from .responses import TimeResponse, step_response
-from .spectrum import rightmost_poles
-from .stability import RootCount, count_right_of, root_count
+from .stability import RootCount, count_right_of, rightmost_poles, root_count
 
 if TYPE_CHECKING:
     from control import FrequencyResponseData
     from numpy.typing import ArrayLike, NDArray
+
+    Complexes = NDArray[np.complex128]
 
 # Rounds of listing more phase crossovers; each lowers the bound on |L| to the gain found, so that two suffice
 # unless a resonance hides behind another.
@@ -42,7 +43,127 @@ MOST_POLES = 1000
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
 
-class DeadTimeLoop:
+class Loop(ABC):
+    """What loops have in common, continuous or sampled: operators, plots, and what a python-control user asks first.
+
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops.
+    """
+
+    __array_ufunc__ = None  # numpy's numbers leave the product to the loop
+    _dt: float | None = None  # of python-control's record
+
+    @abstractmethod
+    def __mul__(self, other: Any) -> Self:
+        """Series connection with a SISO system of the loop's kind of time, without dead time, or a change of gain."""
+
+    def __rmul__(self, other: Any) -> Self:
+        return self.__mul__(other)
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""
+
+    def __truediv__(self, divisor: float) -> Self:
+        """A change of gain."""
+        number("divisor", divisor)
+        return self.scaled(1 / divisor if divisor else math.inf)
+
+    def __neg__(self) -> Self:
+        return self.scaled(-1.0)
+
+    @abstractmethod
+    def response(self, omega: ArrayLike) -> Complexes:
+        """L at frequencies, rad/s, finite: complex, of the shape of `omega`."""
+
+    def frequency_response(self, omega: ArrayLike) -> FrequencyResponseData:
+        """L as python-control's record, for `control.bode_plot` and its like; `omega` 1-D, rad/s, finite.
+
+        The numbers alone are `loop.response(omega)`.
+        """
+        grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
+        made: Any = import_module("control").FrequencyResponseData
+        return made(self.response(grid), grid, sysname="L", **({"dt": self._dt} if self._dt else {}))
+
+    def sensitivity(self, omega: ArrayLike) -> Complexes:
+        """S = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
+        return np.asarray(1 / (1 + self.response(omega)))
+
+    def complementary_sensitivity(self, omega: ArrayLike) -> Complexes:
+        """T = L/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
+        return np.asarray(1 - self.sensitivity(omega))
+
+    @property
+    @abstractmethod
+    def root_count(self) -> RootCount:
+        """Unstable closed-loop poles."""
+
+    @property
+    @abstractmethod
+    def open_loop_unstable_poles(self) -> int:
+        """Poles of L beyond the boundary of stability."""
+
+    @property
+    @abstractmethod
+    def integrators(self) -> int:
+        """Poles of L at frequency 0."""
+
+    @property
+    @abstractmethod
+    def gain_crossovers(self) -> NDArray[np.float64]:
+        """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
+
+    @abstractmethod
+    def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
+        """Continuous phase of L, rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape."""
+
+    @abstractmethod
+    def feature_band(self) -> tuple[float, float]:
+        """Frequencies, rad/s, between which everything about L happens; for plots."""
+
+    @abstractmethod
+    def margins(self) -> Margins:
+        """All margins; see `Margins`. Raises UnstableLoopError where the closed loop is not stable."""
+
+    def is_stable(self) -> bool:
+        """True if every closed-loop pole is stable, chains at infinity included."""
+        return self.root_count.stable
+
+    @property
+    def unstable_closed_loop_poles(self) -> float:
+        """Closed-loop poles on the boundary of stability or beyond; inf for an unstable neutral loop."""
+        return self.root_count.right
+
+    def bode_plot(self) -> Any:
+        """Magnitude and phase of L, a matplotlib figure."""
+        return self._drawn("bode")
+
+    def nyquist_plot(self) -> Any:
+        """L, whole and near -1, a matplotlib figure."""
+        return self._drawn("nyquist")
+
+    def nichols_plot(self) -> Any:
+        """Magnitude against phase of L, a matplotlib figure."""
+        return self._drawn("nichols")
+
+    def _drawn(self, kind: str) -> Any:
+        return import_module("railslip_ctrl.report.plots").loop_figure(self, kind)  # a room above
+
+
+def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, float] | None) -> UnstableLoopError:
+    """The error of a loop of a kind that has no margins: its poles in words, their number, and the gains that do."""
+    remedy = (
+        "no factor on the loop gain alone stabilises it"
+        if usable is None
+        else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
+    )
+    return UnstableLoopError(
+        f"margins are not defined: the {kind} is unstable with {poles}; {remedy}",
+        unstable_poles=count,
+        stabilizing_gain_range=usable,
+    )
+
+
+class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 
     Parameters
@@ -64,10 +185,8 @@ class DeadTimeLoop:
     poles, with dead time) are stable only if |G(inf)| < 1, and their margins include what happens as the
     frequency tends to infinity.
 
-    `2 * loop`, `C * loop` and `-loop` are loops; `loop(s)` is L(s).
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops; `loop(s)` is L(s).
     """
-
-    __array_ufunc__ = None  # numpy's numbers leave the product to the loop
 
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
         self._dead_time = number("dead time", dead_time, "s", ge=0)
@@ -102,11 +221,6 @@ class DeadTimeLoop:
             other = other._system
         return DeadTimeLoop(Rational.from_control(other, "factor") * self._system, self._dead_time)
 
-    __rmul__ = __mul__
-
-    def __neg__(self) -> DeadTimeLoop:
-        return self.scaled(-1.0)
-
     def delayed(self, extra: float) -> DeadTimeLoop:
         """The loop with `extra` more dead time, s. InputError for one that is not finite, or a sum below 0."""
         return DeadTimeLoop(self._system, self._dead_time + number("extra dead time", extra, "s"))
@@ -120,7 +234,7 @@ class DeadTimeLoop:
 
     # -- frequency response -------------------------------------------------------------------------------
 
-    def __call__(self, s: ArrayLike) -> NDArray[np.complex128]:
+    def __call__(self, s: ArrayLike) -> Complexes:
         """L(s) at complex s, 1/s, of its shape; `loop(1j * omega)` is the frequency response, a plain array.
 
         At a pole on the axis, as at 0 with an integrator, it is inf + 0j; there S is 0 and T is 1. InputError for what
@@ -134,21 +248,9 @@ class DeadTimeLoop:
         value = self._system(s)
         return np.where(np.isinf(value), value, value * np.exp(-s * self._dead_time))
 
-    def frequency_response(self, omega: ArrayLike) -> FrequencyResponseData:
-        """L(j omega) as python-control's record, for `control.bode_plot` and its like; `omega` 1-D, rad/s, finite.
-
-        The numbers alone are `loop(1j * omega)`.
-        """
-        grid = np.atleast_1d(numbers("omega", omega, "rad/s"))
-        return import_module("control").FrequencyResponseData(self(1j * grid), grid, sysname="L")
-
-    def sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """S(j omega) = 1/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
-        return np.asarray(1 / (1 + self._response(numbers("omega", omega, "rad/s"))))
-
-    def complementary_sensitivity(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """T(j omega) = L/(1 + L), complex, of the shape of `omega` (rad/s), finite."""
-        return np.asarray(1 - self.sensitivity(omega))
+    def response(self, omega: ArrayLike) -> Complexes:
+        """L(j omega), complex, of the shape of `omega` (rad/s), finite."""
+        return self._response(numbers("omega", omega, "rad/s"))
 
     def phase(self, omega: ArrayLike) -> NDArray[np.float64]:
         """Continuous phase of L(j omega), rad, with dead time; no unwrapping needed. omega > 0, rad/s, any shape.
@@ -178,31 +280,27 @@ class DeadTimeLoop:
         """Closed-loop poles in the closed right half plane, exactly counted."""
         return root_count(self._response)
 
-    def is_stable(self) -> bool:
-        """True if every closed-loop pole lies left of the imaginary axis, chains at infinity included."""
-        return self.root_count.stable
-
     @property
     def is_well_posed(self) -> bool:
         """False if 1 + L(inf) = 0 without dead time: then the feedback has no solution."""
         return self._dead_time > 0 or self._response.exact.through != -1
 
     @property
-    def unstable_closed_loop_poles(self) -> float:
-        """Closed-loop poles with real part >= 0; inf for an unstable neutral loop."""
-        return self.root_count.right
-
-    @property
     def open_loop_unstable_poles(self) -> int:
         """Poles of G with positive real part."""
         return int(np.count_nonzero(self._system.poles.real > 0))
 
-    def poles(self) -> NDArray[np.complex128]:
+    @property
+    def integrators(self) -> int:
+        """Poles of G at 0."""
+        return int(np.count_nonzero(self._system.poles == 0))
+
+    def poles(self) -> Complexes:
         """Poles of G, open loop, as python-control has them of a system, 1/s; see also `closed_loop_poles`."""
         return self._system.poles.copy()
 
     @checked
-    def closed_loop_poles(self, count: int = 6) -> NDArray[np.complex128]:
+    def closed_loop_poles(self, count: int = 6) -> Complexes:
         """The `count` rightmost closed-loop poles, rightmost first, both members of a pair, 1/s.
 
         Without dead time there are as many as G has poles. Raises SpectrumError if the exact root count does
@@ -234,29 +332,12 @@ class DeadTimeLoop:
         times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
         return step_response(1.0, self._system, self._dead_time, time=times[0], final_time=times[1])
 
-    def bode_plot(self) -> Any:
-        """Magnitude and phase of L(j omega), a matplotlib figure."""
-        return self._drawn("bode")
-
-    def nyquist_plot(self) -> Any:
-        """L(j omega), whole and near -1, a matplotlib figure."""
-        return self._drawn("nyquist")
-
-    def nichols_plot(self) -> Any:
-        """Magnitude against phase of L(j omega), a matplotlib figure."""
-        return self._drawn("nichols")
-
-    def _drawn(self, kind: str) -> Any:
-        return import_module("railslip_ctrl.report.plots").loop_figure(
-            self, kind
-        )  # a room above, asked for by the user
-
     # -- margins ------------------------------------------------------------------------------------------
 
     @cached_property
     def gain_crossovers(self) -> NDArray[np.float64]:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
-        return gain_crossovers(self._response)
+        return self._response.gain_crossovers
 
     @cached_property
     def stabilizing_gain_range(self) -> tuple[float, float] | None:
@@ -295,7 +376,7 @@ class DeadTimeLoop:
     @cached_property
     def _margins(self) -> Margins:
         response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
-        rest = crossover_phases(response)[1].copy()
+        rest = response.crossover_phases[1].copy()
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
             if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
@@ -321,19 +402,9 @@ class DeadTimeLoop:
             return UnstableLoopError(
                 f"margins are not defined: {_ILL_POSED}", unstable_poles=count, stabilizing_gain_range=usable
             )
-        number = "infinitely many poles" if math.isinf(count) else f"{count:g} pole{'' if count == 1 else 's'}"
+        poles = "infinitely many poles" if math.isinf(count) else f"{count:g} pole{'' if count == 1 else 's'}"
         where = " (on the imaginary axis)" if self.root_count.marginal else ""
-        remedy = (
-            "no factor on the loop gain alone stabilises it"
-            if usable is None
-            else f"loop-gain factors between {usable[0]:.6g} and {usable[1]:.6g} stabilise it"
-        )
-        return UnstableLoopError(
-            f"margins are not defined: the closed loop is unstable with {number} in the closed right half "
-            f"plane{where}; {remedy}",
-            unstable_poles=count,
-            stabilizing_gain_range=usable,
-        )
+        return unstable_error("closed loop", f"{poles} in the closed right half plane{where}", count, usable)
 
     @cached_property
     def _response(self) -> Response:

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from railslip_ctrl.core.folders import cache_folder
-from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.numeric import source
+
+from .adhesion import AdhesionLaw
+from .numeric import source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .adhesion import AdhesionLaw
 from .numeric import NumericPlant, numeric_plant, plant_parameters
+from .vehicle import Rail, Vehicle
 
 if TYPE_CHECKING:
     import control

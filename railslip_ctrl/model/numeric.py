@@ -23,9 +23,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.model.vehicle import Vehicle
-
 from .adhesion import AdhesionLaw
+from .vehicle import Vehicle
 
 PACKAGE = Path(__file__).parents[1]
 GENERATED = PACKAGE / "model" / "_generated"

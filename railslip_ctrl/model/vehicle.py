@@ -228,6 +228,8 @@ class Vehicle(Record):
     inertia_scale: float = quantity("1", "factor on M, J and B", gt=0, default=1.0)
     source: str = Field("", description="where the numbers are from")
     notes: tuple[str, ...] = Field((), description="one sentence for each thing that was assumed")
+    # text, as a record is hashed; no property of the car, so that it is in no dump
+    envelope: str = Field("{}", exclude=True, repr=False, description="the table [envelope] of its file, as JSON")
 
     @model_validator(mode="after")
     def _load_adds(self) -> Vehicle:

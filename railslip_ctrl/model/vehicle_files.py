@@ -6,6 +6,7 @@ wins over the YAML; what neither gives is the published wheel and brake, and `Ve
 
 from __future__ import annotations
 
+import json
 from copy import copy
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_text, read_toml, validated
-from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
+
+from .vehicle import GRAVITY, PARK2008, Actuator, Record, Resistance, Vehicle, Wheel
 
 DEFAULT_AXLES = 4
 """Axles of a railtoolkit vehicle whose number nobody gives: two bogies of two, as in [Park2008] Fig. 2."""
@@ -85,7 +87,8 @@ def load_vehicle(path: str | Path) -> Vehicle:
     Returns
     -------
     Vehicle
-        SI. Its `notes` hold one sentence for each thing that was assumed.
+        SI. Its `notes` hold one sentence for each thing that was assumed; `design.envelope.Envelope` begins with its
+        table [envelope].
 
     Raises
     ------
@@ -105,12 +108,22 @@ def load_vehicle(path: str | Path) -> Vehicle:
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
     """As `load_vehicle`, of keys that were read from `path` already; errors begin with `where`."""
     keys = validated(VehicleKeys, content, where)
+    keys = keys.model_copy(update={"envelope": with_laws_beside(keys.envelope, path)})
     if keys.rolling_stock is None:
         _refuse_incomplete(keys, where)
         return _vehicle(keys, None, where=where, source=path.name)
     beside = path.parent / keys.rolling_stock  # relative to the TOML, not to the working directory
     stock = read_rolling_stock(beside, vehicle_id=keys.vehicle_id, where=f"{where}: rolling_stock: {file_name(beside)}")
     return _vehicle(keys, stock, where=where, source=f"{path.name} with {beside.name} [railtoolkit]")
+
+
+def with_laws_beside(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A table [envelope] read from `path`, the laws that it has in files as paths relative to that."""
+    laws = table.get("laws")
+    if not isinstance(laws, list):
+        return table
+    beside = [str(path.parent / x) if isinstance(x, str) and x.lower().endswith((".toml", ".py")) else x for x in laws]
+    return table | {"laws": beside}
 
 
 def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
@@ -146,6 +159,7 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
         "inertia_scale": _first(keys.inertia_scale, 1.0),
         "source": source,
         "notes": tuple(notes),
+        "envelope": json.dumps(keys.envelope, default=str),
     }
     return validated(Vehicle, values, where)
 

@@ -7,13 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from railslip_ctrl.design.assessment import Assessment, PadeRow
 from railslip_ctrl.design.controllers import LinearController, PIController
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Certificate, Margins
-from railslip_ctrl.loop.sampled_loop import SampledLoop
+from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.report.laws import source_at
@@ -118,7 +116,7 @@ def margins_json(assessment: Assessment, certificate: Certificate | None = None)
         "controller": controller_json(assessment.controller),
         "actuator": {"dead_time_s": assessment.actuator.dead_time, "lag_s": assessment.actuator.lag},
         "plant_poles": _complex_pairs(assessment.plant.poles),
-        "open_loop_unstable_poles": open_loop_unstable_poles(assessment),
+        "open_loop_unstable_poles": assessment.loop.open_loop_unstable_poles,
         "stable": assessment.stable,
         "unstable_closed_loop_poles": (
             int(assessment.unstable_poles) if math.isfinite(assessment.unstable_poles) else None
@@ -156,14 +154,6 @@ def _crossovers(assessment: Assessment) -> Sequence[float]:
     if isinstance(assessment.loop, SampledLoop):
         return () if assessment.margins is None else assessment.margins.gain_crossovers.tolist()
     return list(assessment.loop.gain_crossovers)
-
-
-def open_loop_unstable_poles(assessment: Assessment) -> int:
-    """Poles of the open loop right of the imaginary axis, of a sampled one outside the unit circle."""
-    loop = assessment.loop
-    if isinstance(loop, SampledLoop):
-        return int(np.count_nonzero(np.abs(loop.controller.poles) > 1) + np.count_nonzero(loop.plant.poles.real > 0))
-    return int(loop.open_loop_unstable_poles)
 
 
 def _sampled_json(assessment: Assessment) -> dict[str, Any]:

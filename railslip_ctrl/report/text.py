@@ -23,7 +23,6 @@ from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 from railslip_ctrl.report.laws import PUBLISHED, source_at, words_at
 
-from .jsonable import open_loop_unstable_poles
 from .layout import counted, facts, fixed, heading, render, roots_text, table
 
 
@@ -216,7 +215,7 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Actuator", _actuator(assessment.actuator)),
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
-        ("Open loop", counted(open_loop_unstable_poles(assessment), "unstable pole")),
+        ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
         ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]

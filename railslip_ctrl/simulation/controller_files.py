@@ -92,7 +92,7 @@ class LinearKeys(Limited):
     """Keys of the linear kinds: anti-windup by back-calculation unless switched off."""
 
     anti_windup: bool = True
-    tracking_time: float | None = quantity("s", "of the anti-windup; left out: by the slowest zero", gt=0, default=None)
+    tracking_time: float | None = quantity("s", "of the anti-windup; left out: the slowest zero's", gt=0, default=None)
     initial_torque: float = quantity("N*m", "torque at the start", default=0.0)
     cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
     cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)

@@ -9,14 +9,15 @@ they are tuned when asked for.
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
-from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
+from railslip_ctrl.design.envelope_tuning import EnvelopeDesign, operating_plants
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
+from railslip_ctrl.design.selection import SURE_SHARE
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 
@@ -27,8 +28,9 @@ from .scenario import named_law
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from railslip_ctrl.design.judging import Judgement
     from railslip_ctrl.loop.batch import BatchMargins
-    from railslip_ctrl.model.linearization import LinearPlant
+    from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 
 MS_MAX = 2.0
 """Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
@@ -43,7 +45,8 @@ TRACKING_TIME = 2.0
 """Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
 
 INITIAL_SHARE = 0.12
-"""Initial torque by wheel load times radius: less than even the wet rail of [Park2008] takes, whose peak is 0.153."""
+"""Initial torque of `recommended_pi_lead` by wheel load times radius: less than even the wet rail of [Park2008] takes,
+whose peak is 0.153."""
 
 SPEEDS_KMH = (20.0, 60.0, 100.0)
 _SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
@@ -111,38 +114,64 @@ def recommended_pi_lead(
         except InfeasibleDesignError as error:
             raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
     held = reference or published_reference("bristle")
-    return braking_control(PIController(gains, lead, lead_filter), car, held, name="pi-lead", period=period)
+    return LinearControl(
+        PIController(gains, lead, lead_filter),
+        held,
+        name="pi-lead",
+        period=period,
+        torque_low=0.0,
+        torque_high=full_brake_torque(car),
+        tracking_time=TRACKING_TIME,
+        initial_torque=INITIAL_SHARE * car.wheel_load * car.wheel.radius,
+    )
 
 
 def braking_control(
-    design: PIController, vehicle: Vehicle, reference: ReferenceSlip, *, name: str, period: float | None = None
+    design: Any, points: Sequence[OperatingPoint], reference: ReferenceSlip, *, name: str, hand_over_kmh: float = 0.0
 ) -> LinearControl:
-    """A design as it brakes: within 0 and the vehicle's full brake, with anti-windup, from its initial torque."""
+    """A linear design for some operating points as it brakes: within 0 and their full brake, with anti-windup.
+
+    It begins with `SURE_SHARE` of the torque that the least adhesive point takes, which every rail surely does, and
+    hands over to it below a speed (km/h; 0: never).
+    """
+    sure = SURE_SHARE * min(point.brake_torque for point in points)
     return LinearControl(
         design,
         reference,
         name=name,
-        period=period,
         torque_low=0.0,
-        torque_high=full_brake_torque(vehicle),
+        torque_high=max(full_brake_torque(point.vehicle) for point in points),
         tracking_time=TRACKING_TIME,
-        initial_torque=initial_torque(vehicle),
+        initial_torque=sure,
+        cut_out_speed=hand_over_kmh * KMH,
+        cut_out_torque=sure if hand_over_kmh else 0.0,
     )
+
+
+def hand_over_of(judgement: Judgement) -> float:
+    """The speed, km/h, below which slip is no longer controlled: the lowest at which a design is robust, or if it is
+    nowhere, stable with every tolerance; 0, never, over a single speed."""
+    robust = judgement.robust_from_kmh
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    return lowest if len(judgement.envelope.speeds) > 1 else 0.0
 
 
 def tuned_control(
     design: EnvelopeDesign, reference: ReferenceSlip | None = None, *, name: str | None = None
 ) -> LinearControl:
-    """A controller tuned over an envelope as it brakes the vehicle of that; `reference` where it holds no single one.
+    """A controller tuned over an envelope as it brakes; `reference` where it holds no single one.
 
     InputError without either.
     """
     held = design.reference or reference
     if held is None:
         raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
-    assert design.judgement is not None, "a tuned controller has been judged"
+    judged = design.judgement
+    assert judged is not None, "a tuned controller has been judged"
     pi = PIController(design.gains, design.lead, design.lead_filter)
-    return braking_control(pi, design.judgement.envelope.vehicle, held, name=name or design.structure.lower())
+    points = [plant.point for plant in operating_plants(judged.points)]
+    over = hand_over_of(judged)
+    return braking_control(pi, points, held, name=name or design.structure.lower(), hand_over_kmh=over)
 
 
 def recommended_schedule(
@@ -231,11 +260,6 @@ def lead_of(vehicle: Vehicle) -> tuple[float, float]:
 def full_brake_torque(vehicle: Vehicle) -> float:
     """The torque limit of the designs, N*m: `TORQUE_LIMIT`, in proportion to wheel load times radius."""
     return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
-
-
-def initial_torque(vehicle: Vehicle) -> float:
-    """The torque the designs begin with, N*m: `INITIAL_SHARE` of wheel load times radius."""
-    return INITIAL_SHARE * vehicle.wheel_load * vehicle.wheel.radius
 
 
 def design_points(vehicle: Vehicle, laws: tuple[str, ...] = ("curve", "bristle")) -> list[LinearPlant]:

@@ -7,12 +7,10 @@ it returns the torque to command until the next, N*m. Nothing of the user's is c
 from __future__ import annotations
 
 import copy
-import functools
 import hashlib
 import inspect
 import math
 import sys
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
@@ -23,11 +21,17 @@ import numpy as np
 from railslip_ctrl.core.arguments import check_fields
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
-from railslip_ctrl.core.user_files import failure, place
-from railslip_ctrl.design.controllers import PIController, linear_controller, step_alone
+from railslip_ctrl.core.user_files import call_failure, place, place_of
+from railslip_ctrl.design.controllers import (
+    PIController,
+    has_step,
+    is_function,
+    is_system,
+    linear_controller,
+    step_alone,
+)
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.design.sampled import Rule
-from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Vehicle
 
@@ -63,7 +67,7 @@ class UserStep:
     @property
     def function(self) -> Any:
         """The step itself."""
-        return self.thing if _is_function(self.thing) else getattr(self.thing, "step", None)
+        return self.thing if is_function(self.thing) else getattr(self.thing, "step", None)
 
     @property
     def is_numba(self) -> bool:
@@ -101,10 +105,6 @@ def _unpacked(content: bytes) -> UserStep:
     from numba import cloudpickle
 
     return UserStep(cloudpickle.loads(content))
-
-
-def _is_function(thing: Any) -> bool:
-    return inspect.isroutine(thing) or isinstance(thing, functools.partial) or hasattr(thing, "py_func")
 
 
 @dataclass(frozen=True)
@@ -190,17 +190,15 @@ class Call:
         raise NotImplementedError
 
     def _refused(self, torque: Any, t: float) -> InputError:
-        code = getattr(getattr(self.control.step.function, "py_func", self.control.step.function), "__code__", None)
-        where = "" if code is None else f"{place(code.co_filename, code.co_firstlineno)}: "
         return InputError(
-            f"controller {self.control.name}: {where}step gives {shown(torque)} at t = {t:g} s; give a finite torque "
-            "(N*m)"
+            f"controller {self.control.name}: {place_of(self.control.step.function)}step gives {shown(torque)} at "
+            f"t = {t:g} s; give a finite torque (N*m)"
         )
 
     def _failed(self, error: BaseException, t: float, what: str = "step") -> InputError:
-        told = failure(error, f"{what} at t = {t:g} s")
-        if traceback.extract_tb(error.__traceback__)[-1].filename == __file__:  # it could not even be called
-            told = f"{what} cannot be called with (t, v, omega): {' '.join(str(error).split())}; mend it"
+        thing = self.control.step
+        function = thing.function if what == "step" else getattr(thing.thing, what)
+        told = call_failure(error, function, what, "t, v, omega" + ", x" * bool(self.count), f" at t = {t:g} s")
         return InputError(f"controller {self.control.name}: {told}")
 
 
@@ -234,7 +232,7 @@ class PythonCall(Call):
 
     def _reset(self, v: float, omega: float) -> Callable[..., Any]:
         step = self.control.step
-        if _is_function(step.thing):
+        if is_function(step.thing):
             return step.function  # type: ignore[no-any-return]
         try:
             thing = copy.deepcopy(step.thing)
@@ -355,33 +353,31 @@ def as_control(
     """
     if isinstance(controller, EnvelopeDesign):
         return tuned_control(controller, reference, name=name)
-    linear = _is_linear(controller)
-    if not linear and isinstance(controller, Controller):
+    if not is_system(controller) and isinstance(controller, Controller):  # whose `states` warn, of python-control's
         return controller
     held = getattr(controller, "reference", None) or reference
     if held is None:
         raise InputError("controller: neither it nor the adhesion law has a reference slip; give it a reference")
-    if not linear and (_is_function(controller) or hasattr(controller, "step")):
+    if has_step(controller) and not inspect.isclass(controller):
         period = getattr(controller, "period", None)
         own_name = getattr(controller, "name", None) or name or getattr(controller, "__name__", None)
         return StepControl(
             controller, held, str(own_name or type(controller).__name__), PERIOD if period is None else period
+        )
+    if callable(getattr(controller, "linear", None)) and not inspect.isclass(controller):
+        raise InputError(
+            f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
+            "it step(t, v, omega)"
         )
     design = linear_controller(controller)
     own = None if isinstance(design, PIController) else design.period
     return LinearControl(
         design,
         held,
-        name=name or design.structure.lower().replace(" ", "-"),
+        name=name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-"),
         period=PERIOD if own is None else own,
         torque_low=0.0,
         torque_high=full_brake_torque(vehicle),
         tracking_time=None,
         rule=Rule.TUSTIN,
     )
-
-
-def _is_linear(controller: Any) -> bool:
-    """Whether it is a system (that of scipy.signal has a step, its response), and no step object."""
-    ported = hasattr(controller, "ninputs") or hasattr(controller, "inputs")  # python-control's, SciPy's
-    return (ported and hasattr(controller, "dt")) or isinstance(controller, Rational | PIController)

@@ -82,6 +82,9 @@ def _envelope(report: DesignReport) -> Section:
         ]
         head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
         blocks.append(Table("The whole envelope by axis: what costs margin.", head, axes))
+    car = envelope.vehicle
+    if "loaded" in envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
+        blocks.append(Paragraph(f"Loaded, this vehicle has more mass; its wheel load stays {short(car.wheel_load)} N."))
     told = (*(judged.points.skipped if judged is not None else ()), *envelope.knife_edges())
     blocks += [Paragraph(minus(text) + ".") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))
@@ -101,19 +104,20 @@ def _candidates(report: DesignReport) -> Section:
         judged = None if choice.design is None else choice.design.judgement
         kind = "PI-lead" if choice.structure == "pi-lead" else "PI"
         if judged is None:
-            rows.append((kind, f"{choice.reference_factor:g}", *(NONE,) * 5, choice.reason))
+            rows.append((kind, f"{choice.reference_factor:g}", *(NONE,) * 6, choice.reason))
             continue
         reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
         speeds = (_speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
         gains = (short(choice.design.gains.kp), short(choice.design.gains.ki))  # type: ignore[union-attr]
-        rows.append((kind, f"{choice.reference_factor:g}", *gains, *speeds, _ms(judged.worst.ms), reaches))
+        stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
+        rows.append((kind, f"{choice.reference_factor:g}", *gains, *speeds, _ms(judged.worst.ms), stop, reaches))
     head = (
         "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
-        "Worst Ms", "Reaches its slip",
+        "Worst Ms", "Mean stop, m", "Reaches its slip",
     )  # fmt: skip
     text = (
-        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed, then a slip that "
-        "is reached, then the larger slip."
+        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Of designs level "
+        "in that: used from the lowest speed without a slide, then the shortest stops."
     )
     return Section("candidates", "Candidates", (Paragraph(text), Table("What was tried.", head, rows, wide=True)))
 

@@ -72,14 +72,10 @@ def _why(report: DesignReport) -> str:
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
+    slides = "" if robust == report.above_kmh else " Used at less speed, its slip passes 0.5 in a stop."
     factor = report.best.reference_factor
-    less = (
-        ""
-        if factor == 1.0
-        else f" It holds {factor:g} of the laws' reference slip; with more, fewer points are robust."
-    )
-    locks = "" if robust == report.above_kmh else " Handed over at less speed, its slip passes 0.5 in a stop."
-    return f"{told}.{locks}{less}"
+    less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip; with more, fewer points are robust."
+    return f"{told}.{slides}{less}"
 
 
 def ms_words(ms: float) -> str:
@@ -91,17 +87,20 @@ def _to_do(report: DesignReport) -> str:
     """The steps that the numbers ask for, the first ones first; few words."""
     told = []
     if report.control is not None and report.usable and report.control.cut_out_speed > 0:
-        told.append(f"Below {report.above_kmh:g} km/h hold {short(report.control.cut_out_torque)} N·m.")
+        told.append(
+            f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m, without slip "
+            "control."
+        )
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
-        told.append(f"For Ms ≤ 2 everywhere: {brake}.")
+        told.append(f"For Ms ≤ 2 from {min(report.envelope.speeds):g} km/h up: {brake}.")
     elif not report.usable:
         told.append("Take a brake with less dead time and lag, or hold less slip.")
     if report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
     if slow:
-        told.append(f"The slip stays below its reference in stops on {' and '.join(slow)} rail.")
+        told.append(f"In stops on {' and '.join(slow)} rail the slip stays below its reference.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
@@ -121,6 +120,19 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield from _margin_rows(judged)
     for stop in report.first_stops:
         yield f"Stop, {stop.rail}", _distance(stop), f"{stop_words(stop)}; {_locks(report, stop)}"
+    if report.usable:
+        yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
+
+
+def _chosen(report: DesignReport) -> str:
+    """By what the design was chosen, and what the next would give."""
+    tried, (_, *others) = len(report.selection.choices), report.trials
+    told = f"of all laws, loads and rails; best of {tried} tried: robust from the lowest speed, then the shortest stops"
+    if not others:
+        return told
+    after = others[0]
+    usable = "of no use" if after.above_kmh is None else f"above {after.above_kmh:g} km/h"
+    return f"{told}; next: {short(after.distance())} m with {after.choice.reference_factor:g} of the slip, {usable}"
 
 
 def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 from matplotlib.tri import Triangulation
 
+from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.judging import MsMap
 from railslip_ctrl.design.sweeps import MarginSweep
@@ -295,5 +296,6 @@ def _grid(ax: Any, speeds: Any, loads: Sequence[str], worst: Any) -> None:
 
 
 def _three(value: float) -> str:
-    """Three digits, and no exponent: what fits into a cell."""
+    """Three digits, not below the value, and no exponent: what fits into a cell."""
+    value = rounded_up(value)
     return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}" if value < _FITS else f">{_FITS:g}"

@@ -12,8 +12,8 @@ from matplotlib.ticker import MultipleLocator
 from railslip_ctrl import __version__
 from railslip_ctrl.design.assessment import Assessment
 from railslip_ctrl.design.design_check import ControllerGroup
-from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.curves import FrequencyCurve, frequency_curve
+from railslip_ctrl.loop.deadtime import Loop
 from railslip_ctrl.report.laws import words_at
 
 from .style import (
@@ -37,13 +37,13 @@ class _Alone:
 
     point = None
 
-    def __init__(self, loop: DeadTimeLoop) -> None:
+    def __init__(self, loop: Loop) -> None:
         self.loop = loop
         self.margins = loop.margins() if loop.is_stable() else None
         self.unstable_poles = loop.unstable_closed_loop_poles
 
 
-def loop_figure(loop: DeadTimeLoop, kind: str) -> Figure:
+def loop_figure(loop: Loop, kind: str) -> Figure:
     """A "bode", "nyquist" or "nichols" figure of one loop, over the band in which everything happens."""
     draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
     alone: Any = _Alone(loop)
@@ -223,9 +223,9 @@ def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
         )
 
 
-def _closing_arc(ax: Any, loop: DeadTimeLoop, curve: FrequencyCurve, style: dict[str, Any]) -> None:
+def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, Any]) -> None:
     """The arc at infinity, clockwise from omega = 0- to 0+, that each integrator adds: 180 deg a pole at the origin."""
-    integrators = int(np.count_nonzero(loop.system.poles == 0))
+    integrators = loop.integrators
     if integrators == 0:
         return
     start, end = np.radians(-curve.phase_deg[0]), np.radians(curve.phase_deg[0])

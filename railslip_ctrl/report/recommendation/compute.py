@@ -22,7 +22,7 @@ from railslip_ctrl.design.assessment import limits_of
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.design.selection import Selection, select
+from railslip_ctrl.design.selection import Choice, Selection, select
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.curves import frequency_curve
 from railslip_ctrl.loop.responses import disturbance_response, step_response
@@ -30,8 +30,8 @@ from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
-from railslip_ctrl.simulation import LinearControl
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.designed import hand_over_of, is_published
 from railslip_ctrl.verification.sliding_verification import verify_with_actuator
 
 from .records import (
@@ -43,7 +43,7 @@ from .records import (
     Rival,
     ShownLoop,
     Sliding,
-    Stop,
+    Trial,
     restricted,
 )
 from .stops import as_run, laws_of, stops
@@ -79,7 +79,7 @@ def design_report(
     nominal : bool
         Judge its operating points alone.
     given : dict, optional
-        Linear controllers of the user's by name, judged and run beside.
+        Linear controllers of the user's by name, judged and run beside; one of a file runs as that says.
     sliding : bool
         Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
     fresh : bool
@@ -160,35 +160,35 @@ def _designed(
     envelope: Envelope, nominal: bool, selection: Selection, submit: Beside, progress: Progress
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
-    best = selection.best
-    design = None if best is None else best.design
-    judgement = None if design is None else design.judgement
-    if best is not None and design is not None and judgement is not None and nominal:
-        judgement = judge(design, judgement.envelope, nominal=True)
-        best = replace(best, design=replace(design, judgement=judgement))
-        selection = Selection((best, *selection.choices[1:]))
     empty = DesignReport(
         envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
-    if best is None or design is None or judgement is None:
+    if selection.best is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         return replace(empty, limits=_limits(blank), curves=_curves(blank))
-    plain = PIController(design.gains, design.lead, design.lead_filter)
+    progress("braking runs")
+    tied = [one for one in selection.choices if one.tier == selection.best.tier]
+    trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
+    best, control = trials[0].choice, trials[0].control
+    selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
+    assert best.design is not None, "as its tier"
+    assert best.design.judgement is not None
+    plain, judgement = control.design, best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
     faster = (lambda: None) if robust else submit(_faster, envelope, best.structure, judgement.envelope)
-    progress("braking runs")
-    above, lowest, control, runs = _run_without_sliding(plain, judgement)
-    in_use = restricted(judgement, lowest)
+    in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
     found = replace(
         empty,
+        selection=selection,
+        trials=tuple(trials),
         control=control,
-        above_kmh=above,
+        above_kmh=trials[0].above_kmh,
         in_use=in_use,
         worst_loops=_worst_loops(in_use),
-        stops=runs,
+        stops=trials[0].stops,
         limits=_limits(judgement),
         curves=_curves(judgement),
         gains=_gain_map(in_use, plain),
@@ -199,29 +199,34 @@ def _designed(
     return replace(found, faster=faster())
 
 
-def _run_without_sliding(
-    design: PIController, judgement: Judgement
-) -> tuple[float | None, float, LinearControl, tuple[Stop, ...]]:
-    """From which speed (km/h) a design may be used, None if from none, the lowest speed that is judged, and the design
-    as it runs, with its stops: handed over above speeds at which it is not robust or the wheel slides in its stops."""
-    robust = judgement.robust_from_kmh
+def _trial(choice: Choice, nominal: bool) -> Trial:
+    """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
+    is not robust, or the wheel slides."""
+    assert choice.design is not None, "a choice of the best tier is a design"
+    assert choice.design.judgement is not None
+    design, judgement = choice.design, choice.design.judgement
+    if nominal:
+        judgement = judge(design, judgement.envelope, nominal=True)
+        choice = replace(choice, design=replace(design, judgement=judgement))
+    plain = PIController(design.gains, design.lead, design.lead_filter)
+    robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
     lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
     speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
     first = None
     for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
-        control = as_run(design, judgement, speed if len(judgement.envelope.speeds) > 1 else 0.0)
+        control = as_run(plain, judgement, speed if begins else 0.0)
         runs = stops(control, judgement)
         first = first or (control, runs)
         if not any(stop.slides for stop in runs):
-            return robust if robust is None else speed, speed, control, runs
+            return Trial(choice, robust if robust is None else speed, speed, control, runs)
     assert first is not None
-    return None, lowest, *first
+    return Trial(choice, None, lowest, *first)
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     judgement = judge(controller, envelope, nominal=nominal)
-    low = judgement.usable_from_kmh or 0.0
-    control = as_run(controller, judgement, low if len(envelope.speeds) > 1 else 0.0, name)
+    runs = isinstance(controller, Controller)  # of a file: as that says
+    control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
 
 

@@ -119,6 +119,31 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Trial:
+    """A choice in its own stops.
+
+    `above_kmh` is the speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel
+    slides in its stops; None if from none. `lowest_kmh` is the lowest speed that is judged.
+    """
+
+    choice: Choice
+    above_kmh: float | None
+    lowest_kmh: float
+    control: LinearControl
+    stops: tuple[Stop, ...]
+
+    def distance(self, rail: Rail | None = None) -> float:
+        """Mean braking distance of its stops on a rail, or on all, m; inf where one does not stop."""
+        runs = [stop.run for stop in self.stops if rail is None or stop.rail is rail]
+        return sum(run.braking_distance if run.stopped else math.inf for run in runs) / len(runs)
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Smaller is better: used from the lowest speed, then the shortest stops."""
+        return self.above_kmh is None, self.above_kmh or 0.0, self.distance()
+
+
+@dataclass(frozen=True)
 class GainMap:
     """Worst Ms at operating points over kp (m,) and ki (n,) behind the design's lead, (m, n); inf: unstable."""
 
@@ -179,6 +204,9 @@ class DesignReport:
         Whether operating points alone are judged.
     selection : Selection
         The candidates, the best first.
+    trials : tuple of Trial
+        The choices that are robust from the lowest speed that any is, in their stops, the best first; of none robust,
+        the best alone.
     control : LinearControl or None
         The recommended design as it runs: what `recommended.toml` says; None if no design holds the loops.
     above_kmh : float or None
@@ -212,6 +240,7 @@ class DesignReport:
     faster: FasterBrake | None
     sliding: Sliding
     published: bool
+    trials: tuple[Trial, ...] = ()
     seconds: float = math.nan
     date: datetime.date = field(default_factory=datetime.date.today)
 
@@ -232,8 +261,8 @@ class DesignReport:
 
     @property
     def hands_over(self) -> bool:
-        """Whether slip control ends above the lowest speed of the envelope."""
-        return self.above_kmh is not None and self.above_kmh > min(self.envelope.speeds)
+        """Whether slip control ends at some speed."""
+        return self.usable and self.control is not None and self.control.cut_out_speed > 0
 
     @property
     def usable(self) -> bool:

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.envelope import EnvelopePoints
+from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.design.selection import INITIAL_SHARE
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.controllers import reference_slip
-from railslip_ctrl.simulation.designed import TRACKING_TIME, full_brake_torque
+from railslip_ctrl.simulation.designed import braking_control
 from railslip_ctrl.simulation.scenario import in_reading
 
 from .records import Stop
@@ -33,34 +33,21 @@ LOG_PERIOD = 0.01
 
 
 def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """A linear design as it runs on the vehicle of a judgement: start, limits, anti-windup, hand-over.
-
-    It begins with `INITIAL_SHARE` of the torque that the least adhesive operating point takes, which every rail surely
-    does, and hands over to it below a speed (km/h; 0: never).
-    """
-    envelope = judgement.envelope
+    """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
+    those of the law of the first stops."""
     operating = operating_points(judgement.points)
-    sure = INITIAL_SHARE * min(point.brake_torque for point in operating)
-    heaviest = max((point.vehicle for point in operating), key=lambda car: car.wheel_load)
     first = _running_law(operating).name
     slips = {point.rail: point.slip for point in operating if point.law.name == first}
     held = {rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail}
-    return LinearControl(
-        design,
-        envelope.reference or ReferenceSlip(**held),
-        name=name or design.structure.lower(),
-        torque_low=0.0,
-        torque_high=full_brake_torque(heaviest),
-        tracking_time=TRACKING_TIME,
-        initial_torque=sure,
-        cut_out_speed=hand_over_kmh * KMH,
-        cut_out_torque=sure if hand_over_kmh else 0.0,
+    reference = judgement.envelope.reference or ReferenceSlip(**held)
+    return braking_control(
+        design, operating, reference, name=name or design.structure.lower(), hand_over_kmh=hand_over_kmh
     )
 
 
 def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
     """The operating points of an envelope."""
-    return [points.plants[i].point for i in points.plant[points.operating]]
+    return [plant.point for plant in operating_plants(points)]
 
 
 def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
@@ -117,6 +104,7 @@ def _held(run: Run) -> float:
     return float(np.median(slip[slip.size // 2 :]))
 
 
+@lru_cache(64)
 def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
     """With this brake: dead time, and lag up to the largest torque."""
     limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None

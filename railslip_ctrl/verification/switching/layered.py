@@ -28,7 +28,7 @@ import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
-from railslip_ctrl.loop.realisation import realise
+from railslip_ctrl.loop.rational import realise
 from railslip_ctrl.loop.responses import closed_loop_response
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
