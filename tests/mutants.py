@@ -169,6 +169,7 @@ EQUIVALENT = {
     r"_MOST_PARTS = \(250|high <= _EXTREME": "the scalar engine takes what is finer or farther",
     r"narrowest\)\) \+ \(9\)": "a node more",
     r"_DOMAIN_INTERVALS = \(32": "still finer than any law bends",
+    r"_BACK = \(1.0 \+ _NODES": "nodes and weights are symmetrical",
     r"least=\(boxes.turns - boxes.fraction|boxes.half \* \(\(2\) \+": "a box is kept or looked at a little longer",
 }
 """Faults that change nothing that could be noticed, patterns of "line => line with the fault", and why."""
