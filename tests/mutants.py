@@ -89,7 +89,7 @@ ROOMS = {
     "loop/stability": "loop_oracles loop_regressions loop_properties",
     "loop/rootfinding": "rootfinding",
     "loop/sampled": "sampled_margins sampled",
-    "model/numeric": "numeric",
+    "model/numeric": "numeric laws",
     "model/plant": "numeric linearization",
     "simulation/": "scenarios simulation_controllers",
     "simulation/clairvoyant": "compare_runs",
