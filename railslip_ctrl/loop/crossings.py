@@ -396,17 +396,8 @@ class Response:
         """d ln L(j omega)/d omega, complex."""
         return np.asarray(self.system.log_slope(omega) - 1j * self.dead_time)
 
-    def value_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        """L(j omega) and d ln L/d omega, complex, at omega > 0 off the axis roots, 1-D: in one go, for searches."""
-        value, slope, _ = self._value_and_slopes(omega)
-        return value, slope
-
     def value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
-        """As `value_and_slope`, with d^2 ln L/d omega^2."""
-        value, slope, inverse = self._value_and_slopes(omega)
-        return value, slope, (inverse * inverse) @ self._signs
-
-    def _value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
+        """L(j omega), d ln L/d omega and d^2 ln L/d omega^2 at omega > 0 off the axis roots, 1-D: for searches."""
         zeros = self.system.zeros.size
         with np.errstate(all="ignore"):
             s = 1j * omega
@@ -416,7 +407,7 @@ class Response:
             paired = away[:, :zeros] * inverse[:, zeros : 2 * zeros]
             value *= paired.prod(axis=1) * inverse[:, 2 * zeros :].prod(axis=1)
             slope = 1j * (inverse @ self._signs - self.dead_time)
-        return value, slope, inverse
+            return value, slope, (inverse * inverse) @ self._signs
 
     @cached_property
     def _both(self) -> Complexes:

@@ -303,7 +303,7 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
 
 def _highest(response: Response, points: Floats) -> list[tuple[float, float]]:
     """The largest |S|, |T| and |S - 1/2| at the points, and where."""
-    return top_of(_sizes(response.value_and_slope(points)[0]), points)
+    return top_of(_sizes(response.value_and_slopes(points)[0]), points)
 
 
 def top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
@@ -342,7 +342,7 @@ def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Float
     """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from value and slope in the middle of each part and a bound on
     the second derivative, common to all three as T = 1 - S; inf where the part is too long. Less their rounding."""
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
-    (loop, slope), bend = response.value_and_slope(middle), response.bend(low, high)
+    (loop, slope, _), bend = response.value_and_slopes(middle), response.bend(low, high)
     size, speed = np.abs(loop), np.abs(slope) + half * bend
     growth = np.expm1(half * np.abs(slope) + 0.5 * half**2 * bend)  # of |L| over the part, relatively
     least = np.abs(1 + loop) - size * growth  # of |1 + L|
@@ -381,7 +381,7 @@ def box_bounds(size: Floats, half_turns: Floats) -> Floats:
 
 def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
     """The highest of |S|, |T| and |S - 1/2| at the points and at the peaks between them, and where, rad/s."""
-    loop, slope = response.value_and_slope(points)
+    loop, slope, _ = response.value_and_slopes(points)
     sizes = _sizes(loop)
     inner = sizes[:, 1:-1]
     tops = (inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]) & (inner >= _NEARLY_HIGHEST * sizes.max(axis=1)[:, None])

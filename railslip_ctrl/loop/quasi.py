@@ -322,13 +322,10 @@ class _DelayedResponse(Response):
         values = np.array([self.log_size(edges), self.angle(edges) / np.pi])
         return Pieces(edges[:-1], edges[1:], *np.stack([values[:, :-1], values[:, 1:]], axis=1))
 
-    def value_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        return self(omega), self.log_slope(omega)
-
     def value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
         step = 1e-6 * omega  # for Newton's method inside brackets, which forgives an inexact second derivative
         second = (self.log_slope(omega + step) - self.log_slope(omega - step)) / (2 * step)
-        return *self.value_and_slope(omega), second
+        return self(omega), self.log_slope(omega), second
 
     def bend(self, low: Floats, high: Floats) -> Floats:
         """Twice the largest change of d ln L/d omega over the halves of each interval: an estimate."""

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.loop.rootfinding import bracketed_roots
+from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
