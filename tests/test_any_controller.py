@@ -16,9 +16,9 @@ from railslip_ctrl.design import (
     controller_system,
     linear_controller,
 )
-from railslip_ctrl.design.effort import control_effort
-from railslip_ctrl.design.sampled import SampledController, sampled_loop
-from railslip_ctrl.design.sweeps import sweep_speed
+from railslip_ctrl.design.controllers import SampledController, sampled_loop
+from railslip_ctrl.design.limits import control_effort
+from railslip_ctrl.design.schedule import sweep_speed
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import step_response

@@ -13,13 +13,12 @@ from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import (
     PIController,
     actuated_plant,
+    common_pi,
     gain_for_crossover,
-    holding_gains,
     most_phase,
     wheel_slip_loop,
 )
 from railslip_ctrl.design.assessment import Verdict, assess
-from railslip_ctrl.design.holding import needs_feedback
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
@@ -96,9 +95,9 @@ def test_limits_are_those_of_the_pole_and_the_dead_time():
         assert assess(plant(), pi(kp, 1.0), PARK2008.actuator).margins.mt > limits.mt_bound
 
 
-def test_holding_gains_are_a_minimum_and_inside_their_range():
+def test_common_pi_are_a_minimum_and_inside_their_range():
     plants = [plant(rail) for rail in Rail]
-    design = holding_gains(plants, PARK2008.actuator)
+    design = common_pi(plants, PARK2008.actuator)
     kp = design.controller.gains.kp
     assert design.gain_range[0] < kp < design.gain_range[1]
 
@@ -115,19 +114,19 @@ def test_without_dead_time_and_lag_least_ms_is_that_of_ever_larger_gains():
     unstable = plant()
     pole_at_0 = replace(unstable, A=unstable.A - unstable.poles.real.max() * np.eye(2))
     for one in (unstable, pole_at_0):
-        design = holding_gains([one], Actuator(dead_time=0.0, lag=0.0))
+        design = common_pi([one], Actuator(dead_time=0.0, lag=0.0))
         assert (design.integral_time, design.gain_range[1]) == (1.0, math.inf)
         assert design.worst_ms < 1.001
 
 
-def test_holding_gains_refuse_what_no_pi_holds():
+def test_common_pi_refuse_what_no_pi_holds():
     slow = Actuator(dead_time=0.5, lag=2.0)
     with pytest.raises(InfeasibleDesignError, match=r"stabilising kp: dry 100 km/h: none .*2\.05"):
-        holding_gains([plant()], slow)
+        common_pi([plant()], slow)
     with pytest.raises(InfeasibleDesignError, match=r"no single PI .*133\.4 to 549\.1 .*1\.334 to 5\.491"):
-        holding_gains([plant(), replace(plant(), B=100 * plant().B)], PARK2008.actuator)
+        common_pi([plant(), replace(plant(), B=100 * plant().B)], PARK2008.actuator)
     with pytest.raises(InputError, match="no operating point"):
-        holding_gains([], slow)
+        common_pi([], slow)
 
 
 def test_no_gain_at_all_is_no_design_of_least_ms():
@@ -135,10 +134,9 @@ def test_no_gain_at_all_is_no_design_of_least_ms():
     law = published_law("beam", Rail.DRY)
     stable = linearize(operating_point(law, PARK2008, SPEED, 0.05))
     assert stable.poles.real.max() < 0
-    assert not needs_feedback([stable])
     with pytest.raises(InfeasibleDesignError, match=r"stable by itself at every operating point.*zero gain"):
-        holding_gains([stable, stable], PARK2008.actuator)
-    assert holding_gains([stable, plant()], PARK2008.actuator).controller.gains.kp > 1.0  # one needs to be held
+        common_pi([stable, stable], PARK2008.actuator)
+    assert common_pi([stable, plant()], PARK2008.actuator).controller.gains.kp > 1.0  # one needs to be held
     idle = assess(stable, pi(0.0, 0.0), PARK2008.actuator)
     assert (idle.stable, idle.margins.ms) == (True, 1.0)
     assert idle.verdict is Verdict.NO_FEEDBACK

@@ -15,7 +15,7 @@ from test_loop_properties import random_loops
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import PIController, actuated_plant
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
-from railslip_ctrl.design.effort import control_effort
+from railslip_ctrl.design.limits import control_effort
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail

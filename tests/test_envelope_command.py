@@ -13,7 +13,7 @@ from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import held_slips, tune
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.specification import Specification
-from railslip_ctrl.design.tuning_cases import tune_cases
+from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle

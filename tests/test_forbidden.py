@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from railslip_ctrl.design.forbidden import Forbidden
 from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.design.tuning_search import Forbidden
 from railslip_ctrl.loop import Rational
 
 PLANTS = {

@@ -41,8 +41,8 @@ from railslip_ctrl import (
 )
 from railslip_ctrl.core.arguments import check_fields, checked, complexes, number, numbers
 from railslip_ctrl.design import actuated_plant, margin_grid, outline
+from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.sampled import SampledController
 from railslip_ctrl.design.specification import Specification
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.rational import pade

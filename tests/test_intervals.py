@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from railslip_ctrl.design.decomposition import CriticalGains
-from railslip_ctrl.design.intervals import common_intervals, probe, stable_intervals
+from railslip_ctrl.design.decomposition import CriticalGains, common_intervals, probe, stable_intervals
 from railslip_ctrl.loop.stability import RootCount
 
 INF = float("inf")

@@ -11,9 +11,9 @@ import pytest
 from sample_vehicles import COACH
 
 from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.sampled import sampled_loop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains

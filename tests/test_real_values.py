@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flint import fmpq_poly
 
-from railslip_ctrl.design.real_values import real_frequencies
+from railslip_ctrl.design.decomposition import real_frequencies
 
 S = fmpq_poly([0, 1])
 NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])

@@ -10,7 +10,7 @@ from test_assessment import plant as wheel
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant
-from railslip_ctrl.design.rules import Kind, first_order_model, rotstein_lewin, simc_pi
+from railslip_ctrl.design.tuning import Kind, first_order_model, rotstein_lewin, simc_pi
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 

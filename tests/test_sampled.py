@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.design.sampled import (
+from railslip_ctrl.design.controllers import (
     Rule,
     SampledController,
     continuous_equivalent,

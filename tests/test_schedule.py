@@ -12,8 +12,9 @@ from railslip_ctrl.design.schedule import (
     lowest_stabilisable_speed,
     plant_at,
     schedule_gains,
+    sweep_slip,
+    sweep_speed,
 )
-from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail

@@ -10,9 +10,8 @@ from sample_vehicles import COACH
 
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
-from railslip_ctrl.design.envelope_tuning import operating_plants
+from railslip_ctrl.design.envelope_tuning import REACH_SHARE, Choice, operating_plants, select
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.selection import REACH_SHARE, Choice, select
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 
 SMALL = Envelope(speeds=(20, 40, 100), rails="dry", laws="curve", loads="empty", radius=1.0)
@@ -57,7 +56,7 @@ def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope, facto
 
 
 def test_where_none_is_robust_the_least_ms_is_given_up_by_a_twentieth_for_ki(monkeypatch):
-    monkeypatch.setattr("railslip_ctrl.design.selection._INTEGRAL_TIMES", 64.0 * 2.0 ** -np.arange(0, 2, 0.25))
+    monkeypatch.setattr("railslip_ctrl.design.envelope_tuning._INTEGRAL_TIMES", 64.0 * 2.0 ** -np.arange(0, 2, 0.25))
     brake = Actuator(dead_time=0.15, lag=0.3)
     envelope = SMALL.at(vehicle=PARK2008.model_copy(update={"actuator": brake}), speeds=100.0, laws="bristle")
     (found,) = select(envelope, ["pi"], [1.0]).choices

@@ -31,9 +31,6 @@ def test_p_and_pi_sets_of_an_unstable_lag_with_dead_time():
     assert region.kp_range == pytest.approx((1, 23.3988133859), abs=0.5001e-10, rel=0)
     assert region.ki_limit(2) == pytest.approx(1.077454753, abs=0.5001e-9, rel=0)
     assert region.ki_limit(12) == pytest.approx(6.719615019, abs=0.5001e-9, rel=0)
-    assert region.boundary_curves()[1].omega[[0, -1]] == pytest.approx((2.90231629e-6, 2.90231629), rel=1e-8)
-    assert region.boundary_curves()[0].ki.tolist() == [0.0, 0.0]
-    assert np.diff(region.boundary_curves(1000.0, 100)[1].omega).max() * 0.15 < 2 * np.pi / 100
     assert region.reason == ""
     assert not region.is_empty
     assert region.contains(12, 6.7)
@@ -330,10 +327,11 @@ def test_boundaries_put_poles_on_the_axis():
     rng = np.random.default_rng(3)
     for _ in range(40):
         region, (td, kd, lag) = random_region(rng)
-        curve = region.boundary_curves(omega_max=5.0, points_per_turn=20)[1]
-        s = 1j * curve.omega
+        omega = np.geomspace(5e-6, 5.0, 60)
+        kp, ki = region.decomposition.curve(omega)
+        s = 1j * omega
         derivative = s / (lag * s + 1)
-        c = curve.kp * (1 + td * derivative) + curve.ki / s + kd * derivative
+        c = kp * (1 + td * derivative) + ki / s + kd * derivative
         with np.errstate(divide="ignore", invalid="ignore"):
             loop = c * region.plant(s) * np.exp(-s * region.dead_time)
         usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)

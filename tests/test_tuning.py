@@ -11,10 +11,10 @@ import pytest
 from railslip_ctrl import DeadTimeLoop, tune_pi
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.families import family_margins, worst_of
-from railslip_ctrl.design.forbidden import Forbidden
 from railslip_ctrl.design.schedule import plant_at
+from railslip_ctrl.design.specification import family_margins, worst_of
 from railslip_ctrl.design.tuning import pi_for_crossover, pi_transfer_function
+from railslip_ctrl.design.tuning_search import Forbidden
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 

@@ -6,8 +6,7 @@ import pytest
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.design.tuning import Specification
-from railslip_ctrl.design.tuning_cases import tune_cases
+from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 
 PLANTS = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]

@@ -9,8 +9,7 @@ import pytest
 
 from railslip_ctrl import DeadTimeLoop
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.families import family_margins, worst_of
-from railslip_ctrl.design.specification import Specification, is_robust
+from railslip_ctrl.design.specification import Specification, family_margins, is_robust, worst_of
 from railslip_ctrl.design.tuning_search import Family, _bracket, _inside, _refined_ki, _tightest, _to_the_tip
 from railslip_ctrl.loop import Rational
 

@@ -96,7 +96,7 @@ def _writers(
 ) -> dict[str, Callable[[Path], None]]:
     """What writes each file."""
     from railslip_ctrl.core.cache import kept
-    from railslip_ctrl.design.design_check import published_groups
+    from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper import model_curves, published_runs
     from railslip_ctrl.paper.curves import wet_and_dry
     from railslip_ctrl.paper.errata import errata
