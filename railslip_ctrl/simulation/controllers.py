@@ -27,8 +27,8 @@ from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.numeric import plant_parameters
 from railslip_ctrl.model.vehicle import PIGains, Rail
-from railslip_ctrl.sliding.gains import LawGains, gain_parameters
-from railslip_ctrl.sliding.generated import generated_law, law_states
+from railslip_ctrl.sliding.generate import generated_law, law_states
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
 from .controller_text import linear_text
 from .kernel_text import difference_text, step_text

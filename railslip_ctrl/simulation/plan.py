@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.scalar_code import adhesion_table
+from railslip_ctrl.model.numeric import adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from .controllers import Controller, Situation, reference_slip

@@ -8,7 +8,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.controllers import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, TABLE4_SLIDING_PRINTED, Rail
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 from .controllers import LinearControl, SlidingControl
 

@@ -14,7 +14,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
-from railslip_ctrl.model.scalar_code import WORKS
+from railslip_ctrl.model.numeric import WORKS
 
 from . import kernel as layout
 from .controllers import Controller
@@ -57,7 +57,7 @@ class Energies:
     booked : float
         What came in with changes of mass.
     works : dict
-        By `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
+        By `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
         resistance, random force, caliper disturbance.
     """
 

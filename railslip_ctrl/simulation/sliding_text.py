@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.kernels import plain, prefixed
-from railslip_ctrl.model.scalar_code import scalar_source
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text, law_states
+from railslip_ctrl.model.kernels import prefixed, scalar_source
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text, law_states
 
 from .kernel_text import step_text
 from .steps import sliding as steps
@@ -38,10 +37,10 @@ def assumed_torque(v, omega, c, table):
     p = c[{after}:]
     sigma = v - c[1] * omega
     z = {{prefix}}rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p, table)
-    return c[1] * {{prefix}}adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
+    return c[1] * {{prefix}}force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
 
 """
-    own = "" if model is None else prefixed(plain(scalar_source(model)), "assumed_")
+    own = "" if model is None else prefixed(scalar_source(model), "assumed_")
     return (
         own + law_kernel_text() + glue.replace("{prefix}", "" if model is None else "assumed_") + step_text("sliding")
     )
