@@ -39,9 +39,8 @@ from railslip_ctrl.design.compensators import (
     observer_compensator,
     smith_predictor,
 )
-from railslip_ctrl.design.effort import Effort, control_effort
-from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.design.rules import RuleTuning, rotstein_lewin, simc_pi
+from railslip_ctrl.design.limits import Effort, Limits, control_effort
+from railslip_ctrl.design.tuning import RuleTuning, rotstein_lewin, simc_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import GangOfFour, gang_of_four
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008, PIController, PIGains, Rail, actuated_plant, plant_at, tune_pi
-from railslip_ctrl.design.sampled import SampledController, SampledMargins, sampled_margins, suggested_period
-from railslip_ctrl.design.sweeps import MarginSweep, sweep_slip, sweep_speed
+from railslip_ctrl.design.controllers import SampledController, SampledMargins, sampled_margins, suggested_period
+from railslip_ctrl.design.schedule import MarginSweep, sweep_slip, sweep_speed
 from railslip_ctrl.design.tuning import PIDesign
 
 ACTUATOR = PARK2008.actuator
@@ -94,8 +94,7 @@ def draw(result: LeadDesign, folder: Path) -> None:
 
 def draw_family(result: LeadDesign, folder: Path) -> None:
     """Bode, Nyquist and Nichols of the design at all twelve operating points, empty and loaded side by side."""
-    from railslip_ctrl.design.assessment import assess
-    from railslip_ctrl.design.design_check import controller_group
+    from railslip_ctrl.design.assessment import assess, controller_group
     from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = []

@@ -62,7 +62,7 @@ def main() -> None:
 
 def draw(result: PublishedCheck, folder: Path) -> None:
     """Bode, Nyquist and Nichols of both readings."""
-    from railslip_ctrl.design.design_check import controller_group
+    from railslip_ctrl.design.assessment import controller_group
     from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = (

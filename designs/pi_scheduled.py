@@ -13,8 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import PARK2008, Envelope, Judgement, PIController, PIGains, Rail, judge, plant_at
-from railslip_ctrl.design.schedule import GainSchedule, lowest_held_speed, lowest_stabilisable_speed, schedule_gains
-from railslip_ctrl.design.sweeps import sweep_speed
+from railslip_ctrl.design.schedule import (
+    GainSchedule,
+    lowest_held_speed,
+    lowest_stabilisable_speed,
+    schedule_gains,
+    sweep_speed,
+)
 
 SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 MS_MAX = 1.8

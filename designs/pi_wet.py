@@ -22,7 +22,7 @@ class WetDesign:
 
     wet: rs.Assessment
     same_on_dry: rs.Assessment
-    holding: rs.HoldingDesign
+    common: rs.CommonPI
 
 
 def plant_on(rail: rs.Rail) -> rs.LinearPlant:
@@ -45,7 +45,7 @@ def run() -> WetDesign:
     return WetDesign(
         wet=rs.assess(wet, controller, actuator),
         same_on_dry=rs.assess(dry, controller, actuator),
-        holding=rs.holding_gains([dry, wet], actuator),
+        common=rs.common_pi([dry, wet], actuator),
     )
 
 
@@ -53,10 +53,10 @@ def main() -> None:
     """Print the margin reports and the comparison."""
     design = run()
     print(design.wet, design.same_on_dry, sep="\n\n")
-    gains = design.holding.controller.gains
+    gains = design.common.controller.gains
     print(
         f"One PI for both rails: kp {gains.kp:.4g} N*m/(m/s), ki {gains.ki:.3g} N*m/m, "
-        f"worst Ms {design.holding.worst_ms:.4g}."
+        f"worst Ms {design.common.worst_ms:.4g}."
     )
 
 

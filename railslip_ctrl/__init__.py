@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from .core.errors import MissingParametersError as MissingParametersError
     from .core.errors import RailslipError as RailslipError
     from .core.errors import UnstableLoopError as UnstableLoopError
-    from .design import HoldingDesign as HoldingDesign
+    from .design import CommonPI as CommonPI
     from .design import IntersectionRegion as IntersectionRegion
     from .design import PIController as PIController
     from .design import actuated_plant as actuated_plant
+    from .design import common_pi as common_pi
     from .design import gain_for_crossover as gain_for_crossover
-    from .design import holding_gains as holding_gains
     from .design import intersection as intersection
     from .design import most_phase as most_phase
     from .design import stabilizing_pi as stabilizing_pi
@@ -71,10 +71,10 @@ __version__ = "0.1.0"
 _HOME = {
     "Actuator": ".model.vehicle",
     "Assessment": ".design.assessment",
+    "CommonPI": ".design",
     "DeadTimeLoop": ".loop",
     "DomainError": ".core.errors",
     "Envelope": ".design.envelope",
-    "HoldingDesign": ".design",
     "InfeasibleDesignError": ".core.errors",
     "InputError": ".core.errors",
     "IntersectionRegion": ".design",
@@ -98,11 +98,11 @@ _HOME = {
     "assess": ".design.assessment",
     "built_in_scenario": ".simulation",
     "campaign": ".simulation.campaign.statistics",
+    "common_pi": ".design",
     "compare_runs": ".simulation.run_comparison",
     "derive": ".sliding.derivation",
     "fundamental_limits": ".design.limits",
     "gain_for_crossover": ".design",
-    "holding_gains": ".design",
     "intersection": ".design",
     "judge": ".design.judging",
     "linearize": ".model.linearization",
@@ -129,10 +129,10 @@ __all__ = [
     "PARK2008",
     "Actuator",
     "Assessment",
+    "CommonPI",
     "DeadTimeLoop",
     "DomainError",
     "Envelope",
-    "HoldingDesign",
     "InfeasibleDesignError",
     "InputError",
     "IntersectionRegion",
@@ -156,11 +156,11 @@ __all__ = [
     "assess",
     "built_in_scenario",
     "campaign",
+    "common_pi",
     "compare_runs",
     "derive",
     "fundamental_limits",
     "gain_for_crossover",
-    "holding_gains",
     "intersection",
     "judge",
     "linearize",

@@ -31,7 +31,7 @@ ROOMS = (
 
 ENTRIES = {
     "identification.identify": ("Identification", "Options", "identify", "identify_several"),
-    "design.sampled": ("SampledController",),
+    "design.controllers": ("SampledController",),
     "design.specification": ("Specification",),
     "model.vehicle": (
         *("GRAVITY", "INITIAL_SPEED_KMH", "PARK2008", "Actuator", "PIGains", "Rail", "Record", "Resistance", "Vehicle"),

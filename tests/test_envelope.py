@@ -1,20 +1,35 @@
-"""The design envelope: its points, its loads and laws, its files, and what it refuses."""
+"""The design envelope, the verdict over it, the controller tuned or selected for it, and the commands."""
 
 from __future__ import annotations
 
 import itertools
+import json
+import math
 from pathlib import Path
 
+import control as ct
 import numpy as np
 import pytest
 from sample_vehicles import COACH
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope import Envelope, load_envelope
-from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.design.envelope_tuning import (
+    REACH_SHARE,
+    Choice,
+    held_slips,
+    operating_plants,
+    select,
+    tune,
+)
+from railslip_ctrl.design.judging import judge
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
-from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
+from railslip_ctrl.simulation import LinearControl
 
 SMALL = Envelope(COACH, speeds=(20, 100), slip=(0.6, 1.0), dead_time=(1.0, 1.3), lag=(1.0, 1.3))
 
@@ -199,9 +214,428 @@ def test_a_reference_slip_beside_the_peak_is_told():
     assert Envelope(rails="dry", reference={"dry": 0.11, "wet": 0.07}).knife_edges() == ()
 
 
-def test_every_kind_of_law_stands_in_an_envelope():
-    laws: list[str | AdhesionLaw] = ["bristle", published_law("curve", Rail.DRY)]
-    points = Envelope(laws=laws, speeds=60, loads="empty").points(nominal=True)
-    assert [points.case(i).point.adhesion for i in range(len(points))] == ["bristle", "curve"] * 2
-    assert Envelope(laws=laws).table()["laws"] == ["bristle", "curve"]
-    assert list(itertools.chain(points.load)) == ["empty"] * 4
+# --- one verdict over an envelope: which it is, from which speed on, and its worst cases against loops made one by one
+
+
+PI_LEAD = PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)
+FAST = PIController(PIGains(kp=1100.0, ki=60.0), lead=0.4, lead_filter=0.04)  # for the coach
+
+BRAKES = {
+    "published": PARK2008,
+    "coach": COACH,
+    "prompt": COACH.model_copy(update={"actuator": Actuator(dead_time=0.05, lag=0.0)}),
+}
+
+
+def own_loop(car, controller, adhesion, rail, speed, load, slip, dead_time, lag, radius):
+    """A loop of the envelope, made from its definition."""
+    loaded = car.loaded() if load == "loaded" else car
+    law = published_law(adhesion, rail, wheel_load=loaded.wheel_load)
+    worn = loaded.model_copy(update={"wheel": loaded.wheel.model_copy(update={"radius": radius * car.wheel.radius})})
+    brake = Actuator(dead_time=dead_time * car.actuator.dead_time, lag=lag * car.actuator.lag)
+    point = operating_point(law, worn, speed / 3.6, slip * law.reference_slip(law.rail))
+    return wheel_slip_loop(linearize(point), controller, brake)
+
+
+@pytest.mark.parametrize(("name", "controller"), [("published", PI_LEAD), ("coach", FAST), ("prompt", FAST)])
+def test_no_loop_of_the_envelope_is_worse_than_the_worst(name, controller):
+    car, envelope = BRAKES[name], Envelope(BRAKES[name])
+    judged = judge(controller, envelope)
+    rng = np.random.default_rng(16)
+    axes = [("bristle", "curve"), ("dry", "wet"), envelope.speeds, envelope.loads, *map(tuple, (
+        envelope.slip, envelope.dead_time, envelope.lag, envelope.radius))]  # fmt: skip
+    ms, usable = {}, judged.usable_from_kmh or 0.0
+    for _ in range(150):
+        chosen = tuple(axis[rng.integers(len(axis))] for axis in axes)
+        loop = own_loop(car, controller, *chosen)
+        ms[chosen] = loop.margins().ms if loop.is_stable() else math.inf
+    assert judged.stable.mean() == pytest.approx(np.isfinite([*ms.values()]).mean(), abs=0.1)  # of 150, at least 0.04
+    assert max(x for chosen, x in ms.items() if chosen[2] >= usable) <= judged.worst_with_tolerances.ms * (1 + 1e-9)
+    for adhesion, rail, speed, load in itertools.product(*axes[:4]):
+        loop = own_loop(car, controller, adhesion, rail, speed, load, 1.0, 1.0, 1.0, 1.0)
+        if speed >= usable:
+            assert (loop.margins().ms if loop.is_stable() else math.inf) <= judged.worst.ms * (1 + 1e-9)
+    # and it is attained, where it says
+    for worst in (judged.worst, judged.worst_with_tolerances):
+        table = worst.case.table()
+        of = car.actuator
+        held = published_law(table["adhesion"], table["rail"]).reference_slip(table["rail"])
+        again = own_loop(
+            car, controller, *(table[key] for key in ("adhesion", "rail", "speed_kmh", "load")), table["slip"] / held,
+            table["dead_time_s"] / of.dead_time, table["lag_s"] / of.lag if of.lag else 1.0,
+            table["radius_m"] / car.wheel.radius,
+        )  # fmt: skip
+        assert again.is_stable() == (worst.margins is not None)
+        assert worst.margins is None or worst.ms == pytest.approx(again.margins().ms, rel=1e-9)
+
+
+def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
+    speeds = (20, 60, 100)
+    on_bristle = Envelope(laws="bristle", speeds=speeds)
+    judged = judge(PI_LEAD, on_bristle)
+    assert judged.verdict == "robust"
+    assert judged.verdict_line == (
+        "robust: Ms 1.43 at bristle, dry, empty, 100 km/h; with tolerances Ms 2.02 at bristle, dry, empty, 100 km/h, "
+        "slip +25 %, dead time +30 %, lag +30 %"
+    )
+    assert judged.usable_from_kmh == judged.robust_from_kmh == 20.0
+    # on the curve every operating point is well damped, but past its peak a slow brake loses the wheel at low speed
+    both = on_bristle.at(laws=("bristle", "curve"))
+    judged, nominal = judge(PI_LEAD, both), judge(PI_LEAD, both, nominal=True)
+    assert (judged.verdict, nominal.verdict) == ("fragile", "robust")
+    assert nominal.verdict_line.startswith("robust at the operating points: Ms 1.57 at curve, dry, empty, 20 km/h")
+    assert judged.worst.ms <= nominal.worst.ms
+    assert judged.usable_from_kmh == judged.robust_from_kmh == 60.0
+    assert judged.worst.point.speed_kmh >= 60.0
+    assert "unstable at curve, dry, empty, 20 km/h, slip +25 %" in str(judged)
+    assert "stable from 60 km/h up, there Ms 44.6 at curve, dry" in str(judged)
+    slow = judge(PI_LEAD, both.at(speeds=(10, 100)))
+    assert (slow.verdict, slow.usable_from_kmh) == ("unstable", 100.0)
+    nowhere = judge(PIController(PIGains(kp=1e6, ki=1.0)), Envelope(speeds=(60, 100)))
+    assert (nowhere.verdict, nowhere.usable_from_kmh, nowhere.robust_from_kmh) == ("unstable", None, None)
+    assert (nowhere.worst.margins, nowhere.table()["worst"]["ms"]) == (None, None)
+    assert "not stable at 100 km/h either" in nowhere.verdict_line
+
+
+def test_fragile_names_an_operating_point_over_the_limit():
+    slips = {"dry": 0.1, "wet": 0.1}  # Ms 1.28, 1.84, 2.29: robust below 100 km/h, which no stop begins from
+    envelope = Envelope(laws="curve", rails="dry", loads="empty", speeds=(20, 60, 100), reference=slips)
+    judged = judge(PIController(PIGains(kp=900.0, ki=5.0), 0.6, 0.06), envelope, nominal=True)
+    assert (judged.verdict, judged.usable_from_kmh, judged.robust_from_kmh) == ("fragile", 20.0, None)
+    assert judged.verdict_line == "fragile at the operating points: Ms 2.3 at curve, dry, empty, 100 km/h"
+
+
+def test_map_and_axes_are_of_the_cases():
+    judged = judge(PI_LEAD, Envelope(speeds=(100, 60)))
+    ms, points = judged.ms, judged.points
+    assert judged.map.speeds_kmh.tolist() == [60.0, 100.0]
+    for row, column in itertools.product(range(2), range(2)):
+        here = (points.speed_kmh == judged.map.speeds_kmh[row]) & (points.load == judged.map.loads[column])
+        assert judged.map.with_tolerances[row, column] == ms[here].max()
+        assert judged.map.operating[row, column] == ms[here & points.operating].max()
+    axes = judged.by_axis()
+    assert axes["load"]["loaded"] == (1.0, ms[points.load == "loaded"].max())
+    assert [len(values) for values in axes.values()] == [2, 2, 2, 2, 3, 2, 3, 3]
+
+
+def test_a_controller_s_own_reference_is_where_it_is_judged():
+    class Holding(PIController):
+        reference = ReferenceSlip(dry=0.09, wet=0.06)
+
+    small, holding = Envelope(laws="curve", rails="dry", speeds=60), Holding(PI_LEAD.gains, 0.6, 0.06)
+    own = judge(holding, small)
+    assert own.worst.point.slip == 0.09
+    assert own.worst.ms == judge(PI_LEAD, small.at(reference=Holding.reference)).worst.ms
+    # unless the envelope has one
+    assert judge(holding, small.at(reference={"dry": 0.12, "wet": 0.08})).worst.point.slip == 0.12
+
+
+# --- sampled ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_discrete_controller_is_judged_by_its_sampled_loops():
+    s = ct.tf("s")
+    discrete = ct.sample_system((229.4 + 5.0 / s) * (0.6 * s + 1) / (0.06 * s + 1), 0.05, "tustin")
+    judged = judge(discrete, Envelope(laws="bristle", rails="dry", speeds=100, loads="empty"))
+    points, rng = judged.points, np.random.default_rng(2)
+    for i in rng.choice(len(points), 8, replace=False):
+        loop = wheel_slip_loop(points.plants[points.plant[i]], discrete, points.actuators[points.actuator[i]])
+        # a parabola's top, looked at over a 1e-5 of its width
+        assert judged.ms[i] == pytest.approx(loop.margins().ms, rel=1e-8)
+    assert judged.worst.margins.ms == judged.worst.loop.margins().ms
+    assert np.isfinite(judged.margins.delay_s[points.operating]).all()
+
+
+def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
+    envelope = Envelope(laws="bristle", rails="dry", speeds=(60, 100), loads="empty")
+    reference = ReferenceSlip(dry=0.132, wet=0.092)
+    assert judge(PI_LEAD, envelope).verdict == "robust"
+    verdicts = {}
+    for period in (0.02, 0.3, 1.0):
+        control = LinearControl(PI_LEAD, reference, period=period)
+        found = judge(control, envelope)
+        verdicts[period] = (found.verdict, found.usable_from_kmh, found.robust_from_kmh)
+        for worst in (found.worst, found.worst_with_tolerances):
+            run = sampled_loop(control.sampled(period), worst.case.plant, worst.case.actuator)
+            ms = run.margins().ms if run.is_stable() else None
+            assert worst.table()["sampled"] == {"period_s": period, "ms": ms}
+            assert worst.ms == wheel_slip_loop(worst.case.plant, PI_LEAD, worst.case.actuator).margins().ms
+        assert f"sampled every {period:g} s) at bristle" in found.verdict_line
+    assert verdicts == {
+        0.02: ("robust", 60.0, 60.0),
+        0.3: ("fragile", 60.0, None),
+        1.0: ("unstable", None, None),
+    }
+
+
+# --- which controller is taken for an envelope: the criterion, against a grid of gains, and what it tells ------------
+
+
+ONE_LAW = Envelope(speeds=(20, 40, 100), rails="dry", laws="curve", loads="empty", radius=1.0)
+
+
+@pytest.fixture(scope="module")
+def selection():
+    return select(ONE_LAW)
+
+
+def choice(selection, structure, factor) -> Choice:
+    (found,) = (c for c in selection.choices if (c.structure, c.reference_factor) == (structure, factor))
+    return found
+
+
+def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge(selection):
+    best = selection.best
+    assert (best.structure, best.reference_factor) == ("pi", 0.75)
+    assert best.design.reference.dry == pytest.approx(0.099)
+    again = judge(best.design, ONE_LAW)  # at the design's own reference
+    assert again.verdict == best.design.judgement.verdict == "robust"
+    assert again.ms == pytest.approx(best.design.judgement.ms, rel=1e-12)
+    assert again.worst.point.slip == best.design.reference.dry
+    assert [c.rank for c in selection.choices] == sorted(c.rank for c in selection.choices)
+    assert len(selection.choices) == 6
+    assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
+
+
+@pytest.mark.parametrize(("envelope", "factor"), [(ONE_LAW, 1.0), (ONE_LAW, 0.75), (Envelope(speeds=40.0), 1.0)])
+def test_no_gains_of_a_grid_do_more_than_those_chosen(selection, envelope, factor):
+    """None is robust from a lower speed, or from the same one with a larger ki."""
+    selected = selection if envelope is ONE_LAW else select(envelope, ["pi-lead"], [factor])
+    found = choice(selected, "pi-lead", factor)
+    mine, gains = found.design.judgement.robust_from_kmh, found.design.gains
+    assert mine is not None
+    for kp in gains.kp * np.geomspace(0.2, 5.0, 9):
+        for ki in gains.ki * np.array([0.1, 1.0, 1.2]):  # the search ends at 1.05, its gains are 1.1 apart
+            other = PIController(PIGains(kp=kp, ki=ki), found.design.lead, found.design.lead_filter)
+            judged = judge(other, envelope.at(reference=found.design.reference))
+            robust = math.inf if judged.robust_from_kmh is None else judged.robust_from_kmh
+            assert robust > mine if ki > gains.ki else robust >= mine
+
+
+def test_where_none_is_robust_the_least_ms_is_given_up_by_a_twentieth_for_ki(monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.design.envelope_tuning._INTEGRAL_TIMES", 64.0 * 2.0 ** -np.arange(0, 2, 0.25))
+    brake = Actuator(dead_time=0.15, lag=0.3)
+    envelope = ONE_LAW.at(vehicle=PARK2008.model_copy(update={"actuator": brake}), speeds=100.0, laws="bristle")
+    (found,) = select(envelope, ["pi"], [1.0]).choices
+    gains, (plant,) = found.design.gains, operating_plants(envelope.points(nominal=True))
+
+    def least(time):
+        loops = [wheel_slip_loop(plant, PIController(PIGains(kp=kp, ki=kp / time))) for kp in range(180, 260, 4)]
+        return min(loop.margins().ms for loop in loops)
+
+    slowest = least(64 * 0.45)
+    assert slowest > 2.0
+    # grids of kp: 1 % of the interval here, 5 % there
+    assert 0.99 * least(gains.kp / gains.ki) <= found.design.judgement.worst.ms <= 1.055 * slowest
+    assert least(gains.kp / gains.ki / 2**0.25) > 1.045 * slowest
+
+
+def test_without_dead_time_and_lag_any_gain_holds_a_stable_wheel():
+    prompt = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
+    below_the_peak = ONE_LAW.at(vehicle=prompt, speeds=20.0, slip=1.0, reference={"dry": 0.1, "wet": 0.1})
+    assert select(below_the_peak).best.design.judgement.verdict == "robust"
+
+
+def test_the_time_to_the_reference_is_that_of_the_integral(selection):
+    found = choice(selection, "pi-lead", 1.0)
+    points = [plant.point for plant in found.design.judgement.points.plants if plant.point.slip == 0.132]
+    start = 0.8 * min(point.brake_torque for point in points)
+    times = []
+    for point in (p for p in points if p.speed_kmh > 99):
+        # counted in steps of a millisecond, error and gains held
+        error, torque, time = point.slip * point.speed, start + found.design.gains.kp * point.slip * point.speed, 0.0
+        while torque < point.brake_torque:
+            torque, time = torque + 1e-3 * found.design.gains.ki * error, time + 1e-3
+        times.append((time, PARK2008.mass * (100 / 3.6) / point.adhesion_force))
+    assert found.reach_s == pytest.approx(max(time for time, _ in times), abs=2e-3)
+    assert found.stop_s in [pytest.approx(stop, rel=1e-12) for _, stop in times]
+    assert found.reaches == (found.reach_s <= REACH_SHARE * found.stop_s)
+    assert ("its reference takes" in found.words) != found.reaches
+
+
+def test_a_smaller_slip_tells_what_it_costs(selection):
+    own, less = choice(selection, "pi-lead", 1.0), choice(selection, "pi-lead", 0.5)
+    assert own.adhesion_share == 1.0
+    assert 0.6 < less.adhesion_share < 1.0
+    assert f"adhesion {100 * (less.adhesion_share - 1):+.2g} %" in less.words
+
+
+def test_where_nothing_holds_there_is_no_best_and_without_lag_no_lead():
+    late = COACH.model_copy(update={"actuator": Actuator(dead_time=1.5, lag=0.0)})
+    found = select(ONE_LAW.at(vehicle=late, speeds=(20.0,), laws="bristle"))
+    assert found.best is None
+    assert {c.structure for c in found.choices} == {"pi"}
+    assert "no gains found that hold every loop" in str(found)
+
+
+# --- `margins` and `tune` over an envelope, and what a mass given alone leaves as it was -----------------------------
+
+
+COACH_FILE = """
+name = "Coach, quarter car"
+mass = 11000
+mass_loaded = 17437
+[wheel]
+radius = 0.46
+inertia = 90
+viscous_friction = 0.25
+[actuator]
+dead_time = "120 ms"
+lag = "0.4 s"
+[resistance]
+constant = 100
+linear = 0
+quadratic = 0.6
+"""
+GAINS = ("--kp", "1100", "--ki", "60", "--lead", "0.4")
+
+
+@pytest.fixture
+def coach(tmp_path):
+    path = tmp_path / "coach.toml"
+    path.write_text(COACH_FILE, encoding="utf-8")
+    return path
+
+
+def test_margins_over_the_default_envelope_are_those_of_judge(railslip, coach):
+    status, out, err = railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")
+    found, judged = json.loads(out), judge(FAST, Envelope(load_vehicle(coach)))
+    assert (status, err) == (1, "")
+    assert {key: found[key] for key in judged.table()} == json.loads(json.dumps(judged.table()))
+    assert set(found["worst"]["case"]) == {
+        "adhesion", "rail", "speed_kmh", "slip", "load", "mass_kg", "wheel_load_n", "dead_time_s", "lag_s", "radius_m",
+    }  # fmt: skip
+    assert len(found["cases"]) == 48
+    assert {case["load"] for case in found["cases"]} == {"empty", "loaded"}
+    assert {case["wheel_load_n"] for case in found["cases"]} == {COACH.wheel_load, COACH.wheel_load_loaded}
+    stable = [case["stable"] for case in found["cases"]]
+    assert stable == judged.stable[judged.points.operating].tolist()
+
+
+def test_options_narrow_the_envelope_and_files_have_it(railslip, coach, tmp_path):
+    named = ("--rail", "wet", "--speed", "60", "--slip", "0.07", "--loaded", "--adhesion", "curve")
+    narrow = json.loads(railslip("margins", "--vehicle", coach, *GAINS, *named, "--envelope", "default", "--json")[1])
+    envelope = narrow["envelope"]
+    assert [envelope[key] for key in ("rails", "laws", "speeds", "loads")] == [["wet"], ["curve"], [60.0], ["loaded"]]
+    assert envelope["reference"]["wet"] == narrow["worst"]["case"]["slip"] == 0.07
+    assert narrow["worst"]["case"]["wheel_load_n"] == COACH.wheel_load_loaded
+    own = '[envelope]\nrails = ["wet"]\nlaws = "curve"\nspeeds = 60\nloads = "loaded"\n'
+    own += "reference = {dry = 0.07, wet = 0.07}\n"
+    (tmp_path / "envelope.toml").write_text(own, encoding="utf-8")
+    file = tmp_path / "envelope.toml"
+    assert json.loads(railslip("margins", "--vehicle", coach, *GAINS, "--envelope", file, "--json")[1]) == narrow
+    coach.write_text(COACH_FILE + own, encoding="utf-8")  # of the vehicle's own file
+    assert json.loads(railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")[1]) == narrow
+
+
+def test_the_text_says_verdict_worst_and_map_and_nominal_says_so(railslip):
+    arguments = ("margins", "--kp", "229.4", "--ki", "5", "--lead", "0.6", "--speed", "20", "--speed", "60")
+    status, out, _ = railslip(*arguments, "--envelope", "default")
+    assert status == 0
+    assert "Verdict: fragile: unstable at curve, dry, empty, 20 km/h, slip +25 %" in out
+    assert "Usable from  60 km/h" in out
+    assert "432, of them 16 operating points" not in out
+    assert "knife's edge" in out
+    status, out, _ = railslip(*arguments, "--envelope", "default", "--nominal")
+    assert status == 0
+    assert "Verdict: robust at the operating points: Ms 1.57 at curve, dry, empty, 20 km/h" in out
+    assert "with tolerances" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--mass", "4000"), "--mass: changes M alone, and the loads of an envelope are mass and wheel load"),
+        (("--certify",), "--certify: goes with operating points"),
+        (("--slip", "0"), "reference.dry: 0 is not allowed"),
+    ],
+)
+def test_what_no_envelope_has_is_refused(railslip, arguments, message):
+    status, out, err = railslip("margins", "--envelope", "default", *arguments)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert railslip("margins", "--envelope", "missing.toml")[0] == 2
+
+
+def test_a_mass_given_alone_is_told_in_the_verdict(railslip, coach):
+    _, out, err = railslip("margins", "--vehicle", coach, *GAINS, "--rail", "wet", "--mass", "17437")
+    assert "M alone was changed: the wheel load stayed at 107873 N." in out.splitlines()[-1]
+    assert "the wheel load stayed" in err
+    for own in (("--mass", "11000"), ("--loaded",), ("--loaded", "--mass", "17437")):
+        assert "stayed" not in "".join(railslip("margins", "--vehicle", coach, *GAINS, *own)[1:])
+
+
+# --- tune -----------------------------------------------------------------------------------------------------------
+
+
+def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
+    envelope = Envelope(load_vehicle(coach), rails="dry", laws="bristle", speeds=(60, 100))
+    best = tune(envelope, "pi-lead", 2.5)
+    again = judge(best, envelope)
+    assert best.judgement.ms == pytest.approx(again.ms, rel=1e-12)
+    assert again.ms[again.points.operating].max() == pytest.approx(2.5, rel=1e-9)
+    assert again.worst.case.load == "loaded"
+    # the true load, not the mass alone: with the wheel load as it was, Ms is less
+    alone = COACH.model_copy(update={"mass": COACH.mass_loaded})
+    assert judge(best, Envelope(alone, rails="dry", laws="bristle", speeds=(60, 100), loads="empty")).worst.ms < 2.45
+    assert (best.reference.dry, best.reference.wet) == (0.132, 0.132)  # of dry rail alone
+    assert str(best).startswith("PI-lead: kp ")
+    arguments = ("--vehicle", coach, "--rail", "dry", "--adhesion", "bristle", "--speed", "60", "--speed", "100")
+    status, out, _ = railslip(
+        "tune", *arguments, "--structure", "pi-lead", "--ms-max", "2.5", "--envelope", "default", "--json"
+    )
+    found = json.loads(out)
+    assert (status, found["kp_si"], found["ki_si"]) == (0, best.gains.kp, best.gains.ki)
+    assert {key: found[key] for key in again.table()} == json.loads(json.dumps(best.judgement.table()))
+    assert len(found["cases"]) == 4
+
+
+def test_tune_judges_the_envelope_unless_points_are_named(railslip):
+    whole = json.loads(railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--json")[1])
+    assert not whole["feasible"]
+    assert whole["reason"].endswith("from 20 km/h up it can")
+    named = railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--mass", "4000")[1]
+    assert "of the operating points alone. M alone was changed: the wheel load stayed at 34500 N." in " ".join(
+        named.split()
+    )
+    over = ("tune", "--structure", "pi-lead", "--ms-max", "2", "--speed", "100", "--envelope", "default")
+    assert "Verdict: robust: Ms 2" in railslip(*over)[1]
+    assert "Verdict: robust at the operating points: Ms 2" in railslip(*over, "--nominal")[1]
+
+
+def test_tune_says_that_no_speed_will_do():
+    with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
+        tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)
+    with pytest.raises(InfeasibleDesignError, match="from 60 km/h up it can"):
+        tune(Envelope(speeds=(20, 40, 60, 100), rails="dry", laws="curve"), "pi-lead", 1.15)
+    # found by halving
+    envelope = Envelope(rails="dry", laws="curve", loads="empty", speeds=range(4, 101, 12))
+    with pytest.raises(InfeasibleDesignError, match=r"at 4 and 100 km/h alone: .*; from 16 km/h up it can"):
+        tune(envelope, "pi-lead", 1.8)
+    assert tune(envelope.at(speeds=range(16, 101, 12)), "pi-lead", 1.8).judgement.worst.ms <= 1.8 * (1 + 1e-9)
+
+
+def test_the_slips_held_are_those_of_every_law():
+    mine = published_law("bristle", "dry").model_copy(update={"reference": ReferenceSlip(dry=0.1, wet=0.08)})
+    for axes, held in (({}, (0.132, 0.092)), ({"rails": "wet"}, (0.092, 0.092)), ({"laws": [mine, "curve"]}, None)):
+        envelope = Envelope(speeds=60, **axes)
+        found = held_slips(envelope, envelope.points(nominal=True))
+        assert (found and (found.dry, found.wet)) == held
+
+
+def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):
+    file = tmp_path / "best.toml"
+    case = ("--vehicle", coach, "--envelope", "default", "--adhesion", "curve", "--speed", "60", "--speed", "100")
+    _, out, _ = railslip(
+        "tune", *case, "--structure", "pi-lead", "--ms-max", "2", "--slip", "0.1", "--out", file, "--json"
+    )
+    tuned = json.loads(out)
+    _, out, _ = railslip("margins", *case, "--controller", file, "--json")  # with the slip of its file
+    judged = json.loads(out)
+    for key in ("verdict", "worst", "worst_with_tolerances"):
+        assert judged[key] == tuned[key]
+    mine = tmp_path / "mine.py"
+    mine.write_text("import control as ct\nCONTROLLER = ct.tf([440.0, 1124, 60], [0.04, 1, 0])  # FAST\n")
+    _, out, _ = railslip("margins", *case, "--controller", mine, "--json")
+    expected = judge(FAST, Envelope(load_vehicle(coach), laws="curve", speeds=(60, 100))).worst.ms
+    assert json.loads(out)["worst"]["ms"] == pytest.approx(expected, rel=1e-9)

@@ -1,23 +1,25 @@
-"""Limits of any controller: closed forms, optimal controllers that reach them, random ones that must not beat them."""
+"""Limits of any controller, against closed forms and optimal controllers; compensators and their loops; effort."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 from test_assessment import plant as wheel
-from test_loop_properties import rounded
+from test_loop_properties import random_loops, rounded
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import actuated_plant
-from railslip_ctrl.design.compensators import observer_compensator
-from railslip_ctrl.design.limits import fundamental_limits, least_peak
+from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.design import PIController, actuated_plant
+from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
+from railslip_ctrl.design.limits import control_effort, fundamental_limits, least_peak
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 
 TAU, LAG = PARK2008.actuator.dead_time, PARK2008.actuator.lag
 
@@ -92,22 +94,6 @@ def test_least_ms_is_the_norm_of_the_inverse_all_pass_on_the_dead_time_interval(
         norms.append(np.linalg.norm(matrix, 2))
     extrapolated = norms[1] + (norms[1] - norms[0]) / 3
     assert extrapolated == pytest.approx(least_peak(np.array(p), np.array([]), tau), rel=1e-4)
-
-
-def test_the_optimal_controller_reaches_the_bound_on_mt_in_the_limit():
-    # for exp(-tau s)/(s - p): T = exp(-tau s) exp(p tau)(1 + p eps)/(1 + eps s) has T(p) = 1, so S cancels nothing
-    # unstable, and its peak exp(p tau)(1 + p eps) falls to the bound as the roll-off moves out
-    p, tau = 0.8, 0.15
-    bound = fundamental_limits(real([], [p]), tau).mt_bound
-    omega = np.concatenate([[0.0], np.geomspace(1e-3, 1e4, 2001)])
-    peaks = []
-    for eps in (1.0, 0.1, 0.01, 0.001):
-        t = math.exp(p * tau) * (1 + p * eps) / (1 + eps * 1j * omega) * np.exp(-1j * omega * tau)
-        assert math.exp(p * tau) * (1 + p * eps) / (1 + eps * p) * math.exp(-p * tau) == pytest.approx(1.0)
-        peaks.append(np.abs(t).max())
-    assert np.all(np.diff(peaks) < 0)
-    assert peaks[-1] == pytest.approx(bound, rel=1e-3)
-    assert peaks[-1] > bound
 
 
 @pytest.mark.parametrize("rail", list(Rail))
@@ -231,3 +217,315 @@ def test_bode_integral_with_the_exact_dead_time(rail):
     # |L| ~ a/omega^2 beyond the last edge: the tail is an oscillation below a/(tau omega^2)
     size = abs(loop(1j * edges[-1]))
     assert total == pytest.approx(expected, abs=5 * size / TAU + 1e-8)
+
+
+# --- quasi-polynomial loops against the dead-time loop, and the compensators against what their structure promises ---
+
+
+PI_LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06).transfer_function
+
+
+def actuated(rail=Rail.DRY):
+    return actuated_plant(wheel(rail), PARK2008.actuator)
+
+
+def assert_same_margins(one, other, tolerance):
+    for field in dataclasses.fields(one):
+        if field.name in ("ms_frequency", "mt_frequency", "disk_frequency"):
+            continue  # where a flat peak lies is good to the root of the rounding only; its height is compared
+        a, b = np.atleast_1d(getattr(one, field.name)), np.atleast_1d(getattr(other, field.name))
+        size = min(a.size, b.size) if field.name.startswith("phase_crossover") else max(a.size, b.size)
+        assert b[:size] == pytest.approx(a[:size], rel=tolerance, abs=tolerance, nan_ok=True), field.name
+
+
+# -- the loop ---------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=250)
+@given(random_loops())
+def test_root_count_equals_that_of_the_dead_time_loop(loop):
+    assume(not loop.root_count.marginal)
+    m = loop.stabilizing_gain_range
+    assume(m is None or (abs(m[0] - 1) > 1e-6 and abs(m[1] - 1) > 1e-6))
+    assert DelayedLoop.from_dead_time_loop(loop).root_count.right == loop.root_count.right
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
+@given(random_loops())
+@example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
+@example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
+def test_margins_equal_those_of_the_dead_time_loop(loop):
+    assume(loop.is_stable() and np.all(loop.system.zeros.real != 0) and np.all(loop.system.poles.real != 0))
+    roots = np.concatenate([loop.system.zeros, loop.system.poles])
+    apart = np.abs(roots[:, None] - roots) + 9 * np.eye(roots.size)
+    assume(apart.min() > 1e-2)  # expanded polynomials lose digits at clusters, factors do not
+    m = loop.margins()
+    assume(np.all(np.abs(loop.system.log_slope(m.gain_crossovers).real) > 1e-3))  # a touch is for rounding to decide
+    assume(m.gain_decrease < 0.999 and m.gain_increase > 1.001)
+    assert_same_margins(m, DelayedLoop.from_dead_time_loop(loop).margins(), 1e-8)
+
+
+def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
+    # oracles: 1.2 (8 s + 1)/(8 s) 1/(s - 0.25) exp(-0.15 s)/(0.6 s + 1)
+    system = Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6)
+    loop = DelayedLoop.from_dead_time_loop(DeadTimeLoop(system, 0.15))
+    m = loop.margins()
+    assert (m.gain_decrease, m.gain_increase) == pytest.approx((0.234619891262, 4.39578339078), rel=1e-11)
+    assert (m.phase_deg, m.delay_s) == pytest.approx((29.2144640746, 0.507384161643), rel=1e-11)
+    assert (m.ms, m.mt, m.disk) == pytest.approx((2.21149397822, 1.98840564198, 0.507978316), rel=1e-9)
+    with pytest.raises(UnstableLoopError, match="2 unstable") as raised:
+        loop.scaled(20 / 1.2).margins()
+    assert raised.value.stabilizing_gain_range == pytest.approx((0.234619891262 * 0.06, 4.39578339078 * 0.06))
+    assert loop.sensitivity(0.7) + loop.complementary_sensitivity(0.7) == pytest.approx(1.0)
+
+
+def test_poles_on_the_axis_are_not_stable():
+    # s + pi/2 exp(-s) has the pair +-j pi/2
+    loop = DelayedLoop.from_dead_time_loop(DeadTimeLoop(Rational(np.array([]), np.array([0.0]), np.pi / 2), 1.0))
+    assert loop.root_count.marginal
+    assert not loop.is_stable()
+    assert loop.stabilizing_gain_range is None
+    with pytest.raises(UnstableLoopError, match="imaginary axis"):
+        loop.margins()
+
+
+def test_commensurate_delays_count_as_the_product_of_their_factors():
+    # (s + 1 + 0.5 q)(s - 0.3 + q)(s + 0.2 + 3 q): each factor counted as a dead-time loop of its own
+    product, expected = QuasiPolynomial([[1.0]], 0.8), 0
+    for constant, weight in ((1.0, 0.5), (-0.3, 1.0), (0.2, 3.0)):
+        product = product.times([1.0, constant]) + product.times([weight], power=1)
+        expected += DeadTimeLoop(Rational(np.array([]), np.array([-constant]), weight), 0.8).root_count.right
+    assert product.count_right().right == expected == 2
+    s = 0.3 + 1.1j
+    difference = (product(s + 1e-6) - product(s - 1e-6)) / 2e-6
+    assert product.slope(s) == pytest.approx(difference, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: QuasiPolynomial([[1.0, np.inf]], 0.1), "not finite"),
+        (lambda: QuasiPolynomial([[1.0, 0.0]], -0.1), "delay"),
+        (lambda: QuasiPolynomial([[1.0, 0.0], [0.5, 0.0]], 0.1).count_right(), "neutral"),
+        (lambda: DelayedRatio(QuasiPolynomial([[1.0]], 0.1), QuasiPolynomial([[1.0]], 0.2)), "differ"),
+        (
+            lambda: DelayedLoop(DelayedRatio(QuasiPolynomial([[1.0, 0.0]], 0.1), QuasiPolynomial([[1.0, 1.0]], 0.1))),
+            "tend to 0",
+        ),
+    ],
+)
+def test_loops_that_are_refused(make, match):
+    with pytest.raises(InputError, match=match):
+        make()
+
+
+# -- Smith predictors ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rail", list(Rail))
+def test_classic_smith_predictor_keeps_the_unstable_pole_as_a_hidden_mode(rail):
+    plant = actuated(rail)
+    p = wheel(rail).poles[0].real
+    delay_free = DeadTimeLoop(PI_LEAD * plant)
+    assert delay_free.is_stable()  # so that nothing but the hidden mode is to blame
+    design = smith_predictor(plant, TAU, PI_LEAD)
+    assert design.loop.root_count.right == 1  # found by the count, not only told
+    assert abs(design.loop.characteristic(p)) < 1e-9 * abs(design.loop.characteristic(2 * p))
+    assert not design.is_stable()
+    assert design.hidden_unstable_poles == pytest.approx([p])
+    with pytest.raises(UnstableLoopError, match=rf"cancels the plant's pole at {p:.4g} 1/s"):
+        design.margins()
+    # and what is hidden: L itself looks like a stable loop's
+    omega = np.array([0.2, 1.0, 5.0])
+    c = PI_LEAD(1j * omega)
+    g = plant(1j * omega)
+    q = np.exp(-1j * omega * TAU)
+    assert design.loop.frequency_response(omega) == pytest.approx(c * g * q / (1 + c * g * (1 - q)), rel=1e-9)
+
+
+def test_smith_predictor_of_a_stable_plant_has_the_delay_free_poles():
+    plant = Rational(np.array([]), np.array([-0.5, -2.0]), 1.0)
+    controller = Rational(np.array([-0.5]), np.array([0.0]), 1.0)  # L0 = 1/(s (s + 2)): T = q/(s + 1)^2
+    design = smith_predictor(plant, 1.5, controller)
+    assert design.is_stable()
+    assert design.reason == ""
+    omega = np.array([0.1, 1.0, 3.0])
+    t = np.exp(-1.5j * omega) / (1j * omega + 1) ** 2
+    assert design.loop.complementary_sensitivity(omega) == pytest.approx(t, rel=1e-10)
+    assert design.margins().mt == pytest.approx(1.0, rel=1e-9)
+    # the filtered one with m = 0 and a filter of one pole
+    filtered = filtered_smith_predictor(plant, 1.5, controller, filter_time=0.3, roll_off=1)
+    t = t / (0.3j * omega + 1)
+    assert filtered.loop.complementary_sensitivity(omega) == pytest.approx(t, rel=1e-10)
+
+
+@pytest.mark.parametrize(("rail", "ms"), [(Rail.DRY, 1.3184), (Rail.WET, 1.3155)])
+def test_filtered_smith_predictor_is_stable_inside_with_its_true_margins(rail, ms):
+    plant = actuated(rail)
+    design = filtered_smith_predictor(plant, TAU, PI_LEAD, filter_time=0.1)
+    assert design.is_stable()
+    omega = np.geomspace(1e-2, 50, 60)
+    p, q = wheel(rail).poles[0].real, np.exp(-1j * omega * TAU)
+    b = ((1 + 0.1 * p) * math.exp(p * TAU) - 1) / p
+    f = (1 + b * 1j * omega) / (1 + 0.1j * omega)
+    nominal = PI_LEAD(1j * omega) * plant(1j * omega)
+    assert design.loop.complementary_sensitivity(omega) == pytest.approx(f * q * nominal / (1 + nominal), rel=1e-8)
+    c = PI_LEAD(1j * omega) * f / (1 + nominal * (1 - f * q))
+    assert design.controller(1j * omega) == pytest.approx(c, rel=1e-8)
+    assert design.margins().ms == pytest.approx(ms, abs=5e-4)
+    assert design.controller.high_frequency_gain == pytest.approx(2290 * b / 0.1, rel=1e-9)
+
+
+def test_filtered_smith_predictor_of_a_plant_with_several_unstable_poles_and_an_integrator():
+    plant = Rational(np.array([]), np.array([0.3 + 0.4j, 0.3 - 0.4j, -4.0, 0.0]), 4.0)
+    controller = Rational(np.array([-0.3, -0.5, -0.6]), np.array([-20.0, -20.0, -20.0]), 8000.0 * 4)
+    assert DeadTimeLoop(controller * plant).is_stable()
+    design = filtered_smith_predictor(plant, 0.05, controller, filter_time=0.2)
+    assert design.is_stable()
+    assert design.margins().mt > 1
+
+
+# -- the observer ---------------------------------------------------------------------------------------------
+
+FEEDBACK, OBSERVER = [-0.1, -1.0, -1.67, -8.6], [-30.0, -21.0, -8.6]
+
+
+@pytest.mark.parametrize("rail", list(Rail))
+def test_observer_design_has_the_finite_spectrum_asked_for(rail):
+    design = observer_compensator(actuated(rail), TAU, feedback_poles=FEEDBACK, observer_poles=OBSERVER)
+    assert design.is_stable()
+    polynomial, delayed = design.loop.characteristic.terms
+    expected = np.poly(FEEDBACK + OBSERVER)
+    assert polynomial == pytest.approx(expected, rel=1e-9)
+    assert np.abs(delayed).max() < 1e-9 * np.abs(expected).max()  # the dead time has left the closed loop
+    # and the loop is the exact one: the integral is evaluated numerically here, not in closed form
+    m = design.margins()
+    assert 1.1 < m.ms < 1.6
+    for scale in (m.gain_increase, m.gain_decrease):
+        assert design.loop.scaled(1 + (scale - 1) * 0.9999).is_stable()
+        assert not design.loop.scaled(1 + (scale - 1) * 1.0001).is_stable()
+
+
+def test_observer_controller_equals_its_block_diagram():
+    from scipy.integrate import quad_vec
+    from scipy.linalg import expm
+    from scipy.signal import place_poles
+
+    plant = actuated()
+    num, den = plant.gain * np.poly(plant.zeros).real, np.poly(plant.poles).real
+    a = np.diag(np.ones(2), 1)
+    a[-1] = -den[:0:-1]
+    b, c = np.array([[0.0], [0.0], [1.0]]), np.append(num[::-1], 0.0)[None, :]
+    ea, eb = np.block([[a, np.zeros((3, 1))], [c, np.zeros((1, 1))]]), np.vstack([b, [[0.0]]])
+    k = place_poles(ea, eb, FEEDBACK).gain_matrix
+    gain = place_poles(a.T, c.T, OBSERVER).gain_matrix.T
+    design = observer_compensator(plant, TAU, feedback_poles=FEEDBACK, observer_poles=OBSERVER)
+    for omega in (0.05, 0.7, 4.0, 40.0):
+        s = 1j * omega
+        past = quad_vec(lambda x, s=s: expm((ea - s * np.eye(4)) * x) @ eb, 0, TAU, epsabs=1e-13)[0]
+        observer = np.linalg.inv(s * np.eye(3) - a + gain @ c)
+        from_u = np.vstack([observer @ b * np.exp(-s * TAU), [[0.0]]])
+        from_y = np.vstack([observer @ gain, [[1 / s]]])
+        ahead = k @ expm(ea * TAU)
+        value = (ahead @ from_y / (1 + k @ past + ahead @ from_u)).item()
+        assert design.controller(s) == pytest.approx(value, rel=1e-7)
+        assert design.loop(s) == pytest.approx(value * plant(s) * np.exp(-s * TAU), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda g: smith_predictor(g, -0.1, PI_LEAD), "dead time"),
+        (lambda g: smith_predictor(Rational([], [], 1.0), 0.1, Rational([], [], 1.0)), "strictly proper"),
+        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.0), "filter time"),
+        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.1, roll_off=-1), "roll-off"),
+        (
+            lambda g: filtered_smith_predictor(Rational([], [0.5, 0.5], 1.0), 0.1, PI_LEAD, filter_time=0.1),
+            "coincide",
+        ),
+        (lambda g: observer_compensator(g, 0.1, feedback_poles=[-1], observer_poles=OBSERVER), "1 given; give 4"),
+        (
+            lambda g: observer_compensator(g, 0.1, feedback_poles=[0.1, -1, -1, -1], observer_poles=OBSERVER),
+            "not all left",
+        ),
+        (
+            lambda g: observer_compensator(g, 0.1, feedback_poles=FEEDBACK, observer_poles=[-1, -2 + 1j, -2]),
+            "conjugate pairs",
+        ),
+        (
+            lambda g: observer_compensator(
+                Rational([-2.0], [-1.0], 1.0), 0.1, feedback_poles=[-1, -2], observer_poles=[-3]
+            ),
+            "not strictly proper",
+        ),
+        (
+            lambda g: observer_compensator(
+                Rational([0.0], [-1.0, 0.5], 1.0), 0.1, feedback_poles=[-1, -2, -3], observer_poles=[-3, -4]
+            ),
+            "not reachable",
+        ),
+    ],
+)
+def test_compensators_that_are_refused(make, match):
+    with pytest.raises(InputError, match=match):
+        make(actuated())
+
+
+# -- effort ---------------------------------------------------------------------------------------------
+
+
+def test_effort_without_dead_time_equals_state_space():
+    import control as ct
+
+    lag, kp, filtered = 0.6, 300.0, 0.2
+    plant = Rational(np.array([]), np.array([0.5, -1 / lag]), 0.007 / lag)
+    controller = Rational(np.array([]), np.array([-1 / filtered]), kp / filtered)
+    effort = control_effort(controller, plant, 0.0, lag=lag)
+    s = ct.tf("s")
+    c, actuator, slip = kp / (filtered * s + 1), 1 / (lag * s + 1), 0.007 / (s - 0.5)
+    closed = ct.ss((c * actuator / (1 + c * actuator * slip)).minreal(1e-9))
+    t = np.linspace(0, 14, 140_001)
+    rate = np.abs(ct.impulse_response(closed, t).outputs).max()
+    assert effort.reference_rate == pytest.approx(rate / 3.6, rel=1e-5)
+    jump = ct.ss((c * actuator / (1 + c * actuator * slip) * s / (s - 0.5)).minreal(1e-6))
+    rate = np.abs(ct.impulse_response(jump, t).outputs).max()
+    assert effort.disturbance_rate == pytest.approx(rate / 3.6, rel=1e-5)
+    assert effort.high_frequency_gain == pytest.approx(0.0, abs=1e-6)
+    # noise: the whole spectrum's variance by the closed loop's Gramian; beyond the Nyquist frequency falls little
+    command = ct.ss((c / (1 + c * actuator * slip)).minreal(1e-9))
+    variance = ct.norm(command, 2) ** 2  # (1/pi) integral over 0..inf of |C S|^2
+    nyquist = np.pi / 0.005
+    tail = kp**2 / filtered**2 / nyquist  # |C S|^2 ~ (kp/(filtered omega))^2
+    assert effort.noise_gain == pytest.approx(math.sqrt((np.pi * variance - tail) / nyquist), rel=1e-4)
+
+
+def test_a_proportional_jump_sets_the_rate_of_a_pi():
+    plant, gains = actuated(), PIGains(kp=190.0, ki=5.0)
+    effort = control_effort(PIController(gains).transfer_function, plant, TAU, lag=LAG)
+    assert effort.high_frequency_gain == pytest.approx(190.0, rel=1e-9)
+    assert effort.reference_rate == pytest.approx(190 / 0.6 / 3.6, rel=1e-4)  # the frequency cut
+    assert effort.noise_gain == pytest.approx(190, rel=0.05)
+    without_lag = Rational(plant.zeros, wheel().poles, wheel().gain)
+    assert control_effort(PIController(gains).transfer_function, without_lag, TAU, lag=0.0).reference_rate == math.inf
+
+
+@pytest.mark.parametrize(
+    "options", [{"lag": -1.0}, {"lag": 0.6, "sampling_period": 0.0}, {"lag": math.nan}, {"lag": math.inf}]
+)
+def test_effort_refuses_bad_times(options):
+    with pytest.raises(InputError, match="not allowed"):
+        control_effort(PI_LEAD, actuated(), TAU, **options)
+
+
+@settings(max_examples=60)
+@given(st.floats(0.05, 0.5), st.floats(0.3, 3.0), st.floats(2.0, 12.0))
+def test_gain_margins_of_observer_designs_are_where_the_exact_count_changes(tau, w, wo):
+    design = observer_compensator(
+        actuated(), tau, feedback_poles=[-0.1, -w, -1.67, -8.6], observer_poles=[-wo, -0.7 * wo, -8.6]
+    )
+    assert design.is_stable()
+    m = design.margins()
+    for edge in (m.gain_decrease, m.gain_increase):
+        if 0 < edge < math.inf:
+            assert design.loop.scaled(1 + (edge - 1) * 0.999).is_stable()
+            assert not design.loop.scaled(1 + (edge - 1) * 1.001).is_stable()

@@ -18,12 +18,10 @@ from matplotlib.path import Path as Outline
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController, margin_grid, outline, stabilizing_pi
-from railslip_ctrl.design.assessment import assess
-from railslip_ctrl.design.design_check import controller_group, published_groups
+from railslip_ctrl.design.assessment import assess, controller_group, published_groups
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.design.sweeps import sweep_slip, sweep_speed
+from railslip_ctrl.design.schedule import plant_at, sweep_slip, sweep_speed
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.deadtime import gang_of_four
 from railslip_ctrl.loop.responses import step_response

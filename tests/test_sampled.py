@@ -1,4 +1,4 @@
-"""The sampled design: difference equations, anti-windup, the exact sampled loop and its margins."""
+"""Any linear controller wherever a PI is taken; sampled ones: difference equations, anti-windup, margins."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ import math
 import control as ct
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from railslip_ctrl import assess
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
-from railslip_ctrl.design import PIController, wheel_slip_loop
-from railslip_ctrl.design.sampled import (
+from railslip_ctrl.design import (
+    PIController,
+    StateSpaceController,
+    actuated_plant,
+    controller_system,
+    linear_controller,
+    wheel_slip_loop,
+)
+from railslip_ctrl.design.controllers import (
     Rule,
     SampledController,
     continuous_equivalent,
@@ -21,12 +30,171 @@ from railslip_ctrl.design.sampled import (
     sampled_margins,
     suggested_period,
 )
+from railslip_ctrl.design.limits import control_effort
+from railslip_ctrl.design.schedule import sweep_speed
+from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.rational import realise
+from railslip_ctrl.loop.responses import step_response
 from railslip_ctrl.loop.sampled import SampledLoop
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.report import margins_json, margins_text
+from railslip_ctrl.simulation import LinearControl
+
+S = ct.tf("s")
+PI_LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
+SYSTEM = (229.0 + 5.0 / S) * (0.6 * S + 1) / (0.06 * S + 1)
+NUM, DEN = SYSTEM.num[0][0], SYSTEM.den[0][0]
+REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
+
+
+class Described:
+    """A step object that says what it is at an operating point."""
+
+    def step(self, t: float, v: float, omega: float) -> float:
+        return 0.0
+
+    def linear(self, point: object) -> ct.TransferFunction:
+        return SYSTEM
+
+
+class Mute:
+    def step(self, t: float, v: float, omega: float) -> float:
+        return 0.0
+
+
+KINDS = {
+    "PI-lead": PI_LEAD,
+    "tf": SYSTEM,
+    "ss": ct.tf2ss(SYSTEM),
+    "zpk": ct.zpk(SYSTEM.zeros(), SYSTEM.poles(), NUM[0] / DEN[0]),
+    "scipy lti": scipy.signal.lti(NUM, DEN),
+    "scipy ss": scipy.signal.lti(NUM, DEN).to_ss(),
+    "scipy zpk": scipy.signal.lti(NUM, DEN).to_zpk(),
+    "Rational": PI_LEAD.transfer_function,
+    "linear": Described(),
+    "run": LinearControl(SYSTEM, REFERENCE, period=0.01),
+}
+
+
+@pytest.fixture(scope="module")
+def plant():
+    law = published_law("bristle", Rail.DRY)
+    return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_controller_in_every_form_is_one_controller(plant, kind):
+    expected = assess(plant, PI_LEAD, PARK2008.actuator).margins
+    found = assess(plant, KINDS[kind], PARK2008.actuator)
+    # zeros and poles of polynomials and pencils are good to some 1e-13
+    assert (found.margins.ms, found.margins.delay_s) == pytest.approx((expected.ms, expected.delay_s), rel=1e-9)
+    assert wheel_slip_loop(plant.point, KINDS[kind]).margins().ms == pytest.approx(expected.ms, rel=1e-9)
+    record = linear_controller(KINDS[kind], plant.point)
+    assert linear_controller(record) is record
+    assert record == linear_controller(KINDS[kind], plant.point)
+    controller, lagged = controller_system(KINDS[kind], plant.point), actuated_plant(plant, PARK2008.actuator)
+    assert control_effort(controller, lagged, 0.15, lag=0.6).high_frequency_gain == pytest.approx(2290.0, rel=1e-9)
+    swept = sweep_speed({"mine": KINDS[kind], "of the speed": lambda v: KINDS[kind]}, [60.0])
+    assert swept.margins["mine"].ms == pytest.approx(swept.margins["of the speed"].ms, rel=1e-12)
+    if kind not in ("linear", "run"):  # these are controllers, not systems
+        found, expected = (step_response(c, lagged, 0.15, final_time=2.0).output[-1] for c in (KINDS[kind], controller))
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("lead", [(0.6 * S + 1) / (0.06 * S + 1), scipy.signal.lti([0.6, 1], [0.06, 1])])
+def test_a_compensator_to_tune_behind_is_any_system(plant, lead):
+    lagged = actuated_plant(plant, PARK2008.actuator)
+    own = PIController(PIGains(kp=1.0, ki=0.0), 0.6, 0.06).transfer_function
+    tuned, expected = (tune_pi([lagged], 0.15, ms_max=2.0, compensator=c) for c in (lead, own))
+    assert (tuned.kp, tuned.ki) == pytest.approx((expected.kp, expected.ki), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        (Mute(), "Mute is known by its step alone and has no margins; give it a method linear"),
+        ("pi", "controller: str is not a linear system"),
+        (True, "controller: bool is not a linear system"),
+        (ct.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "not proper"),
+        (ct.ss([[0.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]), "not SISO"),
+        (ct.tf([1.0], [1.0, -0.5], True), r"dt = True\); give dt in s"),
+    ],
+)
+def test_what_is_no_linear_controller_is_refused_with_the_reason(plant, controller, words):
+    with pytest.raises(InputError, match=words):
+        wheel_slip_loop(plant, controller)
+
+
+def test_a_gain_alone_is_a_controller_and_shapes_that_do_not_fit_are_none(plant):
+    expected = wheel_slip_loop(plant, PIController(PIGains(kp=190.0, ki=0.0))).margins().ms
+    for gain in (
+        190,
+        190.0,
+        ct.ss([], [], [], [[190.0]]),
+        ct.tf([190.0], [1.0]),
+        StateSpaceController((), (), (), 190.0),
+    ):
+        assert wheel_slip_loop(plant, gain).margins().ms == pytest.approx(expected, rel=1e-12)
+    for a, b, c in ((((1.0, 2.0),), (1.0,), (1.0,)), (((1.0,),), (1.0, 2.0), (1.0,)), ((), (1.0,), ())):
+        with pytest.raises(InputError, match="do not fit; give n by n, n and n"):
+            StateSpaceController(a, b, c)
+
+
+def test_an_object_linear_at_a_point_needs_one():
+    with pytest.raises(InputError, match="linear at an operating point; give one"):
+        controller_system(Described())
+
+
+# --- discrete ones ---------------------------------------------------------------------------------------------------
+
+
+def test_a_discrete_controller_has_the_margins_of_its_sampled_loop(plant):
+    sampled = ct.sample_system(SYSTEM, 0.05, "tustin")
+    loop = wheel_slip_loop(plant, sampled)
+    assert isinstance(loop, SampledLoop)
+    expected = sampled_loop(SampledController(PI_LEAD, 0.05), plant, PARK2008.actuator)
+    # python-control's polynomials lose digits next to z = 1
+    assert loop.margins().ms == pytest.approx(expected.margins().ms, rel=1e-6)
+    found = assess(plant, sampled, PARK2008.actuator)
+    assert found.margins.delay_s == pytest.approx(expected.margins().delay_s, rel=1e-6)
+    assert found.closed_loop_poles.real.max() < 0
+    json = margins_json(found)
+    assert (json["controller"]["period"], json["open_loop_unstable_poles"]) == (0.05, 1)
+    assert "discrete transfer function of order 2" in margins_text([found])
+    with pytest.raises(InputError, match=r"dt = 0.05\) has no transfer function in s"):
+        controller_system(sampled)
+
+
+def test_a_sampled_loop_takes_systems_of_its_period(plant):
+    c, p = ct.tf([0.5], [1.0, -0.2], 0.1), ct.tf([1.0], [1.0, 1.0])
+    expected = SampledLoop(Rational.from_polynomials([0.5], [1, -0.2]), Rational.from_control(p), 0.05, 0.1)
+    for systems in ((c, p), (ct.tf2ss(c), ct.tf2ss(p)), (scipy.signal.dlti([0.5], [1, -0.2], dt=0.1), p)):
+        assert SampledLoop(*systems, 0.05, 0.1).margins().ms == pytest.approx(expected.margins().ms, rel=1e-9)
+    with pytest.raises(InputError, match=r"controller: a system with dt = 0.1 s does not go with a period of 0.2 s"):
+        SampledLoop(c, p, 0.05, 0.2)
+    with pytest.raises(InputError, match="plant: a discrete-time system"):
+        SampledLoop(c, c, 0.05, 0.1)
+    with pytest.raises(InputError, match="controller: a system with dt = 0 s does not go"):
+        SampledLoop(PI_LEAD, p, 0.05, 0.1)
+    with pytest.raises(InputError, match=r"plant: a discrete-time system \(dt = 0.1\)"):
+        SampledLoop(c, SampledController(PI_LEAD, 0.1), 0.05, 0.1)
+
+
+def test_margins_of_what_runs_stand_beside_the_continuous_ones(plant):
+    control = LinearControl(SYSTEM, REFERENCE, period=0.1, rule="tustin")
+    found = assess(plant, control, PARK2008.actuator)
+    expected = sampled_loop(control.sampled(0.1), plant, PARK2008.actuator).margins()
+    assert found.sampled.ms == expected.ms > found.margins.ms
+    assert margins_json(found)["sampled"]["ms"] == expected.ms
+    assert assess(plant, LinearControl(SYSTEM, REFERENCE, period=1e-4), PARK2008.actuator).as_run is None
+    assert "As run, sampled every 0.1 s: Ms 1.58" in margins_text([found])
+
+
+# --- the sampled design: difference equations, anti-windup, the exact sampled loop and its margins -------------------
+
 
 ACTUATOR = PARK2008.actuator
 LEAD = PIController(PIGains(kp=229.0, ki=5.0), lead=0.6, lead_filter=0.06)
@@ -36,13 +204,6 @@ INTEGRATOR = Rational(np.array([]), np.array([0.0]), 1.0)
 
 def gain(value: float) -> Rational:
     return Rational(np.array([]), np.array([]), value)
-
-
-@pytest.fixture(scope="module")
-def plant():
-    """The wheel on dry rail, 100 km/h, at the published slip: unstable pole at +0.82 1/s."""
-    law = published_law("bristle", Rail.DRY)
-    return linearize(operating_point(law, PARK2008, 100 / 3.6, law.reference_slip(Rail.DRY), rail=Rail.DRY))
 
 
 # --- difference equations --------------------------------------------------------------------------------------------
@@ -61,7 +222,6 @@ CONTROLLERS = {
 }
 
 
-S = ct.tf("s")
 ANY = {
     "PID with filter and notch": 240
     * (1 + 0.02 / S)
@@ -361,7 +521,7 @@ def simulate(controller: SampledController, plant: Rational, dead_time: float, s
 
 
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
-@pytest.mark.parametrize("dead_time", [0.0, 0.03, 0.15, 0.166])
+@pytest.mark.parametrize("dead_time", [0.0, 0.03, 0.166])
 def test_step_by_step_simulation_follows_the_closed_loop_matrix(plant, design, dead_time):
     controller = SampledController(design, 0.04)
     actuated = Rational(plant.zeros, plant.poles, plant.gain) * Rational.from_polynomials([1], [0.6, 1])
@@ -376,28 +536,9 @@ def test_step_by_step_simulation_follows_the_closed_loop_matrix(plant, design, d
     assert found == pytest.approx(np.array(expected), abs=1e-9 * np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("period", [0.02, 0.07, 0.11])
-def test_simulation_grows_beyond_the_delay_margin_and_decays_before_it(plant, period):
-    controller = SampledController(LEAD, period)
-    loop = sampled_loop(controller, plant, ACTUATOR)
-    actuated = Rational(plant.zeros, plant.poles, plant.gain) * Rational.from_polynomials([1], [0.6, 1])
-    margin = loop.margins().delay_s
-    for share in (0.95, 1.05):
-        dead_time = ACTUATOR.dead_time + share * margin
-        y = simulate(controller, actuated, dead_time, round(60 / period))
-        half = y.size // 2
-        late, later = np.max(np.abs(y[half : half + half // 2])), np.max(np.abs(y[half + half // 2 :]))
-        radius = loop.delayed(share * margin).spectral_radius
-        assert (radius < 1) == (share < 1)
-        # the slow pole of the integral action stays; what the margin is about is the pair that oscillates
-        assert (later < late) == (share < 1)
-    assert loop.delayed(margin * (1 - 1e-9)).is_stable()
-    assert not loop.delayed(margin * (1 + 1e-9)).is_stable()
-
-
 @pytest.mark.parametrize("design", [PLAIN, LEAD], ids=["PI", "PI-lead"])
 @pytest.mark.parametrize("period", [0.01, 0.03, 0.09])
-def test_gain_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):
+def test_gain_and_delay_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, period):
     loop = sampled_loop(SampledController(design, period), plant, ACTUATOR)
     m = loop.margins()
     for limit in (m.gain_increase, m.gain_decrease):
@@ -405,15 +546,8 @@ def test_gain_margins_are_where_an_eigenvalue_reaches_the_circle(plant, design, 
         assert not loop.scaled(limit * outward).is_stable()
         assert loop.scaled(limit / outward).is_stable()
     assert loop.stabilizing_gain_range == pytest.approx((m.gain_decrease, m.gain_increase), rel=1e-12)
-
-
-@pytest.mark.parametrize("period", [0.002, 0.0125])
-def test_delay_margin_over_many_periods_is_confirmed_by_eigenvalues(plant, period):
-    # 0.15 s are 75 and 12 periods, and the margin is four times that
-    loop = sampled_loop(SampledController(LEAD, period), plant, ACTUATOR)
-    margin = loop.margins().delay_s
-    assert loop.delayed(margin * (1 - 1e-8)).is_stable()
-    assert not loop.delayed(margin * (1 + 1e-8)).is_stable()
+    assert loop.delayed(m.delay_s * (1 - 1e-8)).is_stable()
+    assert not loop.delayed(m.delay_s * (1 + 1e-8)).is_stable()
 
 
 def test_peaks_and_phase_margin_against_a_fine_grid(plant):
@@ -473,19 +607,6 @@ def test_unstable_sampled_loop_has_no_margins_and_says_which_gains_would_do(plan
         sampled_loop(slow, plant, ACTUATOR, computation=2.0).margins()
 
 
-def test_loop_without_crossover_has_unbounded_margins():
-    m = SampledLoop(gain(0.5), Rational(np.array([]), np.array([-1.0]), 1.0), 0.3, 0.1).margins()
-    assert (m.phase_deg, m.delay_s, m.gain_decrease) == (math.inf, math.inf, 0.0)
-    assert m.ms < 2  # |L| <= 1/2
-
-
-def test_proportional_control_of_an_unstable_lag_needs_gain_1_sampled_or_not():
-    # 1/(s - 1) with gain K: a pole leaves through z = 1 at K = 1 whatever the period
-    m = SampledLoop(gain(3.0), Rational(np.array([]), np.array([1.0]), 1.0), 0.07, 0.02).margins()
-    assert m.gain_decrease == pytest.approx(1 / 3, rel=1e-12)
-    assert m.gain_decrease_frequency == 0.0
-
-
 # --- period ----------------------------------------------------------------------------------------------------------
 
 
@@ -535,16 +656,10 @@ def test_bad_controllers_are_refused_in_one_line(options, message):
     assert "\n" not in str(caught.value)
 
 
-def test_backward_rule_takes_the_period_that_tustin_refuses():
-    assert SampledController(LEAD, 0.13, rule="backward").rule is Rule.BACKWARD
-
-
-def test_initial_torque_outside_the_limits_is_refused():
+def test_bad_sampled_loops_are_refused(plant):
+    assert SampledController(LEAD, 0.13, rule="backward").rule is Rule.BACKWARD  # Tustin's rule refuses it
     with pytest.raises(InputError, match="initial torque: -5"):
         SampledController(PLAIN, 0.02, torque_low=0.0).start(torque=-5.0)
-
-
-def test_bad_sampled_loops_are_refused(plant):
     with pytest.raises(InputError, match="strictly proper"):
         SampledLoop(gain(1.0), gain(1.0), 0.1, 0.1)
     with pytest.raises(InputError, match="gain 0"):

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.sampled import SampledController
+from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.loop import Rational, sampled_delay
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.loop.sampled_delay import BoxedResponse

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from project import ROOT, script, show
 
-from railslip_ctrl.design.region_maps import region_map
 from railslip_ctrl.design.schedule import GainSchedule
+from railslip_ctrl.design.stabilizing import region_map
 from railslip_ctrl.model.vehicle import Rail
 
 
@@ -45,7 +45,7 @@ def test_pi_wet_needs_the_dry_gains_when_the_rail_dries(capsys):
     design = module.run()
     assert design.wet.margins.ms == pytest.approx(2.18, abs=5e-3)
     assert not design.same_on_dry.stable
-    assert design.holding.worst_ms == pytest.approx(5.502, abs=5.1e-4)
+    assert design.common.worst_ms == pytest.approx(5.502, abs=5.1e-4)
     module.main()
     assert "One PI for both rails" in capsys.readouterr().out
 

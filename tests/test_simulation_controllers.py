@@ -11,10 +11,9 @@ from generated_code import begun
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.controllers import actuated_plant, wheel_slip_loop
-from railslip_ctrl.design.families import family_margins
-from railslip_ctrl.design.sampled import Rule
+from railslip_ctrl.design.controllers import Rule, actuated_plant, wheel_slip_loop
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
+from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.identification.virtual_rig import RigProcedure
 from railslip_ctrl.model.adhesion import ReferenceSlip

@@ -7,12 +7,20 @@ import math
 import control as ct
 import numpy as np
 import pytest
+from flint import fmpq_poly
 
-import railslip_ctrl
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design import actuated_plant, intersection, stabilizing_pid
+from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
+from railslip_ctrl.design.decomposition import (
+    CriticalGains,
+    common_intervals,
+    probe,
+    real_frequencies,
+    stable_intervals,
+)
 from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.stability import RootCount
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -31,18 +39,12 @@ def test_p_and_pi_sets_of_an_unstable_lag_with_dead_time():
     assert region.kp_range == pytest.approx((1, 23.3988133859), abs=0.5001e-10, rel=0)
     assert region.ki_limit(2) == pytest.approx(1.077454753, abs=0.5001e-9, rel=0)
     assert region.ki_limit(12) == pytest.approx(6.719615019, abs=0.5001e-9, rel=0)
-    assert region.boundary_curves()[1].omega[[0, -1]] == pytest.approx((2.90231629e-6, 2.90231629), rel=1e-8)
-    assert region.boundary_curves()[0].ki.tolist() == [0.0, 0.0]
-    assert np.diff(region.boundary_curves(1000.0, 100)[1].omega).max() * 0.15 < 2 * np.pi / 100
     assert region.reason == ""
     assert not region.is_empty
     assert region.contains(12, 6.7)
     assert not region.contains(12, 6.73)
-
-
-def test_p_set_of_a_faster_unstable_lag():
-    region = stabilizing_pi(1 / ((S - 1) * (0.5 * S + 1)), dead_time=0.2)
-    assert region.kp_range == pytest.approx((1, 2.54747483502), abs=0.5001e-11, rel=0)
+    assert not region.contains(12.0, -1e-3)
+    assert (region.ki_limit(1e12), region.contains(1e12, 0.0)) == (0.0, False)
 
 
 def test_pole_times_dead_time_of_twelve_cannot_be_stabilised():
@@ -53,22 +55,6 @@ def test_pole_times_dead_time_of_twelve_cannot_be_stabilised():
     assert "at least 1 closed-loop pole" in region.reason
     assert region.ki_limit(6.0) == 0.0
     assert not region.contains(6.0, 0.0)
-
-
-def test_unstable_lag_is_stabilisable_only_if_dead_time_and_lag_are_shorter():
-    rng = np.random.default_rng(11)
-    for _ in range(40):
-        t1, t2, theta = rng.uniform(0.2, 5), rng.uniform(0.05, 2), rng.uniform(0.02, 2)
-        region = stabilizing_pi(1 / ((t1 * S - 1) * (t2 * S + 1)), theta)
-        assert (region.kp_range is not None) == (theta + t2 < t1)
-    for side in (1 - NEAR, 1 + NEAR):
-        region = stabilizing_pi(1 / ((2.0 * S - 1) * (0.5 * S + 1)), 1.5 * side)
-        assert (region.kp_range is not None) == (side < 1)
-
-
-def test_integrator_with_dead_time():
-    region = stabilizing_pi(2 / S, dead_time=0.25)
-    assert region.kp_range == pytest.approx((0, np.pi / 2 / 0.5), rel=1e-14, abs=1e-14)
 
 
 def test_plants_without_dead_time_follow_routh():
@@ -153,14 +139,7 @@ def test_empty_sets_say_why(plant, match):
         raise AssertionError(region.reason)
 
 
-def test_negative_plant_is_the_positive_one_with_both_gains_negated():
-    mirrored = stabilizing_pi(-UNSTABLE, dead_time=0.15)
-    assert mirrored.p_intervals[0] == pytest.approx((-23.3988133859, -1), rel=1e-11)
-    assert not mirrored.contains(-12.0, 1.0)
-    assert mirrored.contains(-12.0, 0.0)
-
-
-# -- every cell against the exact count, and against the discretised delay operator ---------------------------
+# -- every cell against the exact count -----------------------------------------------------------------------
 
 
 def random_roots(rng, count, high):
@@ -266,100 +245,24 @@ def test_resonances_and_long_dead_times_hide_no_boundary():
             assert region.contains(kp, ki) == any(a < (ki or kp) < b for a, b in expected), (kp, ki)
 
 
-def generator_spectrum(plant, dead_time, kp, ki, derivative, points):
-    """Closed-loop spectrum: plant and PID realised apart by python-control, the delayed command on Chebyshev points."""
-    td, kd, lag = derivative
-    p = ct.ss(ct.zpk(plant.zeros, plant.poles, plant.gain))
-    # states of the controller: the integral of y (if any), then the filtered y (if any); u = -C y
-    n, integral, filtered = p.nstates, int(ki != 0), int(lag != 0)
-    size = n + integral + filtered
-    now = np.zeros((size, size))
-    now[:n, :n] = p.A
-    output = np.zeros(size)
-    output[:n] = p.C[0]
-    command = kp * output
-    if integral:
-        now[n] = output
-        command[n] += ki
-    if filtered:  # lag x' = y - x, derivative part (kd + kp td)(y - x)/lag
-        now[-1] = output / lag
-        now[-1, -1] -= 1 / lag
-        change = output.copy()
-        change[-1] -= 1
-        command = command + (kd + kp * td) / lag * change
-    if dead_time == 0:
-        now[:n] -= np.outer(p.B[:, 0], command)
-        return np.linalg.eigvals(now)
-    x = np.cos(np.pi * np.arange(points + 1) / points)
-    c = np.r_[2, np.ones(points - 1), 2] * (-1.0) ** np.arange(points + 1)
-    d = np.outer(c, 1 / c) / (x[:, None] - x + np.eye(points + 1))
-    d = (d - np.diag(d.sum(axis=1))) * 2 / dead_time
-    # the line carries the command from x = 1, where it is -command, to x = -1, where the plant receives it
-    generator = np.zeros((size + points, size + points))
-    generator[:size, :size] = now
-    generator[:n, -1] = p.B[:, 0]
-    generator[size:, size:] = d[1:, 1:]
-    generator[size:, :size] = -np.outer(d[1:, 0], command)
-    return np.linalg.eigvals(generator)
-
-
-def test_contains_agrees_with_the_discretised_delay_operator():
-    rng = np.random.default_rng(2005)
-    decided = inside = 0
-    for _ in range(60):
-        region, derivative = random_region(rng)
-        inner, _ = columns(rng, region)
-        for kp in inner:
-            limit = region.ki_limit(kp)
-            usual = limit if 0 < limit < np.inf else max(abs(kp), 0.1)
-            for ki in (0.0, usual * rng.uniform(0.1, 0.9), usual * rng.uniform(1.1, 3)):
-                coarse, fine = (
-                    generator_spectrum(region.plant, region.dead_time, kp, ki, derivative, n).real for n in (18, 26)
-                )
-                settled = np.count_nonzero(coarse > 0) == np.count_nonzero(fine > 0)
-                if not settled or np.abs(fine).min() < 1e-4:
-                    continue  # on the boundary, or where this decision has not converged itself
-                decided += 1
-                inside += region.contains(kp, ki)
-                assert region.contains(kp, ki) == bool(fine.max() < 0)
-    assert decided > 400
-    assert inside > 80
-
-
-def test_boundaries_put_poles_on_the_axis():
-    rng = np.random.default_rng(3)
-    for _ in range(40):
-        region, (td, kd, lag) = random_region(rng)
-        curve = region.boundary_curves(omega_max=5.0, points_per_turn=20)[1]
-        s = 1j * curve.omega
-        derivative = s / (lag * s + 1)
-        c = curve.kp * (1 + td * derivative) + curve.ki / s + kd * derivative
-        with np.errstate(divide="ignore", invalid="ignore"):
-            loop = c * region.plant(s) * np.exp(-s * region.dead_time)
-        usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
-        assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
-
-
-def test_next_to_the_boundary_every_gain_is_decided():
-    region = stabilizing_pi(UNSTABLE, dead_time=0.15)
-    for kp in (2.0, 7.0, 12.0, 20.0):
-        limit = region.ki_limit(kp)
-        assert region.contains(kp, limit * (1 - 1e-13))  # the limit itself is good to rounding
-        assert not region.contains(kp, limit * (1 + 1e-13))
-    assert not region.contains(12.0, -1e-3)
-
-
 # -- PID ------------------------------------------------------------------------------------------------------
 
 
-def test_derivative_time_and_gain_agree_where_they_are_the_same_controller():
-    by_time = stabilizing_pid(UNSTABLE, 0.15, derivative_time=0.6, **PID)
-    for kp in (2.0, 12.0, 29.0):
-        by_gain = stabilizing_pid(UNSTABLE, 0.15, derivative_gain=0.6 * kp, **PID)
-        assert np.array(by_gain.ki_intervals(kp)) == pytest.approx(np.array(by_time.ki_intervals(kp)), rel=1e-11)
-    without = stabilizing_pid(UNSTABLE, 0.15, derivative_gain=0.0, **PID)
-    assert without.kp_range == pytest.approx((1, 23.3988133859), rel=1e-11)
-    assert without.ki_limit(12) == pytest.approx(6.719615019, rel=1e-9)
+@pytest.mark.parametrize("seed", range(20))
+def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
+    rng = np.random.default_rng(seed)
+    region, (td, kd, lag) = random_region(rng)
+    s = 1j * np.geomspace(1e-2, 5.0, 60)
+    derivative = s / (lag * s + 1)
+    for kp, ki in (rng.normal(size=2), (rng.normal(), 0.0), (0.0, 1.0)):
+        expected = kp * (1 + td * derivative) + ki / s + kd * derivative
+        assert region.decomposition.controller(kp, ki)(s) == pytest.approx(expected, rel=1e-9)
+    kp, ki = region.decomposition.curve(s.imag)
+    c = kp * (1 + td * derivative) + ki / s + kd * derivative
+    with np.errstate(divide="ignore", invalid="ignore"):
+        loop = c * region.plant(s) * np.exp(-s * region.dead_time)
+    usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
+    assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
 
 
 def test_pid_gain_range_is_that_of_the_loop_engine():
@@ -451,8 +354,224 @@ def test_unsuitable_input_is_refused(make, match):
         make()
 
 
-def test_extreme_gains_are_decided_not_searched():
+# --- gains and rectangles of gains, certified ------------------------------------------------------------------------
+
+
+LAGS = 1 / ((S + 1) * (S + 2) * (S + 3))  # s^4 + 6 s^3 + 11 s^2 + (6 + kp) s + ki: ki < (6 + kp)(60 - kp)/36
+FASTER = 1 / ((S - 1) * (0.5 * S + 1))  # s^3 + s^2 + 2 (kp - 1) s + 2 ki: ki < kp - 1
+BIPROPER = (S + 2) / (S + 1)  # (1 + kp) s^2 + (1 + 2 kp + ki) s + 2 ki: ki > -1 - 2 kp
+ISLAND = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
+OUTSIDE, INSIDE = 1e-9, 1e-4  # relative distance of the outermost corner from the boundary
+
+
+@pytest.mark.parametrize(
+    ("plant", "dead_time", "kp", "ki", "corner"),
+    [
+        (LAGS, 0.0, (5.0, 40.0), (1.0, 11 * 55 / 36), (0, 1)),
+        (LAGS, 0.0, (5.0, 50.0), (1.0, 56 * 10 / 36), (1, 1)),
+        (FASTER, 0.0, (3.0, 9.0), (1e-3, 2.0), (0, 1)),
+        (BIPROPER, 0.0, (-0.51, 0.4), (0.02, 3.0), (0, 0)),
+        # by the stabilising set: with dead time, in other units, and bounded below in ki
+        (FASTER, 0.1, (3.0, 4.0), (0.3, None), (1, 1)),
+        (1 / (S + 1), 0.1, (0.0, 0.5), (1.0, None), (0, 1)),
+        (1e6 / (S + 1e3), 0.01, (-6e-4, 6e-4), (1e-3, None), (0, 1)),
+        (1 / ((1e5 * S + 1) * (S + 1)), 3.0, (-0.5, 100.0), (1e-5, None), (0, 1)),
+        (ISLAND, 0.1, (-1.25, -1.2), (None, 4.0), (0, 0)),
+    ],
+)
+def test_a_rectangle_is_certified_until_a_corner_passes_the_boundary(plant, dead_time, kp, ki, corner):
+    region = stabilizing_pi(plant, dead_time)
+    column, row = corner
+    if ki[row] is None:
+        ki = [end or region.ki_intervals(kp[column])[0][row] for end in ki]
+    for side, certain in ((OUTSIDE, False), (-INSIDE, True)):
+        moved = list(ki)
+        moved[row] *= 1 + side * (1 if row else -1)
+        assert region.certified_rectangle(kp, tuple(moved)) is certain
+        assert intersection([region, region]).certified_rectangle(kp, tuple(moved)) is certain
+        assert region.certified_contains(kp[column], moved[row]) is certain
+
+
+def test_gains_are_certified_with_an_integrator_and_without():
+    region = stabilizing_pi(LAGS)
+    for kp, ki, certain in ((-5.9, 0.0, True), (60.1, 0.0, False), (5.0, -1e-9, False), (5.0, 1e-9, True)):
+        assert region.certified_contains(kp, ki) is certain
+    assert region.certified_rectangle((5.0, 5.0), (1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("kp", "ki", "match"),
+    [
+        ((1.0,), (1.0, 2.0), "kp: .* give two finite ends"),
+        ((1.0, 2.0), 3.0, "ki: .* give two finite ends"),
+        ((1.0, 2.0), (0.0, 2.0), "ki: 0"),
+        ((1.0, np.inf), (1.0, 2.0), "kp: inf"),
+        ((2.0, 1.0), (1.0, 2.0), "kp: from 2 to 1 is not allowed; give ascending ends"),
+    ],
+)
+def test_a_rectangle_of_other_ends_or_of_a_pid_is_refused(kp, ki, match):
+    with pytest.raises(InputError, match=match):
+        stabilizing_pi(LAGS).certified_rectangle(kp, ki)
+    with pytest.raises(InputError, match="PID with a derivative part is not covered"):
+        stabilizing_pid(LAGS, derivative_time=1.0, derivative_filter=0.1).certified_rectangle((1.0, 2.0), (1.0, 2.0))
+
+
+# --- stable intervals from root counts that are told, one for each interval between critical gains -------------------
+
+
+INF = float("inf")
+MARGINAL = RootCount(0, True)
+
+
+@pytest.mark.parametrize(
+    ("edges", "leftward", "counts", "stable", "asked"),
+    [
+        # four unstable poles need two leftward boundaries, none one; beyond the last of them nothing is asked
+        ([1, 2, 3, 4, 5], [1, 1, 0, 1, 0], [4, 2, 0, 2, 0, 2], [(2, 3), (4, 5)], [0, 2, 4]),
+        ([1, 2, 3], [1, 0, 0], [1, 0, 2, 2], [(1, 2)], [0, 1]),
+        # a count that is not known forbids no interval, none is beyond the last
+        ([1, 2], [0, 1], [MARGINAL, 0, 0], [(1, 2), (2, INF)], [0, 1, 2]),
+        ([1], [0], [INF, MARGINAL], [], [0, 1]),
+        # two boundaries that are one but for rounding, far from 1 as well
+        ([1e6, 1e6 * (1 + 1e-13), 2e6], [1, 1, 0], [1, 1, 0, 2], [(1e6 * (1 + 1e-13), 2e6)], [0, 2]),
+    ],
+)
+def test_only_intervals_that_may_be_stable_are_counted(edges, leftward, counts, stable, asked):
+    told = []
+
+    def count(gain):
+        if gain in edges:
+            return MARGINAL
+        told.append(int(np.searchsorted(edges, gain)))
+        here = counts[told[-1]]
+        return here if isinstance(here, RootCount) else RootCount(here, False)
+
+    values = np.array(edges, dtype=float)
+    critical = CriticalGains(values, np.ones(values.size), np.array(leftward, dtype=bool), INF)
+    assert list(stable_intervals(critical, 1.0, count, signed=True)) == stable
+    assert told == asked
+
+
+@pytest.mark.parametrize(("at", "stable"), [(RootCount(0, False), ((0.0, 9.0),)), (MARGINAL, ((0.0, 1.0), (1.0, 9.0)))])
+def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(at, stable):
+    critical = CriticalGains(np.array([1.0]), np.ones(1), np.ones(1, dtype=bool), 9.0)
+    assert stable_intervals(critical, 1.0, lambda k: at if k == 1 else RootCount(0, False), signed=False) == stable
+
+
+def test_a_gain_between_two_others_may_be_far_out():
+    ends = [(-INF, INF), (-INF, 3.0), (-7.0, INF), (0.0, INF), (2.0, 4.0)]
+    assert [probe(*pair, 5.0) for pair in ends] == [5.0, -2.0, 0.0, 5.0, 3.0]
+
+
+def test_common_intervals_are_those_of_all_and_have_a_width():
+    first, second, third = ((0.0, 2.0), (3.0, 6.0)), ((1.0, 3.0), (4.0, 5.0)), ((2.0, 4.5),)
+    assert common_intervals([first]) == first
+    assert common_intervals([first, second]) == ((1.0, 2.0), (4.0, 5.0))
+    assert common_intervals([first, second, third]) == ((4.0, 4.5),)
+
+
+# --- where F exp(tau s) + G is real on the axis, against closed forms and a scan -------------------------------------
+
+
+X = fmpq_poly([0, 1])
+NOTHING, ONE = fmpq_poly([0]), fmpq_poly([1])
+
+
+@pytest.mark.parametrize("factor", [(1 + X) ** 3, (1 - X) ** 3, -((1 - X) ** 3), (1 - X) ** 3 * (X**2 + 9)])
+def test_three_equal_lags_turn_by_half_a_turn_at_the_root_of_three(factor):
+    assert real_frequencies(factor, NOTHING, 0.0, math.inf) == pytest.approx([math.sqrt(3)], rel=1e-15)
+    assert real_frequencies(factor * 1000**3, NOTHING, 0.0, 1.7).size == 0
+
+
+def scanned(factor, other, dead_time, highest):
+    """Changes of sign of the imaginary part at 400 000 frequencies; without poles and zeros on the axis."""
+    omega = np.linspace(0.0, highest, 400_001)[1:]
+    f, g = (np.polyval([float(c) for c in p.coeffs()[::-1]] or [0.0], 1j * omega) for p in (factor, other))
+    value = (f * np.exp(1j * dead_time * omega) + g).imag
+    return omega[np.flatnonzero(np.diff(np.sign(value)))]
+
+
+@pytest.mark.parametrize(
+    ("factor", "other", "dead_time", "highest"),
+    [
+        (-((1 + X) ** 3), NOTHING, 1.0, 30.0),
+        (ONE, -X / 5, 1.0, 30.0),
+        (1 + X, -(X**3) / 50, 2.0, 10.0),  # |kappa| 1 to 1.4 at the end
+        ((1 + 4 * X**2) * (X + 3), X, 0.7, 25.0),  # F is 0 at 0.5 rad/s
+        ((1 - X) ** 2, 3 * X, 0.3, 40.0),
+        (X * (4 + X**2), X**3 / 3, 1.0, 12.0),
+    ],
+)
+def test_frequencies_are_those_of_a_scan(factor, other, dead_time, highest):
+    found = real_frequencies(factor, other, dead_time, highest)
+    expected = scanned(factor, other, dead_time, highest)
+    assert found.shape == expected.shape
+    assert found == pytest.approx(expected, abs=highest / 400_000)
+
+
+@pytest.mark.parametrize("past", [1e-4, -1e-4, 1e-7, -1e-7])
+def test_roots_next_to_where_they_cease_are_found(past):
+    # sin(tau omega) = omega/5: the last crossing lies just before the top of both, 5 rad/s; none counts at omega = 0
+    found = real_frequencies(ONE, -X / 5, (2.5 * math.pi + past) / 5, 30.0)
+    assert found[:2] == pytest.approx([1.7697, 4.8370], abs=2e-4)
+    assert 5.0 - found[2:] == pytest.approx([2.5 * past**2], rel=0.05)
+
+
+# --- outlines of stabilising sets, and margins over a grid of gains --------------------------------------------------
+
+
+def test_outline_is_the_set():
     region = stabilizing_pi(UNSTABLE, 0.15)
-    assert region.ki_limit(1e12) == 0.0
-    assert not region.contains(1e12, 0.0)
-    assert "stabilizing_pi" in dir(railslip_ctrl)
+    (strip,) = outline(region, count=15)
+    assert strip.polygon.shape == (30, 2)
+    assert np.all(strip.ki_low == 0)
+    assert list(strip.ki_high) == [region.ki_limit(kp) for kp in strip.kp]
+
+
+def test_outline_of_a_set_that_begins_within_the_columns():
+    region = stabilizing_pi(UNSTABLE, 0.15)
+    (strip,) = outline(region, kp=np.linspace(0, 30, 7))
+    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1, 23.3988133859), rel=1e-9)
+    assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
+    (column,) = outline(region, kp=[2.0])
+    assert column.ki_high == [region.ki_limit(2.0)]
+
+
+def test_an_outline_is_cut_at_the_lower_end_alone():
+    region = stabilizing_pi(1 / ((S**2 + 0.1 * S + 1) * (S + 1)))  # Routh: -1 < kp < 0.21
+    for limit, least in ((0.5, -0.5), (1.01, -1.0)):
+        (strip,) = outline(region, kp_limit=limit)
+        assert (strip.kp[0], strip.kp[-1]) == pytest.approx((least, 0.21), abs=2e-3)
+        assert strip.kp_cut == (limit < 1.0)
+
+
+def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():
+    region = stabilizing_pi(1 / ((S - 1) * (0.5 * S + 1)))  # Routh: 0 < ki < kp - 1
+    with pytest.raises(InputError, match="without bound, kp from 1 to inf; give the columns kp to draw, or kp_limit"):
+        outline(region)
+    (strip,) = outline(region, kp_limit=10.0)
+    assert (strip.kp_cut, strip.ki_cut) == (True, False)
+    assert (strip.kp[0], strip.kp[-1]) == pytest.approx((1.0, 10.0), abs=0.01)
+    assert strip.ki_high == pytest.approx(strip.kp - 1.0, rel=1e-9)
+    (both,) = outline(stabilizing_pi(1 / (S + 1)), kp_limit=10.0, ki_limit=5.0)  # every ki > 0
+    assert (both.kp_cut, both.ki_cut) == (True, True)
+    assert set(both.ki_high) == {5.0}
+    (whole,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=30.0, ki_limit=30.0)
+    (part,) = outline(stabilizing_pi(UNSTABLE, 0.15), kp_limit=10.0)
+    assert (whole.kp_cut, whole.ki_cut, part.kp_cut, part.ki_cut) == (False, False, True, False)
+    assert outline(region, kp_limit=0.5) == ()
+    with pytest.raises(InputError, match=r"ki_limit: 0\.0 is not allowed; give a gain > 0"):
+        outline(region, ki_limit=0.0)
+
+
+def test_margin_grid_holds_the_worst_margins_and_nan_outside():
+    regions = [stabilizing_pi(UNSTABLE, 0.15), stabilizing_pi(1.2 * UNSTABLE, 0.15)]
+    grid = margin_grid(intersection(regions), [0.9, 4.0, 12.0], [0.0, 0.5])
+    assert grid.ms.shape == grid.phase_deg.shape == grid.delay_s.shape == (3, 2)
+    assert np.all(np.isnan(grid.ms[0]))
+    assert not np.any(np.isnan(grid.ms[1:]))
+    pi = 12 + 0.5 / S
+    margins = [DeadTimeLoop(pi * gain * UNSTABLE, 0.15).margins() for gain in (1, 1.2)]
+    assert grid.ms[2, 1] == pytest.approx(max(m.ms for m in margins), rel=1e-9)
+    assert grid.phase_deg[2, 1] == pytest.approx(min(m.phase_deg for m in margins), rel=1e-9)
+    assert grid.delay_s[2, 1] == pytest.approx(min(m.delay_s for m in margins), rel=1e-9)

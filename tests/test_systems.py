@@ -14,10 +14,8 @@ from scipy import signal
 
 from railslip_ctrl import DeadTimeLoop, InputError, stabilizing_pi, tune_pi
 from railslip_ctrl.design.compensators import filtered_smith_predictor, observer_compensator, smith_predictor
-from railslip_ctrl.design.effort import control_effort
-from railslip_ctrl.design.limits import fundamental_limits
-from railslip_ctrl.design.rules import first_order_model, simc_pi
-from railslip_ctrl.design.tuning import pi_for_crossover
+from railslip_ctrl.design.limits import control_effort, fundamental_limits
+from railslip_ctrl.design.tuning import first_order_model, pi_for_crossover, simc_pi
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.responses import closed_loop_response, disturbance_response, step_response
 from railslip_ctrl.loop.sampled import SampledLoop

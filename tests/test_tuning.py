@@ -1,22 +1,32 @@
-"""Tuning: optima of the specification, equality designs, families, structures."""
+"""Tuning: optima of the specification, equality designs, families, structures, published rules."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import fields, replace
 
 import control as ct
 import numpy as np
 import pytest
+from test_assessment import plant as wheel
 
-from railslip_ctrl import DeadTimeLoop, tune_pi
+from railslip_ctrl import tune_pi
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import PIController, actuated_plant
-from railslip_ctrl.design.families import family_margins, worst_of
-from railslip_ctrl.design.forbidden import Forbidden
 from railslip_ctrl.design.schedule import plant_at
-from railslip_ctrl.design.tuning import pi_for_crossover, pi_transfer_function
-from railslip_ctrl.loop import Rational
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.design.specification import Specification, family_margins, is_robust, worst_of
+from railslip_ctrl.design.tuning import (
+    Kind,
+    first_order_model,
+    pi_for_crossover,
+    pi_transfer_function,
+    rotstein_lewin,
+    simc_pi,
+    tune_cases,
+)
+from railslip_ctrl.design.tuning_search import Family, Forbidden, _bracket, _inside, _refined_ki, _tightest, _to_the_tip
+from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 
 S = ct.tf("s")
 LEAD = PIController(PIGains(kp=1.0, ki=0.0), lead=0.6, lead_filter=0.06).transfer_function
@@ -66,36 +76,6 @@ def test_largest_ki_under_ms_is_on_the_bound_and_the_largest(compensator):
         assert worst is None or worst.ms > ms_max
 
 
-def test_where_the_ellipses_mislead_the_exact_margins_are_searched(monkeypatch):
-    plant = twelve_points()[4]
-    expected = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
-    end = Forbidden.end_above
-    # as if a bound lay beyond their frequencies, and the more so the smaller kp is
-    monkeypatch.setattr(Forbidden, "end_above", lambda self, kp, *args: end(self, kp, *args) * min(kp / 1000, 0.9))
-    found = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
-    assert found.worst.ms == pytest.approx(1.8, rel=1e-9)
-    assert found.ki == pytest.approx(expected.ki, rel=1e-9)
-
-
-def test_stable_first_order_plant_against_migo_s_own_example():
-    # exp(-s)/(s + 1) with Ms = 1.4 and 2.0; optimum by a dense grid of gains, independent of the ellipses
-    plant, tau = 1 / (S + 1), 1.0
-    for ms_max in (1.4, 2.0):
-        design = tune_pi(plant, tau, ms_max=ms_max)
-        omega = np.geomspace(1e-3, 30, 4000)
-        p = 1 / (1j * omega + 1) * np.exp(-1j * omega * tau)
-        kp, ki = np.meshgrid(np.linspace(0.05, 1.5, 60), np.linspace(0.05, 1.5, 291))
-        ms = np.array(
-            [1 / np.abs(1 + (a + b / (1j * omega)) * p).min() for a, b in zip(kp.ravel(), ki.ravel(), strict=True)]
-        )
-        ok = (ms <= ms_max) & np.array(
-            [b < 1.2 and a < 1.2 for a, b in zip(kp.ravel(), ki.ravel(), strict=True)]
-        )  # the stable part of the plane
-        best = ki.ravel()[ok].max()
-        assert design.ki == pytest.approx(best, abs=0.01)  # the grid's step is 0.005 in ki and 0.025 in kp
-        assert design.ki >= best - 1e-9
-
-
 def test_phase_and_delay_margins_can_bind():
     plant = twelve_points()[4]
     by_phase = tune_pi(plant, 0.15, ms_max=8.0, phase_min_deg=9.0)
@@ -114,50 +94,6 @@ def test_crossover_bounds_are_kept():
         assert low * (1 - 1e-9) <= found <= high * (1 + 1e-9)
         assert found == pytest.approx(bound, rel=1e-4)  # ki changes little along the bound on Ms
         assert design.ki < free.ki
-
-
-def test_infeasible_specification_says_what_can_be_had():
-    with pytest.raises(InfeasibleDesignError, match=r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"):
-        tune_pi(twelve_points(), 0.15, ms_max=2.0)
-    with pytest.raises(InfeasibleDesignError, match="no PI stabilises"):
-        tune_pi(1 / (S - 5), 2.4, ms_max=3.0)
-    with pytest.raises(
-        InfeasibleDesignError, match=r"ki >= 1e\+06 holds all plants; the largest ki that does is about"
-    ):
-        tune_pi(twelve_points()[4], 0.15, minimise_ms=True, ki_min=1e6)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"ms_max": 2.0, "crossover": (2.0, 1.0)}, "crossover"),
-        ({}, "nothing bounds ki"),
-        ({"minimise_ms": True}, "ki_min: None is not allowed with"),
-        ({"ms_max": 2.0, "ki_min": 1.0}, "goes with minimise_ms"),
-    ],
-)
-def test_contradictory_specifications_are_refused(arguments, match):
-    with pytest.raises(InputError, match=match):
-        tune_pi(1 / (S + 1), 0.1, **arguments)
-
-
-def test_plants_without_a_common_pi_are_called_by_their_names():
-    with pytest.raises(InfeasibleDesignError, match=r"stabilises the plant\(s\): icy: no kp.*no PI can: add a lead"):
-        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry", "icy"))
-    with pytest.raises(InfeasibleDesignError, match=r"behind the compensator.*icy: no kp") as caught:
-        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry", "icy"), compensator=LEAD)
-    assert "add a lead" not in str(caught.value)
-    with pytest.raises(InfeasibleDesignError, match=r"no PI stabilises the plant\(s\)"):
-        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0)
-    with pytest.raises(InputError, match="names: 1 for 2 plants"):
-        tune_pi([1 / (S - 0.2), 1 / (S - 5)], 2.4, ms_max=3.0, names=("dry",))
-
-
-def test_plants_and_dead_times_must_match():
-    with pytest.raises(InputError, match="none is given"):
-        tune_pi([], 0.1, ms_max=2.0)
-    with pytest.raises(InputError, match="3 values for 2 plants"):
-        tune_pi([1 / (S + 1), 1 / (S + 2)], [0.1, 0.2, 0.3], ms_max=2.0)
 
 
 @pytest.mark.parametrize(("crossover", "margin"), [(0.7, 8.0), (1.0, 9.0)])
@@ -180,21 +116,7 @@ def test_an_equality_design_of_a_plant_with_a_mode():
         pi_for_crossover(mode, 0.06, 3.0, 75.0)
 
 
-@pytest.mark.parametrize(
-    ("crossover", "margin", "match"),
-    [(0.7, 60.0, "needs ki"), (0.05, 5.0, "does not stabilise|needs ki"), (2.5, 1.0, "ki")],
-)
-def test_impossible_equality_designs_are_refused(crossover, margin, match):
-    with pytest.raises(InfeasibleDesignError, match=match):
-        pi_for_crossover(twelve_points()[4], 0.15, crossover, margin)
-
-
-@pytest.mark.parametrize(("crossover", "margin"), [(0.0, 30.0), (float("nan"), 30.0), (1.0, 0.0), (1.0, 180.0)])
-def test_equality_design_checks_its_input(crossover, margin):
-    with pytest.raises(InputError):
-        pi_for_crossover(1 / (S + 1), 0.1, crossover, margin)
-
-
+SLOW_AND_FAST = [1 / (S - 0.2), 1 / (S - 5)]
 FAMILY, DEAD_TIMES = [1 / (S + 1), 2 / (S + 1.5) / (0.3 * S + 1), 1 / (S - 0.3)], [0.2, 0.3, 0.1]
 
 
@@ -215,27 +137,79 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
     assert tune_pi(1 / (S + 1), 1.0, ms_max=ms_max).worst.ms == pytest.approx(ms_max, rel=1e-9)
 
 
-def test_least_ms_keeps_ms_max_too():
-    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms is 1\.366"):
-        tune_pi(FAMILY, DEAD_TIMES, minimise_ms=True, ki_min=0.1, ms_max=1.2)
-
-
-def test_the_best_that_can_be_had_is_of_what_was_asked():
-    with pytest.raises(InfeasibleDesignError, match=r"largest phase margin 12\.\d+ deg"):
-        tune_pi(twelve_points()[4], 0.15, phase_min_deg=20)
-    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms 1\.27\d"):
-        tune_pi(FAMILY, DEAD_TIMES, ms_max=1.1)
-    # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
-    with pytest.raises(InfeasibleDesignError, match=r"least worst Ms 1\.107, largest delay margin 1\.899 s; each"):
-        tune_pi(1 / (S - 0.5), 0.1, ms_max=1.6, delay_min_s=1.5)
+@pytest.mark.parametrize(
+    ("plants", "dead_time", "asked", "match"),
+    [
+        (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"),
+        (1 / (S - 5), 2.4, {"ms_max": 3.0}, "no PI stabilises"),
+        (
+            twelve_points()[4],
+            0.15,
+            {"minimise_ms": True, "ki_min": 1e6},
+            r"1e\+06 holds all plants; the largest",
+        ),
+        (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
+        (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
+        (FAMILY, DEAD_TIMES, {"ms_max": 1.1}, r"least worst Ms 1\.27\d"),
+        # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
+        (
+            1 / (S - 0.5),
+            0.1,
+            {"ms_max": 1.6, "delay_min_s": 1.5},
+            r"least worst Ms 1\.107, largest delay margin 1\.899 s; each",
+        ),
+        (1 / S, 0.0, {"ms_max": 2.0}, "no largest value"),
+        (1 / (S + 1), 0.0, {"ms_max": 2.0}, "no largest value"),
+        (1 / S, 0.0, {"phase_min_deg": 60}, "no largest value"),
+        (
+            SLOW_AND_FAST,
+            2.4,
+            {"ms_max": 3.0, "names": ("dry", "icy")},
+            r"icy: no kp.*no PI can: add a lead",
+        ),
+        (
+            SLOW_AND_FAST,
+            2.4,
+            {"ms_max": 3.0, "names": ("dry", "icy"), "compensator": LEAD},
+            r"behind the compensator.*icy: no kp((?!add a lead).)*$",
+        ),
+        (SLOW_AND_FAST, 2.4, {"ms_max": 3.0}, r"no PI stabilises the plant\(s\)"),
+    ],
+)
+def test_what_cannot_be_met_says_what_can_be_had(plants, dead_time, asked, match):
+    with pytest.raises(InfeasibleDesignError, match=match):
+        tune_pi(plants, dead_time, **asked)
 
 
 @pytest.mark.parametrize(
-    ("plant", "asked"), [(1 / S, {"ms_max": 2.0}), (1 / (S + 1), {"ms_max": 2.0}), (1 / S, {"phase_min_deg": 60})]
+    ("call", "match"),
+    [
+        (lambda: tune_pi(1 / S, 0.1, ms_max=2.0, crossover=(2.0, 1.0)), "crossover"),
+        (lambda: tune_pi(1 / S, 0.1), "nothing bounds ki"),
+        (lambda: tune_pi(1 / S, 0.1, minimise_ms=True), "ki_min: None is not allowed with"),
+        (lambda: tune_pi(1 / S, 0.1, ms_max=2.0, ki_min=1.0), "goes with minimise_ms"),
+        (lambda: tune_pi(SLOW_AND_FAST, 0.1, ms_max=3.0, names=("dry",)), "names: 1 for 2 plants"),
+        (lambda: tune_pi([], 0.1, ms_max=2.0), "none is given"),
+        (lambda: tune_pi(SLOW_AND_FAST, [0.1, 0.2, 0.3], ms_max=2.0), "3 values for 2 plants"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 0.0, 30.0), "crossover"),
+        (lambda: pi_for_crossover(1 / S, 0.1, float("nan"), 30.0), "crossover"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 0.0), "phase margin"),
+        (lambda: pi_for_crossover(1 / S, 0.1, 1.0, 180.0), "phase margin"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.7, 60.0), "needs ki"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 0.05, 5.0), "does not stabilise|needs ki"),
+        (lambda: pi_for_crossover(twelve_points()[4], 0.15, 2.5, 1.0), "ki"),
+        (lambda: tuned_at_100("pdf"), "choose one of"),
+        (lambda: tuned_at_100("pi", lead=0.6), "does not go with"),
+        (lambda: tuned_at_100("pid", lead=0.6), "searches"),
+    ],
 )
-def test_unbounded_gains_are_said_to_be_so(plant, asked):
-    with pytest.raises(InfeasibleDesignError, match="no largest value"):
-        tune_pi(plant, **asked)
+def test_contradictory_or_impossible_input_is_refused(call, match):
+    with pytest.raises((InputError, InfeasibleDesignError), match=match):
+        call()
+
+
+def tuned_at_100(structure, **given):
+    return tune_cases(AT_100, PARK2008.actuator, structure=structure, specification=Specification(ms_max=1.8), **given)
 
 
 # -- free of scale, and nothing better by brute force ---------------------------------------------------------
@@ -320,3 +294,290 @@ def test_brute_force_finds_nothing_better(seed):
     else:
         assert design.ki * gain * time >= found
         assert design.worst.ms == pytest.approx(ms_max, rel=1e-9)
+
+
+# --- tuning at operating points, by structure ------------------------------------------------------------------------
+
+
+AT_100 = [plant_at("bristle", PARK2008, Rail.DRY, 100.0)]
+
+
+def test_a_lead_meets_what_a_pi_cannot():
+    lead, pi = tuned_at_100("pi-lead"), tuned_at_100("pi")
+    assert lead.controller(lead.design).lead == PARK2008.actuator.lag
+    assert pi.design is None
+    assert "Ms <= 1.8" in pi.reason
+    assert pi.asked == "maximise ki, Ms <= 1.8"
+
+
+@pytest.mark.parametrize(
+    ("actuator", "wanted", "ki_min"),
+    [
+        (Actuator(dead_time=0.05, lag=0.2), Specification(ms_max=1.8), None),
+        (Actuator(dead_time=0.1, lag=0.0), Specification(), 50.0),
+    ],
+)
+def test_a_pid_has_the_derivative_time_that_serves_best(actuator, wanted, ki_min):
+    def tuned(structure, **given):
+        return tune_cases(AT_100, actuator, structure=structure, specification=wanted, ki_min=ki_min, **given)
+
+    def worth(cases):
+        return cases.design.ki if ki_min is None else -cases.design.worst.ms
+
+    pid = tuned("pid")
+    for factor in (0.9, 1.1):
+        assert worth(tuned("pi-lead", lead=factor * pid.lead)) < worth(pid)
+    if ki_min:
+        assert pid.asked == "minimise Ms with ki >= 50 N*m/m"
+
+
+# --- the parts of tuning, each against what it is defined by ---------------------------------------------------------
+
+
+def test_a_specification_takes_whatever_can_be_asked_and_says_it():
+    asked = Specification(ms_max=1.01, phase_min_deg=179.0, delay_min_s=0.002, crossover=(0.0, 0.003))
+    assert all(value in asked.words for value in ("1.01", "179", "0.002", "0 to 0.003"))
+    assert not asked.only_ms
+    assert Specification(ms_max=2.0).only_ms
+    assert Specification().words == ""
+    assert is_robust(2.0)
+    assert not is_robust(2.0001)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("ms_max", (1.0, np.nan, np.inf, "2")),
+        ("phase_min_deg", (-1.0, 180.0, np.nan)),
+        ("delay_min_s", (-1.0, np.inf)),
+        ("crossover", ((2.0, 1.0), (1.0, 1.0), (-1.0, 1.0), (1.0, 2.0, 3.0))),
+    ],
+)
+def test_a_specification_refuses_what_cannot_be(name, values):
+    for value in values:
+        with pytest.raises(InputError, match=name):
+            Specification(**{name: value})
+
+
+def test_a_family_of_any_structures_has_the_margins_of_its_loops():
+    roots = [([], [-1.0], 2), ([-2.0], [-1.0], 0.5), ([-2.0], [1.0, -3.0], 4), ([-1.0], [-2.0], 3), ([], [1.0], 9)]
+    loops = [DeadTimeLoop(Rational(*one), 0.2) for one in roots]
+    found = family_margins(loops)
+    assert found.stable.tolist() == [True, True, True, False, False]
+    assert found.unstable_poles.tolist() == [loop.unstable_closed_loop_poles for loop in loops]
+    assert worst_of(found) is None
+    for name in {f.name for f in fields(found)} - {"stable", "unstable_poles"}:
+        expected = [getattr(loop.margins(), name) for loop in loops[:3]] + [np.nan] * 2
+        assert getattr(found, name) == pytest.approx(expected, rel=1e-9, nan_ok=True), name
+    worst = worst_of(family_margins(loops[:3]))
+    assert (worst.ms, worst.phase_deg, worst.delay_s) == (found.ms[2], found.phase_deg[2], found.delay_s[2])
+    assert (worst.ms_member, worst.phase_member, worst.delay_member) == (2, 2, 2)
+
+
+@pytest.mark.parametrize("limit", [-9.5, -4.0, -0.5, -0.05, -1e-3, 0.0, 5e-4, 0.01, 0.3, 1.9])
+def test_a_bracket_holds_the_limit(limit):
+    lower, upper = _bracket(lambda x: x - limit, 0.0)
+    assert lower <= limit < upper
+    lower, upper = _bracket(lambda _: -1.0, 0.0)
+    assert lower == upper > 0
+    assert _bracket(lambda _: 0.5, 0.0) is None
+
+
+@pytest.mark.parametrize("gap", [(2.0, 8.0), (-8.0, -2.0), (-1.0, 0.0), (0.0, 3.0), (-1.0, 5.0), (-5.0, 1.0)])
+def test_a_gain_inside_a_gap_is_of_the_order_of_the_smaller_end(gap):
+    inside = _inside(*gap)
+    assert gap[0] < inside < gap[1]
+    assert abs(inside) <= 2 * min(abs(end) for end in gap if end)
+
+
+@pytest.mark.parametrize(("margin", "best"), [("ms", 1.1070848), ("phase_deg", -64.591644), ("delay_s", -1.8992699)])
+def test_the_tightest_interval_is_where_a_margin_is_best(margin, best):
+    # 1/(s - 0.5) with 0.1 s under P control, the best by a grid of 4000 gains
+    family = Family([Rational([], [0.5], 1.0)], [0.1], compensated=False, names=())
+    ki = family.ki_ends[0]
+    ((low, high),) = _tightest(family, ki, Specification(), margin)
+    found = family.worst(np.linspace(low, high, 3), np.full(3, ki), margin)
+    assert found == pytest.approx(np.full(3, best), rel=1e-4)  # 16 halvings of what there may be
+
+
+def test_an_island_of_gains_is_followed_to_its_tip():
+    island = Rational(np.array([-0.4]), np.array([-0.2 + 2.9j, -0.2 - 2.9j, 0.3]), 1.0)
+    family, asked = Family([island], [0.1], compensated=False, names=()), Specification(ms_max=10.0)
+    kp = -3.6241  # the tip is at -3.6251
+    ki = _refined_ki(family, asked, kp, 5.0799)
+    assert 5.0799 < ki < 5.0801
+    # at an end of the gap, and in its midst, where no tip is looked for
+    assert _to_the_tip(family, asked, (kp, kp + 1e-3), kp, ki)[1] == pytest.approx(5.0801932, rel=1e-7)
+    assert _to_the_tip(family, asked, (kp - 1e-3, kp + 1e-3), kp, ki) == (kp, ki)
+
+
+# --- the gains that a specification forbids, against the definition of its margins on a dense grid -------------------
+
+
+PLANTS = {
+    "lags": (Rational([], [-1.0, -4.0], 8.0), 0.3),
+    "resonant": (Rational([], [-1.0, -0.2 + 1.5j, -0.2 - 1.5j], 2.0), 0.2),
+    "unstable": (Rational([-3.0], [0.4, -2.0, -8.0], 6.0), 0.1),
+    "antiresonant": (Rational([2j, -2j], [-1.0, -1.0, -3.0], 2.0), 0.4),
+    "integrator": (Rational([], [0.0, -2.0], 2.0), 0.3),
+    "late": (Rational([], [-1.0], 1.0), 6.0),
+}
+OMEGA = np.geomspace(1e-3, 200.0, 10_000)
+
+
+def allowed(plant, dead_time, kp, ki, wanted):
+    """Whether the loop has the margins at every frequency and crossover, stable or not."""
+    with np.errstate(divide="ignore"):
+        loop = (kp - 1j * ki / OMEGA) * plant(1j * OMEGA) * np.exp(-1j * OMEGA * dead_time)
+        at = np.flatnonzero(np.diff(np.sign(np.log(np.abs(loop)))))
+    left = np.angle(-loop[at])
+    return (
+        (wanted.ms_max is None or np.abs(1 + loop).min() >= 1 / wanted.ms_max)
+        and np.all(np.abs(left) >= math.radians(wanted.phase_min_deg or 0.0))
+        and (wanted.delay_min_s is None or np.all(np.mod(left, 2 * np.pi) >= wanted.delay_min_s * OMEGA[at]))
+    )
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        Specification(ms_max=1.8),
+        Specification(phase_min_deg=35.0),
+        Specification(delay_min_s=0.15),
+        Specification(ms_max=3.0, phase_min_deg=40.0, delay_min_s=0.1),
+    ],
+    ids=lambda wanted: wanted.words,
+)
+def test_gaps_are_what_the_margins_leave(name, wanted):
+    plant, dead_time = PLANTS[name]
+    forbidden, rng = Forbidden([plant], [dead_time], [20.0]), np.random.default_rng(1)
+    for ki in (0.05, 0.8, 3.0):
+        gaps = forbidden.gaps(ki, wanted)
+        assert gaps == forbidden.gaps(ki, replace(wanted, crossover=(0.0, math.inf)))
+        ends = np.array(gaps).ravel()
+        for kp in rng.normal(size=30) * rng.choice([0.3, 3.0, 10.0], 30):
+            if np.abs(ends - kp).min(initial=1.0) > 0.02 * max(abs(kp), 1.0):  # both are rough next to an end
+                inside = any(low < kp < high for low, high in gaps)
+                assert inside == allowed(plant, dead_time, kp, ki, wanted), (ki, kp)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_end_above_is_the_least_ki_that_ms_forbids(name):
+    plant, dead_time = PLANTS[name]
+    wanted, forbidden = Specification(ms_max=2.0), Forbidden([plant], [dead_time], [20.0])
+    for start in (0.01, 0.3, 1.0):
+        for kp in (-0.5, 0.1, 0.4, 1.0):
+            end = forbidden.end_above(kp, start, 2.0)
+            looks = np.geomspace(start, min(end, 100.0) * (1 - 1e-5), 8) if end else []
+            assert all(allowed(plant, dead_time, kp, ki, wanted) for ki in looks)
+            if end < 100.0:
+                assert not allowed(plant, dead_time, kp, (end or start) * (1 + 1e-4), wanted)
+
+
+# --- tuning rules against their sources' tables, and refused where they do not hold ----------------------------------
+
+
+TAU = PARK2008.actuator.dead_time
+
+
+def lags(*times, gain=1.0, leads=(), integrators=0):
+    """gain prod(lead s + 1)/(s^integrators prod(time s + 1))."""
+    zeros, poles = [-1 / t for t in leads], [-1 / t for t in times] + [0.0] * integrators
+    return Rational(np.array(zeros), np.array(poles), gain * np.prod(leads) / np.prod(times))
+
+
+@pytest.mark.parametrize(
+    ("plant", "theta", "time_constant", "kp", "integral_time"),
+    [
+        # [Skogestad2003], examples E1, E2, E4, E5, E7, E8 as PI
+        (lags(1.0, 0.2), 0.1, 1.1, 5.5, 0.8),
+        (lags(2.0, 1.0, 0.4, 0.2, 0.05, 0.05, 0.05, leads=(-0.3, 0.08)), 1.47, 2.5, 0.85, 2.5),
+        (lags(1.0, 1.0, 1.0, 1.0), 2.5, 1.5, 0.3, 1.5),
+        (lags(1.0, 0.2, 0.04, 0.008), 0.148, 1.1, 3.72, 1.1),
+        (lags(1.0, 1.0, 1.0, leads=(-2.0,)), 3.5, 1.5, 0.214, 1.5),
+        (lags(1.0, 1.0, integrators=1), 1.5, math.inf, 0.33, 12.0),
+    ],
+)
+def test_simc_table_of_examples(plant, theta, time_constant, kp, integral_time):
+    tuning = simc_pi(plant, 0.0)
+    assert tuning.model.dead_time == pytest.approx(theta, rel=1e-12)
+    assert tuning.model.time_constant == pytest.approx(time_constant, rel=1e-12)
+    assert tuning.gains.kp == pytest.approx(kp, abs=0.0051)
+    assert tuning.gains.kp / tuning.gains.ki == pytest.approx(integral_time, rel=1e-12)
+    assert tuning.closed_loop_time == tuning.model.dead_time
+
+
+def test_rotstein_lewin_without_dead_time_places_the_closed_loop_exactly():
+    k, t, lam = 3.0, 1.25, 0.7
+    plant = Rational(np.array([]), np.array([1 / t]), k / t)
+    tuning = rotstein_lewin(plant, 0.0, closed_loop_time=lam)
+    alpha = lam * (lam / t + 2)
+    loop = DeadTimeLoop(tuning.transfer_function() * plant)
+    s = np.array([0.3, 1.0, 4.0])
+    expected = (alpha * 1j * s + 1) / (lam * 1j * s + 1) ** 2
+    assert loop.complementary_sensitivity(s) == pytest.approx(expected, rel=1e-12)
+    assert tuning.gains.kp == pytest.approx((2 * t + lam) / (k * lam), rel=1e-13)
+
+
+def test_rotstein_lewin_pid_is_the_pi_in_series_with_half_the_dead_time():
+    plant, theta, lam = Rational(np.array([]), np.array([0.5]), 0.5 * 4), 0.4, 1.2
+    pi, pid = (rotstein_lewin(plant, theta, closed_loop_time=lam, derivative=d) for d in (False, True))
+    s = 1j * np.array([0.2, 1.0, 3.0])
+    ideal = pid.gains.kp + pid.gains.ki / s + pid.derivative_gain * s
+    assert ideal == pytest.approx(pi.transfer_function()(s) * (theta / 2 * s + 1), rel=1e-12)
+    filtered = pid.transfer_function(0.01)(s)
+    expected = pid.gains.kp + pid.gains.ki / s + pid.derivative_gain * s / (0.01 * s + 1)
+    assert filtered == pytest.approx(expected, rel=1e-12)
+    assert pi.derivative_gain == 0
+
+
+def test_the_wheel_is_reduced_to_an_unstable_lag_and_the_rule_closes_the_full_loop():
+    plant = actuated_plant(wheel(Rail.DRY), PARK2008.actuator)
+    model = first_order_model(plant, TAU)
+    assert model.kind is Kind.UNSTABLE
+    assert model.time_constant == pytest.approx(1 / 0.82083763, rel=1e-8)
+    assert model.dead_time == pytest.approx(0.15 + 0.6 + 1 / 8.63596062 - 1 / 7.81098049, rel=1e-8)
+    s = 1e-3j  # the reduction keeps the slope of ln G at 0: value, phase slope and unstable pole
+    assert model.transfer_function(s) * np.exp(-model.dead_time * s) == pytest.approx(
+        plant(s) * np.exp(-TAU * s), rel=1e-6
+    )
+    with pytest.raises(InputError, match=r"SIMC: the plant has an unstable pole at 0\.8208"):
+        simc_pi(plant, TAU)
+    pi = rotstein_lewin(plant, TAU, closed_loop_time=5.0)
+    assert DeadTimeLoop(pi.transfer_function() * plant, TAU).margins().ms == pytest.approx(5.865, abs=5e-4)
+    pid = rotstein_lewin(plant, TAU, closed_loop_time=2.0, derivative=True)
+    assert DeadTimeLoop(pid.transfer_function(0.06) * plant, TAU).margins().ms == pytest.approx(1.974, abs=5e-4)
+
+
+def test_models_reproduce_a_stable_and_an_integrating_plant_at_low_frequency():
+    for plant in (lags(3.0, gain=2.0), lags(integrators=1, gain=0.5)):
+        model = first_order_model(plant, 0.2)
+        assert model.transfer_function(0.7j) == pytest.approx(plant(0.7j), rel=1e-13)
+        assert model.dead_time == 0.2
+
+
+@pytest.mark.parametrize(
+    ("rule", "match"),
+    [
+        (lambda: simc_pi(lags(1.0), 0.0), "give closed_loop_time"),
+        (lambda: simc_pi(lags(1.0), 0.1, closed_loop_time=-0.1), "closed-loop time"),
+        (lambda: simc_pi(lags(1.0), -0.1), "dead time"),
+        (lambda: simc_pi(Rational(np.array([]), np.array([]), 1.0), 0.1), "must have poles"),
+        (lambda: simc_pi(Rational(np.array([]), np.array([-1 + 2j, -1 - 2j]), 1.0), 0.1), "roots real"),
+        (lambda: simc_pi(lags(integrators=2), 0.1), "several poles"),
+        (lambda: simc_pi(lags(1.0, 0.1, leads=(0.5,)), 0.1), "slower than the effective dead time"),
+        (lambda: simc_pi(lags(5.0, 0.2, 0.2, leads=(0.2, 0.2)), 0.05), "zeros leave a dead time"),
+        (lambda: rotstein_lewin(lags(1.0), 0.1, closed_loop_time=1.0), "the plant is stable"),
+        (lambda: rotstein_lewin(lags(-1.0), 0.1, closed_loop_time=0.0), "closed-loop time"),
+        (lambda: rotstein_lewin(lags(-1.0), 1.0, closed_loop_time=1.0), "that a PI can stabilise"),
+        (lambda: rotstein_lewin(lags(-1.0), 2.0, closed_loop_time=1.0, derivative=True), "that a PID can stabilise"),
+        (
+            lambda: rotstein_lewin(lags(-1.0), 0.2, closed_loop_time=1.0, derivative=True).transfer_function(),
+            "derivative filter",
+        ),
+    ],
+)
+def test_refused_where_it_does_not_apply(rule, match):
+    with pytest.raises(InputError, match=match):
+        rule()

@@ -12,7 +12,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import assess
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.design.tuning_cases import FILTER_RATIO
+from railslip_ctrl.design.tuning import FILTER_RATIO
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import PIGains, table4_gains

@@ -96,7 +96,7 @@ def _writers(
 ) -> dict[str, Callable[[Path], None]]:
     """What writes each file."""
     from railslip_ctrl.core.cache import cached
-    from railslip_ctrl.design.design_check import published_groups
+    from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry
     from railslip_ctrl.report.html.page import page

@@ -8,8 +8,7 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.envelope_tuning import tune_over
-from railslip_ctrl.design.tuning import Specification
-from railslip_ctrl.design.tuning_cases import tune_cases
+from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail

@@ -1,4 +1,20 @@
-"""Controllers as systems, the envelope and the verdict over it, tuning, limits."""
+"""Design and judgement of linear slip controllers.
+
+May import `loop`, `model` and `core`. Begin with `controllers` (a controller as a system, and the loop it closes), then
+`envelope` and `judging` (the operating points a design must hold, and one verdict over them).
+
+controllers     controllers as systems, continuous or sampled, and the wheel-slip loop; `difference` is one sample
+assessment      one loop at one operating point: margins, limits, verdict
+envelope        the operating points and tolerances that a design must hold
+judging         margins of every case of an envelope, and one verdict
+specification   what a design must keep, and the margins of many plants under one controller
+tuning          PI gains from a specification, by hand, or by published rules; `tuning_search` is the search
+envelope_tuning a controller tuned over an envelope, and the best of several structures
+schedule        gains over speed and rail, lowest speeds, sweeps of margins
+stabilizing     all gains that stabilise, their outline and margins; `decomposition` is the method
+limits          what no controller can beat, and what a controller asks of the brake
+compensators    Smith predictors and the predictor-observer
+"""
 
 from .controllers import (
     PIController,
@@ -9,22 +25,22 @@ from .controllers import (
     linear_controller,
     wheel_slip_loop,
 )
-from .holding import HoldingDesign, holding_gains
-from .region_maps import MarginGrid, Strip, margin_grid, outline
-from .shaping import gain_for_crossover, most_phase
 from .stabilizing import (
-    BoundaryCurve,
     IntersectionRegion,
+    MarginGrid,
     Region,
     StabilizingRegion,
+    Strip,
     intersection,
+    margin_grid,
+    outline,
     stabilizing_pi,
     stabilizing_pid,
 )
+from .tuning import CommonPI, common_pi, gain_for_crossover, most_phase
 
 __all__ = [
-    "BoundaryCurve",
-    "HoldingDesign",
+    "CommonPI",
     "IntersectionRegion",
     "MarginGrid",
     "PIController",
@@ -34,9 +50,9 @@ __all__ = [
     "StateSpaceController",
     "Strip",
     "actuated_plant",
+    "common_pi",
     "controller_system",
     "gain_for_crossover",
-    "holding_gains",
     "intersection",
     "linear_controller",
     "margin_grid",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib import import_module
@@ -14,16 +15,25 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.design import actuated_plant, wheel_slip_loop
 from railslip_ctrl.loop import DeadTimeLoop, Margins, SpectrumError
-from railslip_ctrl.loop.deadtime import MOST_POLES
+from railslip_ctrl.loop.deadtime import MOST_POLES, FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.sampled import SampledLoop
-from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
+from railslip_ctrl.model.vehicle import (
+    AS_PUBLISHED_INERTIA_SCALE,
+    Actuator,
+    table4_gains,
+)
 
-from .controllers import LinearController, linear_controller
+from .controllers import (
+    LinearController,
+    PIController,
+    actuated_plant,
+    linear_controller,
+    loop_as_run,
+    wheel_slip_loop,
+)
 from .limits import Limits, fundamental_limits
-from .sampled import loop_as_run
 from .specification import is_robust
 
 PADE_ORDERS = (1, 2, 3, 4, 5)
@@ -60,14 +70,8 @@ class Assessment:
         The latter of a discrete controller.
     limits : Limits
         What no controller can beat.
-    stable, marginal : bool
-        Stable; with poles on the imaginary axis.
-    unstable_poles : float
-        Number of closed-loop poles in the closed right half plane.
     closed_loop_poles : array, 1-D
         The rightmost, 1/s.
-    stabilizing_gain_range : tuple or None
-        Factors on the loop gain.
     margins : Margins or None
         None of an unstable loop.
     pade : tuple of PadeRow
@@ -84,11 +88,7 @@ class Assessment:
     actuator: Actuator
     loop: Any
     limits: Limits
-    stable: bool
-    marginal: bool
-    unstable_poles: float
     closed_loop_poles: NDArray[np.complex128]
-    stabilizing_gain_range: tuple[float, float] | None
     margins: Margins | None
     pade: tuple[PadeRow, ...]
     verdict: Verdict
@@ -97,6 +97,27 @@ class Assessment:
 
     def __str__(self) -> str:
         return str(import_module("railslip_ctrl.report").margins_text([self]))  # a room above this one
+
+    @property
+    def stable(self) -> bool:
+        """Whether every closed-loop pole lies left of the imaginary axis."""
+        return self.margins is not None
+
+    @property
+    def marginal(self) -> bool:
+        """Whether closed-loop poles lie on the imaginary axis."""
+        return bool(self.loop.root_count.marginal)
+
+    @property
+    def unstable_poles(self) -> float:
+        """Number of closed-loop poles in the closed right half plane."""
+        return float(self.loop.unstable_closed_loop_poles)
+
+    @property
+    def stabilizing_gain_range(self) -> tuple[float, float] | None:
+        """Factors on the loop gain that stabilise; None if none does."""
+        found: tuple[float, float] | None = self.loop.stabilizing_gain_range
+        return found
 
     @property
     def point(self) -> OperatingPoint:
@@ -167,8 +188,7 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
     number("poles", poles, ge=1, le=MOST_POLES)
     design = linear_controller(controller, plant.point)
     loop = wheel_slip_loop(plant, design, actuator)
-    stable = loop.is_stable()
-    margins = loop.margins() if stable else None
+    margins = loop.margins() if loop.is_stable() else None
     run = None if isinstance(loop, SampledLoop) else loop_as_run(controller, plant, actuator)
     return Assessment(
         label=label or design.structure,
@@ -177,14 +197,10 @@ def assess(plant: LinearPlant, controller: Any, actuator: Actuator, *, label: st
         actuator=actuator,
         loop=loop,
         limits=limits_of(plant, actuator),
-        stable=stable,
         margins=margins,
-        stabilizing_gain_range=loop.stabilizing_gain_range,
         verdict=_verdict(margins, design),
         as_run=run,
         sampled=run.margins() if run is not None and run.is_stable() else None,
-        marginal=loop.root_count.marginal,
-        unstable_poles=loop.unstable_closed_loop_poles,
         closed_loop_poles=_poles_found(loop, poles),
         pade=() if isinstance(loop, SampledLoop) else tuple(_pade_row(loop, order) for order in PADE_ORDERS),
     )
@@ -217,3 +233,41 @@ def _verdict(margins: Margins | None, controller: LinearController) -> Verdict:
 def _pade_row(loop: DeadTimeLoop, order: int) -> PadeRow:
     approximate = loop.pade(order)
     return PadeRow(order, approximate.margins() if approximate.is_stable() else None)
+
+
+# --- loops of one controller under one title --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ControllerGroup:
+    """One controller in one reading of the units, at every operating point, each with its frequency response."""
+
+    title: str
+    assessments: tuple[Assessment, ...]
+    curves: tuple[FrequencyCurve, ...]
+
+
+_READINGS = ((1.0, "SI"), (AS_PUBLISHED_INERTIA_SCALE, "as published"))
+
+
+def published_groups(points: Sequence[OperatingPoint]) -> tuple[ControllerGroup, ...]:
+    """Table 4's PI gains at operating points, in SI and as published: M, J and B times 3.6."""
+    return tuple(_published(points, scale, name) for scale, name in _READINGS)
+
+
+def _published(points: Sequence[OperatingPoint], scale: float, name: str) -> ControllerGroup:
+    title = f"Table 4's gains, inertia scale {scale:g} ({name})"
+    found = []
+    for p in points:
+        car = p.vehicle.model_copy(update={"inertia_scale": scale})
+        scaled = operating_point(p.law, car, p.speed, p.slip, rail=p.rail, initial_speed_kmh=p.initial_speed_kmh)
+        gains = PIController(table4_gains(p.adhesion))
+        found.append(assess(linearize(scaled), gains, p.vehicle.actuator, label=title))
+    return controller_group(title, tuple(found))
+
+
+def controller_group(title: str, assessments: tuple[Assessment, ...]) -> ControllerGroup:
+    """Assessed loops under one title, with frequency responses over their common band."""
+    bands = [a.loop.feature_band() for a in assessments]
+    low, high = min(band[0] for band in bands), max(band[1] for band in bands)
+    return ControllerGroup(title, assessments, tuple(frequency_curve(a.loop, low, high) for a in assessments))

@@ -13,19 +13,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Complexes = NDArray[np.complex128]
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 _LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has four digits
 

@@ -1,4 +1,4 @@
-"""Controllers as transfer functions, and the loop they close around the wheel.
+"""Controllers as systems, continuous or sampled, and the loop they close around the wheel.
 
 The loop transfer function is L(s) = C(s) Ga(s) P(s): C from the slip-velocity error e = lambda_d v - sigma to the
 commanded brake torque, Ga the brake actuator with its dead time, P from acting torque to -e. More torque gives
@@ -9,20 +9,28 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import call_failure, place_of
-from railslip_ctrl.loop import DeadTimeLoop, Rational
+from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
 from railslip_ctrl.loop.rational import realise
-from railslip_ctrl.loop.sampled import SampledLoop
+from railslip_ctrl.loop.sampled import MOST_PERIODS, SampledLoop, check_period
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Actuator, PIGains
+
+from .difference import linear_step
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -65,14 +73,15 @@ class PIController:
     @property
     def transfer_function(self) -> Rational:
         """C(s) in factored form."""
-        kp, ki = self.gains.kp, self.gains.ki
-        if ki == 0:
-            pi = Rational(np.array([]), np.array([]), kp)
-        elif kp == 0:
-            pi = Rational(np.array([]), np.array([0.0]), ki)
-        else:
-            pi = Rational(np.array([-ki / kp]), np.array([0.0]), kp)
-        return pi * _first_order(self.lead, self.lead_filter)
+        return pi_transfer_function(self.gains.kp, self.gains.ki) * _first_order(self.lead, self.lead_filter)
+
+
+def pi_transfer_function(kp: float, ki: float) -> Rational:
+    """kp + ki/s in factored form; ki = 0 has no integrator."""
+    if ki == 0:
+        return Rational(np.array([]), np.array([]), kp)
+    zeros = np.array([]) if kp == 0 else np.array([-ki / kp])
+    return Rational(zeros, np.array([0.0]), kp or ki)
 
 
 def _first_order(lead: float, lag: float) -> Rational:
@@ -346,3 +355,402 @@ def wheel_slip_loop(
     if isinstance(design, PolynomialController | StateSpaceController) and design.period is not None:
         return SampledLoop(design.transfer_function, actuated_plant(plant, actuator), actuator.dead_time, design.period)
     return DeadTimeLoop(controller_system(design) * actuated_plant(plant, actuator), actuator.dead_time)
+
+
+# --- sampled controllers: difference equations and anti-windup --------------------------------------------------------
+#
+# With Tustin's rule s = 2/h (z - 1)/(z + 1), with the backward difference s = (z - 1)/(h z) ([Astrom1997] 8).
+
+
+_STANDING = 1e-9  # relative to 1/h: a zero or pole so slow is at 0
+_WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e-8, are not moved by a hair
+# of `sampled_peak`: poles that ring, frequencies over the slowest feature, points, and times it looks closer
+_RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
+_AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
+
+
+class Rule(StrEnum):
+    """How s becomes a difference."""
+
+    TUSTIN = "tustin"
+    BACKWARD = "backward"
+
+
+@dataclass(frozen=True)
+class SampledController:
+    """A linear controller at a fixed period, with torque limits and anti-windup by back-calculation ([Astrom1997] 9).
+
+    With the continuous design x' = A x + B e, torque = C x + D e (a `PIController`'s states are the integral part of
+    its torque and the error behind the lead's filter), at sample k::
+
+        x[k] = phi x[k-1] + now e[k] + before e[k-1] + back (acted[k-1] - unlimited[k-1])
+        unlimited[k] = C x[k] + D e[k],    torque[k] = unlimited[k] within the limits
+
+    phi, now and before are those of the rule, exact for it; of a discrete design its own. While a limit acts, `back`
+    moves the slow poles, and leaves those of leads and filters where they are: poles and zeros in order of their speed,
+    each pole that is slower than its zero goes to the speed of that, 1/T, at 1 - h/T. With all poles at the zeros it
+    would be the conditioned controller of [Hanus1987], whose states are those of an error that the brake could have
+    followed; of a PI it is back-calculation with Tt = kp/ki. `difference.linear_step` is what runs.
+
+    Parameters
+    ----------
+    design : linear system
+        `PIController`, or what else `controllers.linear_controller` takes; kept as its record.
+    period : float
+        h, s, > 0; that of a discrete design. With Tustin's rule no real pole is faster than 2/h (else it rings).
+    torque_low, torque_high : float
+        N*m, limits of the command, low < high; a brake's are 0 and its largest torque.
+    rule : Rule
+        Tustin's, or the backward difference.
+    tracking_time : float, optional
+        Tt, s, >= h, to which the slowest pole, mostly an integrator, goes; left out that of the slowest zero (of a PI
+        kp/ki). Where zeros are fewer than poles, the fastest pole stands for each, or h. inf: no anti-windup.
+
+    Raises
+    ------
+    InputError
+        A design that is not linear, a period, limit or tracking time out of its range.
+    """
+
+    design: Any
+    period: float
+    torque_low: float = -math.inf
+    torque_high: float = math.inf
+    rule: Rule = Rule.TUSTIN
+    tracking_time: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        object.__setattr__(self, "design", linear_controller(self.design))
+        h = check_period(self.period)
+        _check_rule(self.design, self.rule, h)
+        if not self.torque_low < self.torque_high:
+            raise InputError(
+                f"torque limits: low {self.torque_low:g} and high {self.torque_high:g} N*m are not allowed; give "
+                "low < high"
+            )
+        if self.tracking_time is not None and not self.tracking_time >= h:
+            raise InputError(
+                f"tracking time: {self.tracking_time:g} s is not allowed; give a value >= the period {h:g} (s)"
+            )
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the first numbers of what `step` remembers."""
+        return (*state_names(self.design), "error", "unlimited_torque")
+
+    @cached_property
+    def numbers(self) -> tuple[float, ...]:
+        """What `difference.linear_step` takes from its `c`."""
+        phi, now, before, c, d = _difference(self.design, self.rule, self.period)
+        parts = (c, now, before, self._back(phi, c), phi.ravel())
+        return (float(c.size), self.torque_low, self.torque_high, d, *(float(x) for part in parts for x in part))
+
+    def _back(self, phi: Floats, c: Floats) -> Floats:
+        rates, h = self._tracking_rates, self.period
+        if isinstance(self.design, PIController):  # of its two states only the integral winds up
+            return np.append(h * rates, np.zeros(c.size - 1))
+        slow = (phi[1:, 1:] - np.eye(c.size - 1)) / h if self.design.period else _continuous(self.design)[0][1:, 1:]
+        return np.append(0.0, _back_calculation(phi[1:, 1:], slow, c[1:], h, rates))
+
+    @cached_property
+    def _tracking_rates(self) -> Floats:
+        """What the poles, slowest first, are moved to where they decay more slowly while a limit acts, 1/s."""
+        system, h = self.design.transfer_function, self.period
+        if isinstance(self.design, PIController):
+            gains = self.design.gains
+            rates = np.array([0.0 if gains.ki == 0 else abs(gains.ki / gains.kp) if gains.kp != 0 else math.inf])
+        else:
+            roots = (system.zeros, system.poles)
+            zeros, poles = (np.abs(each if self.design.period is None else (each - 1) / h) for each in roots)
+            fastest = np.max(poles, initial=0.0)
+            missing = fastest if fastest > _STANDING / h else math.inf
+            rates = np.sort(np.append(zeros, np.full(system.relative_degree, missing)))
+        if self.tracking_time is not None:
+            rates[:1] = np.where(rates[:1] > 0, 1 / self.tracking_time, 0.0)
+        return np.zeros(rates.size) if self.tracking_time == math.inf else np.minimum(rates, 1 / h)
+
+    @property
+    def effective_tracking_time(self) -> float:
+        """Tt in use, s."""
+        rate = float(np.append(self._tracking_rates, 0.0)[0])
+        return 1 / rate if rate else math.inf
+
+    def start(self, torque: float = 0.0) -> tuple[float, ...]:
+        """The state from which a first step without error gives exactly this `torque`, N*m, and holds it.
+
+        Raises InputError if the torque is outside the limits.
+        """
+        if not self.torque_low <= torque <= self.torque_high:
+            raise InputError(
+                f"initial torque: {torque:g} N*m is not allowed; give a value from {self.torque_low:g} to "
+                f"{self.torque_high:g} (N*m)"
+            )
+        return start_state(self.design, torque)
+
+    def step(self, x: Floats, error: float, applied: float | None = None) -> float:
+        """The torque to command until the next sample, N*m.
+
+        `x`, an array of `start`, shape (2 n + 2,), units of `states`, is changed.
+
+        `error` is lambda_d v - sigma, m/s. `applied` is the command that the brake took since the sample before, N*m,
+        where something beyond the controller's own limits held it back; left out, its own. A sample that is not finite
+        is skipped: state and torque stay as they were.
+        """
+        if applied is None:
+            unlimited = float(x[len(self.states) - 1])
+            applied = min(max(unlimited, self.torque_low), self.torque_high)
+        return float(linear_step(x, self.numbers, 0, error, applied))  # type: ignore[no-untyped-call]
+
+    @cached_property
+    def transfer_function(self) -> Rational:
+        """C in the variable z, between the limits, of the same equations; an integrator's pole at 1 is exact."""
+        system: Rational = self.design.transfer_function
+        if not isinstance(self.design, PIController) and self.design.period is not None:
+            return system
+        h = self.period
+        above, zeros = _mapped(system.zeros, self.rule, h)
+        below, poles = _mapped(system.poles, self.rule, h)
+        # every s - root has z + 1 (of Tustin's rule) or z (of the backward difference) below its line
+        rest = np.full(system.relative_degree, -1.0 if self.rule is Rule.TUSTIN else 0.0)
+        return Rational(np.append(zeros, rest), poles, float((system.gain * above / below).real))
+
+    @cached_property
+    def coefficients(self) -> tuple[Floats, Floats]:
+        """Numerator and denominator of C, powers of 1/z ascending (b0 + b1/z + ..., 1 + a1/z + ...), one length."""
+        c = self.transfer_function
+        numerator = np.atleast_1d(c.gain * np.real(np.poly(c.zeros)))
+        denominator = np.atleast_1d(np.real(np.poly(c.poles)))
+        return np.concatenate([np.zeros(denominator.size - numerator.size), numerator]), denominator
+
+
+def _mapped(roots: Complexes, rule: Rule, h: float) -> tuple[complex, Complexes]:
+    """The product of s - root in z, but for the rule's denominators: its leading factor and its roots."""
+    ahead, behind = (1 - roots * h / 2, 1 + roots * h / 2) if rule is Rule.TUSTIN else (1 - roots * h, 1.0 + 0 * roots)
+    at_infinity = np.abs(ahead) < _AT_INFINITY
+    scale = 2 / h if rule is Rule.TUSTIN else 1 / h
+    leading = np.prod(np.where(at_infinity, -behind, ahead) * scale)
+    return complex(leading), np.asarray(behind[~at_infinity] / ahead[~at_infinity])
+
+
+def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
+    if isinstance(design, PIController):
+        filter_time = design.lead_filter
+        if rule is Rule.TUSTIN and 0 < filter_time < h / 2:
+            raise InputError(
+                f"period: {h:g} s is not allowed with a lead filter of {filter_time:g} s; give a value <= "
+                f"{2 * filter_time:g} (s), or the backward rule"
+            )
+        return
+    if design.period is not None:
+        if not math.isclose(design.period, h):
+            raise InputError(f"period: {h:g} s is not allowed with a discrete controller of {design.period:g} s")
+        return
+    poles = design.transfer_function.poles
+    real = poles[poles.imag == 0].real
+    limit = 2.0 if rule is Rule.TUSTIN else 1.0
+    rising, falling = float(np.max(real, initial=0.0)), float(np.max(-real, initial=0.0))
+    fastest = max(rising, falling) if rule is Rule.TUSTIN else rising
+    if rising * h >= limit or (rule is Rule.TUSTIN and falling * h > limit):
+        other = ", or the backward rule" if rule is Rule.TUSTIN else ""
+        raise InputError(
+            f"period: {h:g} s is not allowed with a pole of {fastest:g} 1/s; give a value <= {limit / fastest:.3g} (s)"
+            f"{other}"
+        )
+
+
+def state_names(design: LinearController) -> tuple[str, ...]:
+    """Names of the states of a design's difference equations."""
+    if isinstance(design, PIController):
+        return ("integral", "lagged_error") if design.lead_filter > 0 else ("integral",)
+    return ("initial_torque", *(f"x{i + 1}" for i in range(_continuous(design)[1].size - 1)))
+
+
+def start_state(design: LinearController, torque: float) -> tuple[float, ...]:
+    """At rest but for a torque, N*m, that stays: states, error, torque, and room for as many states."""
+    n = len(state_names(design))
+    return (torque, *[0.0] * n, torque, *[0.0] * n)
+
+
+def _continuous(design: LinearController) -> tuple[Floats, Floats, Floats, float]:
+    """A, B, C, D; the first state is the integral part of a PI's torque, of another design a constant torque."""
+    if isinstance(design, PIController):
+        kp, ki, lag = design.gains.kp, design.gains.ki, design.lead_filter
+        if lag == 0:
+            return np.zeros((1, 1)), np.array([ki]), np.ones(1), kp
+        direct = design.lead / lag  # (lead s + 1)/(lag s + 1) = direct + (1 - direct)/(lag s + 1)
+        a = np.array([[0.0, ki * (1 - direct)], [0.0, -1 / lag]])
+        return a, np.array([ki * direct, 1 / lag]), np.array([1.0, kp * (1 - direct)]), kp * direct
+    if isinstance(design, StateSpaceController):
+        inner, b, c, d = np.array(design.a, dtype=float), np.array(design.b), np.array(design.c), design.d
+    else:
+        made = realise(design.transfer_function)
+        inner, b, c, d = made.a, made.b, made.c, made.d
+    n = b.size
+    a = np.zeros((n + 1, n + 1))
+    a[1:, 1:] = inner.reshape(n, n)
+    return a, np.append(0.0, b), np.append(1.0, c), d
+
+
+def _difference(design: LinearController, rule: Rule, h: float) -> tuple[Floats, Floats, Floats, Floats, float]:
+    """phi, now, before, C and D of the difference equations."""
+    a, b, c, d = _continuous(design)
+    one = np.eye(b.size)
+    if not isinstance(design, PIController) and design.period is not None:
+        a[0, 0] = 1.0
+        return a, 0.0 * b, b, c, d
+    if rule is Rule.BACKWARD:
+        inverse = np.linalg.inv(one - h * a).astype(float)
+        return inverse, inverse @ (b * h), 0.0 * b, c, d
+    inverse = np.linalg.inv(one - h / 2 * a).astype(float)
+    share = inverse @ (b * h * 0.5)
+    return inverse @ (one + h / 2 * a), share, share, c, d
+
+
+def _back_calculation(phi: Floats, slow: Floats, c: Floats, h: float, rates: Floats) -> Floats:
+    """Weights of acted - unlimited that move slow poles of phi to 1 - h rate: see `SampledController`.
+
+    `slow` has the invariant subspaces of phi and its poles in s. On that of the poles up to the last one moved, by
+    Ackermann's formula in (z - 1)/h, where poles near 1 lie well apart. Modes that the torque does not show stay.
+    """
+    from scipy.linalg import schur
+
+    poles = np.linalg.eigvals(slow)
+    poles = poles[np.argsort(np.abs(poles))]
+    decays = np.minimum(np.abs(poles), -2 * poles.real)  # less than its speed where it rings, damping below 0.5
+    moved = np.flatnonzero(rates > decays * _WORTH_MOVING)
+    if not moved.size:
+        return np.zeros(c.size)
+    limit = abs(poles[moved[-1]]) * (1 + 1e-6) + _STANDING / h
+    _, basis, count = schur(slow, output="real", sort=lambda re, im: math.hypot(re, im) <= limit)
+    basis, one = basis[:, :count], np.eye(count)
+    inner, row = (basis.T @ phi @ basis - one) / h, c @ basis
+    observed = np.array([row @ np.linalg.matrix_power(inner, k) for k in range(count)])
+    weights = np.linalg.lstsq(observed, one[:, -1], rcond=None)[0]
+    for rate in np.minimum(np.maximum(rates, decays), 1 / h)[:count]:
+        weights = inner @ weights + rate * weights
+    return np.asarray(h * basis @ weights)
+
+
+# --- margins of sampled loops -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SampledMargins:
+    """Margins of one design, each None where that loop is unstable.
+
+    Attributes
+    ----------
+    period, computation : float
+        h and the computing time between sample and command, s.
+    continuous : Margins or None
+        Of the continuous design, as if never sampled.
+    equivalent : Margins or None
+        Of the continuous design with h/2 (the hold) and the computing time as additional dead time.
+    exact : Margins or None
+        Of the sampled loop itself: zero-order hold and dead time exact.
+    """
+
+    period: float
+    computation: float
+    continuous: Margins | None
+    equivalent: Margins | None
+    exact: Margins | None
+
+
+@checked
+def sampled_loop(
+    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
+) -> SampledLoop:
+    """The wheel-slip loop with a discrete controller, exact; `computation` (s) adds to the actuator's dead time."""
+    extra = _computation(computation)
+    return SampledLoop(
+        controller.transfer_function, actuated_plant(plant, actuator), actuator.dead_time + extra, controller.period
+    )
+
+
+def loop_as_run(controller: Any, plant: LinearPlant, actuator: Actuator) -> SampledLoop | None:
+    """The sampled loop of a controller that says how it is run; None of others, and where the period is too short to
+    make a difference."""
+    sampled = getattr(controller, "as_run", None)
+    if sampled is None or actuator.dead_time > MOST_PERIODS * sampled.period:
+        return None
+    return sampled_loop(sampled, plant, actuator)
+
+
+def sampled_peak(loop: SampledLoop) -> float:
+    """Ms of a sampled loop, inf where it is unstable, on a grid and not between bounds: `margins` is exact, and slower.
+
+    Peaks stand at the angles of the closed-loop poles near the circle; the highest is looked at ever more closely.
+    """
+    if not loop.is_stable():
+        return math.inf
+    poles = loop.closed_loop_poles()
+    rings = np.abs(np.angle(poles[np.abs(poles) > _RINGING])) / loop.period
+    low, high = math.log(loop.feature_frequencies.min() * _BELOW_ALL), math.log(loop.nyquist_frequency)
+    omega = np.union1d(np.exp(np.linspace(min(low, high - 1), high, _GRID)), rings[rings > 0])
+    for _ in range(_CLOSER):
+        size = 1 / np.abs(1 + loop.response(omega))
+        top = int(np.argmax(size))
+        omega = np.linspace(omega[max(top - 1, 0)], omega[min(top + 1, omega.size - 1)], _CLOSE_GRID)
+    return float(size.max())
+
+
+@checked
+def continuous_equivalent(
+    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
+) -> DeadTimeLoop:
+    """The continuous loop that a sampled one resembles: h/2 for the hold, and `computation` (s), more dead time.
+
+    Agrees with `sampled_loop` to the order of h squared ([Astrom1997] 8 replaces the hold by this delay).
+    """
+    delay = actuator.dead_time + controller.period / 2 + _computation(computation)
+    return DeadTimeLoop(controller_system(controller.design) * actuated_plant(plant, actuator), delay)
+
+
+@checked
+def sampled_margins(
+    controller: SampledController, plant: LinearPlant, actuator: Actuator, *, computation: float = 0.0
+) -> SampledMargins:
+    """Margins of a design unsampled, by the continuous equivalent, and of the exact sampled loop."""
+    equivalent = continuous_equivalent(controller, plant, actuator, computation=computation)
+    exact = sampled_loop(controller, plant, actuator, computation=computation)
+    continuous = DeadTimeLoop(equivalent.system, actuator.dead_time)
+    return SampledMargins(
+        period=controller.period,
+        computation=computation,
+        continuous=continuous.margins() if continuous.is_stable() else None,
+        equivalent=equivalent.margins() if equivalent.is_stable() else None,
+        exact=exact.margins() if exact.is_stable() else None,
+    )
+
+
+@checked
+def suggested_period(margins: Margins, *, share: float = 0.1, computation: float = 0.0) -> float:
+    """The period, s, at which hold and computing take `share` of the delay margin: h/2 + computation = share delay_s.
+
+    The hold delays by h/2 on average, and the delay margin is what the continuous design can bear. At the crossover
+    wc of that margin this costs `share` of the phase margin: h wc = 2 share * phase margin (rad). The rule of thumb
+    h wc = 0.15 to 0.5 of [Astrom1997] 8 is share 0.1 at phase margins from 43 deg; for the fragile loops below, this
+    one asks for a shorter period.
+
+    Raises
+    ------
+    InputError
+        A share outside (0, 1), an unbounded delay margin, or a computing time that alone takes the share.
+    """
+    if not 0 < share < 1:
+        raise InputError(f"share: {share:g} is not allowed; give a value > 0 and < 1")
+    if not math.isfinite(margins.delay_s):
+        raise InputError("period: the delay margin is unbounded and sets none; choose it from the signals' bandwidth")
+    period = 2 * (share * margins.delay_s - _computation(computation))
+    if period <= 0:
+        raise InputError(
+            f"computation: {computation:g} s is not allowed with a share of {share:g}; give less than "
+            f"{share * margins.delay_s:.3g} (s), or a larger share"
+        )
+    return period
+
+
+def _computation(time: float) -> float:
+    return number("computation", time, "s", ge=0)

@@ -6,21 +6,28 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.vehicle import Rail
+from railslip_ctrl.model.vehicle import PIGains, Rail
 
-from .controllers import PIController
+from .controllers import PIController, wheel_slip_loop
 from .envelope import Envelope, EnvelopePoints
-from .judging import Judgement, judge_points
-from .specification import Specification
-from .tuning_cases import TunedCases, tune_cases
+from .judging import Judgement, judge_points, margins_at
+from .specification import Specification, is_robust
+from .tuning import FILTER_RATIO, TunedCases, tune_cases
 
+Floats = NDArray[np.float64]
 Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 
 
@@ -102,17 +109,15 @@ def tune_over(
     result, with its reason."""
     points = envelope.points(nominal=nominal)
 
-    def tuned_at(plants: Sequence[LinearPlant]) -> TunedCases:
-        return tune_cases(
-            plants,
-            envelope.vehicle.actuator,
-            structure=structure,
-            specification=specification,
-            ki_min=ki_min,
-            lead=lead,
-            lead_filter=lead_filter,
-        )
-
+    tuned_at = partial(
+        tune_cases,
+        actuator=envelope.vehicle.actuator,
+        structure=structure,
+        specification=specification,
+        ki_min=ki_min,
+        lead=lead,
+        lead_filter=lead_filter,
+    )
     plants = operating_plants(points)
     tuned = tuned_at(plants) if (early := _early(tuned_at, plants)) is None else early
     if tuned.design is None:
@@ -166,3 +171,352 @@ def held_slips(envelope: Envelope, points: EnvelopePoints) -> ReferenceSlip | No
         return None
     (dry,), (wet,) = held[Rail.DRY] or held[Rail.WET], held[Rail.WET] or held[Rail.DRY]
     return ReferenceSlip(dry=dry, wet=wet)
+
+
+# --- selection: the best PI or PI-lead, with a smaller reference slip where that helps --------------------------------
+
+
+REFERENCE_FACTORS = (1.0, 0.75, 0.5)
+"""Reference slips that are tried, over those of the envelope."""
+
+SURE_SHARE = 0.8
+"""Torque that a run begins with, over the least that any operating point holds: what every rail surely takes."""
+
+REACH_SHARE = 0.5
+"""Share of the time of a stop in which a design must have built up the torque that its reference slip takes."""
+
+_INTEGRAL_TIMES = 64.0 * 2.0 ** -np.array(
+    [0, 2, 3, 4, 4.5, 5, 5.5, 6, 6.5, 7, 8]
+)  # over dead time and lag together, slowest first
+_LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of an interval of gains, in ratio, at which others are looked for
+_GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked at
+_INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
+_WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
+_ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
+_TIME_STEP = 0.95  # ratio of integral times that are told apart
+_NEARLY = 1.05  # times the least Ms that any integral time has, where it is above 2
+_BINDING = 6  # cases of each speed that bound the gains from below, and as many from above, kept for a closer look
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One candidate: a structure with the slips it holds, and the design, or None with the reason.
+
+    `reference_factor` is that on the envelope's reference slips. `reach_s` is the longest time, s, in which the
+    integral builds up the torque that the reference slip takes, over the operating points of highest speed, and
+    `stop_s` the time of a stop there with the adhesion of the reference slip. `adhesion_share` is the adhesion at the
+    slips held over that at the envelope's, the least over the operating points.
+    """
+
+    structure: str
+    reference_factor: float
+    design: EnvelopeDesign | None
+    reason: str = ""
+    reach_s: float = math.inf
+    stop_s: float = math.nan
+    adhesion_share: float = math.nan
+
+    @property
+    def reaches(self) -> bool:
+        """Whether the reference slip is reached in `REACH_SHARE` of a stop."""
+        return self.reach_s <= REACH_SHARE * self.stop_s
+
+    @property
+    def tier(self) -> tuple[bool, float, float]:
+        """Smaller is better: what comes first in the criterion of `select`, of the judgement alone."""
+        if self.design is None or self.design.judgement is None:
+            return True, math.inf, math.inf
+        judgement = self.design.judgement
+        usable, robust = judgement.usable_from_kmh, judgement.robust_from_kmh
+        lowest = math.inf if usable is None else usable
+        return robust is None, lowest, rounded_up(judgement.worst.ms, 2) if robust is None else robust
+
+    @property
+    def rank(self) -> tuple[tuple[bool, float, float], bool, float, str]:
+        """Smaller is better; see `select`."""
+        return self.tier, not self.reaches, -self.reference_factor, self.structure
+
+    @property
+    def words(self) -> str:
+        """What it is and what its judgement says."""
+        name = f"{'PI-lead' if self.structure == 'pi-lead' else 'PI'}, {self.reference_factor:g} of the reference slip"
+        if self.design is None or self.design.judgement is None:
+            return f"{name}: {self.reason}"
+        less = f"; adhesion {100 * (self.adhesion_share - 1):+.2g} %" if self.reference_factor != 1.0 else ""
+        slow = "" if self.reaches else f"; its reference takes {self.reach_s:.3g} s of a stop of {self.stop_s:.3g} s"
+        return f"{name}: {self.design.judgement.verdict_line}{less}{slow}"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What `select` tried, best first."""
+
+    choices: tuple[Choice, ...]
+
+    @cached_property
+    def best(self) -> Choice | None:
+        """The best; None if none holds the loops at the highest speed."""
+        return self.choices[0] if self.choices[0].design is not None else None
+
+    def __str__(self) -> str:
+        return "\n".join(choice.words for choice in self.choices)
+
+
+@checked
+def select(
+    envelope: Envelope,
+    structures: Sequence[str] = ("pi", "pi-lead"),
+    reference_factors: Sequence[float] = REFERENCE_FACTORS,
+) -> Selection:
+    """The best PI or PI-lead for an envelope, at its reference slip or a smaller one.
+
+    The criterion, in this order: robust from some speed up (Ms <= 2 at the operating points, and stable with every
+    tolerance), rather than nowhere; stable with every tolerance from the lowest speed; robust from the lowest speed
+    (if nowhere: the least worst Ms); the reference slip is reached, that is, the integral has built up the torque that
+    it takes within half the time of a stop; the larger reference slip. Of one structure and reference slip the gains
+    are those that hold from the lowest speed with Ms <= 2 and the largest ki; where none has Ms <= 2, the largest ki
+    with an Ms within 5 % of the least.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        What the design must hold.
+    structures : sequence of str
+        Of "pi" and "pi-lead"; the lead is at the actuator's lag, its filter a tenth of it.
+    reference_factors : sequence of float
+        Reference slips that are tried, over those of the envelope, > 0; 1 alone where the laws have different ones.
+
+    Returns
+    -------
+    Selection
+        Every candidate with its judgement (speeds in km/h), the best first.
+
+    Raises
+    ------
+    InputError
+        An envelope without points.
+    """
+    choices = []
+    own = envelope.points(nominal=True)
+    slips = held_slips(envelope, own)
+    for factor in reference_factors if slips is not None else (1.0,):
+        held = (
+            slips if slips is None or factor == 1.0 else ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet)
+        )
+        scaled = envelope if factor == 1.0 else envelope.at(reference=held)
+        points = scaled.points()
+        lag = envelope.vehicle.actuator.lag
+        for structure in structures:
+            lead = lag if structure == "pi-lead" else 0.0
+            if structure == "pi-lead" and lag == 0.0:
+                continue  # nothing to lead
+            choices.append(_choice(structure, factor, scaled, points, lead, held))
+            if choices[-1].design is not None:
+                choices[-1] = replace(choices[-1], adhesion_share=_adhesion_share(own, points))
+    return Selection(tuple(sorted(choices, key=lambda choice: choice.rank)))
+
+
+def _choice(
+    structure: str, factor: float, envelope: Envelope, points: EnvelopePoints, lead: float, held: ReferenceSlip | None
+) -> Choice:
+    try:
+        found = _Search(points, lead).best()
+    except InfeasibleDesignError as error:
+        return Choice(structure, factor, None, str(error))
+    judgement = judge_points(found, envelope, points)
+    design = EnvelopeDesign(found.gains, found.lead, found.lead_filter, judgement, held)
+    reach, stop = _reach(found, points, envelope)
+    return Choice(structure, factor, design, "", reach, stop)
+
+
+def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
+    """Least adhesion at the operating points over that at the envelope's own, in the same order."""
+    pairs = zip(operating_plants(points), operating_plants(own), strict=True)
+    return min(mine.point.adhesion_force / other.point.adhesion_force for mine, other in pairs)
+
+
+def _reach(controller: PIController, points: EnvelopePoints, envelope: Envelope) -> tuple[float, float]:
+    """(time to build up the torque of the reference slip, time of a stop), s, where the one is longest over the other.
+
+    From a rolling wheel the error is the whole reference slip velocity; the run begins with what every rail takes.
+    """
+    operating = [plant.point for plant in operating_plants(points)]
+    start = SURE_SHARE * min(point.brake_torque for point in operating)
+    times = []
+    for point in operating:
+        error = point.slip * point.speed
+        lacking = point.brake_torque - start - controller.gains.kp * error
+        reach = (
+            0.0 if lacking <= 0 else lacking / (controller.gains.ki * error) if controller.gains.ki > 0 else math.inf
+        )
+        stop = envelope.initial_speed * KMH * point.vehicle.effective_mass / point.adhesion_force
+        if point.speed_kmh > 0.999 * max(envelope.speeds):
+            times.append((reach, stop))
+    return max(times, key=lambda one: one[0] / one[1])
+
+
+# --- the search -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Gains of one integral time, s: the lowest speed held, km/h, and the worst Ms from there up."""
+
+    integral_time: float
+    speed: float
+    kp: float
+    ms: float
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Smaller is better: robust from the lowest speed with the largest ki; else the least Ms from the lowest."""
+        robust = is_robust(self.ms)
+        return not robust, self.speed, -self.kp / self.integral_time if robust else self.ms
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The gains of a PI behind a lead, s, over some points."""
+
+    points: EnvelopePoints
+    lead: float
+
+    @cached_property
+    def scale(self) -> float:
+        """Dead time and lag together, s."""
+        actuator = self.points.vehicle.actuator
+        return (actuator.dead_time + actuator.lag) or 0.02
+
+    def controller(self, kp: float, integral_time: float) -> PIController:
+        return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, FILTER_RATIO * self.lead)
+
+    def best(self) -> PIController:
+        """InfeasibleDesignError if no gains hold the loops at the highest speed."""
+        hardest, times = _hardest(self.points), (self.scale * _INTEGRAL_TIMES).tolist()
+        slowest, few = self.held(times[0], hardest)
+        if slowest is None:
+            raise InfeasibleDesignError("no gains found that hold every loop, with tolerances, at the highest speed")
+        looks = [self.held(time, few)[0] for time in times[1:]]
+        found = sorted((one for one in (slowest, *looks) if one is not None), key=lambda one: one.rank)
+        if not is_robust(found[0].ms):
+            # the least Ms is had by next to no integral: a little more buys much of it
+            limit = _NEARLY * min(one.ms for one in found if one.speed <= slowest.speed)
+            found = [one for one in found if one.speed <= slowest.speed and one.ms <= limit]
+            found.sort(key=lambda one: -one.kp / one.integral_time)
+        for one in found:
+            if one is slowest:
+                break
+            # what the closer look left out may bind after all
+            checked, _ = self.held(one.integral_time, hardest)
+            if checked is not None and checked.rank[:2] <= slowest.rank[:2]:
+                return self.faster(checked, times, hardest, few)
+        return self.faster(slowest, times, hardest, few)
+
+    def faster(self, held: _Held, times: list[float], points: EnvelopePoints, few: EnvelopePoints) -> PIController:
+        """The controller of gains that hold, or of a shorter integral time, before the next that was tried, that does
+        as well: looked for by halves at a few of the points, asked of all."""
+        best, end = held, max((time for time in times if time < held.integral_time), default=held.integral_time)
+        if not is_robust(held.ms):
+            end = held.integral_time
+        ratio = (end / held.integral_time) ** 0.5
+        while ratio < _TIME_STEP:
+            found, _ = self.held(best.integral_time * ratio, few)
+            if found is not None and found.rank <= best.rank:
+                found, _ = self.held(found.integral_time, points)
+            if found is not None and found.rank <= best.rank:
+                best = found
+            ratio **= 0.5
+        return self.controller(best.kp, best.integral_time)
+
+    def held(self, integral_time: float, points: EnvelopePoints) -> tuple[_Held | None, EnvelopePoints]:
+        """The lowest speed from which up some gain holds every loop, with Ms <= 2 if that can be had at any speed;
+        and the points that decide it."""
+        low, high = self.intervals(integral_time, points)
+        above = {speed: points.speed_kmh >= speed for speed in np.unique(points.speed_kmh).tolist()}
+        ends = {speed: (float(low[mine].max()), float(high[mine].min())) for speed, mine in above.items()}
+        ends = {speed: inside for speed, inside in ends.items() if inside[0] < inside[1]}
+        if not ends:
+            return None, points
+        gains = np.unique(
+            [*_spread(*ends[max(ends)], _GAINS), *(x for inside in ends.values() for x in _spread(*inside, 3))]
+        )
+        operating = points.take(points.operating)
+        found = margins_at(self.controller(1.0, integral_time), operating, gains)
+        ms = np.where(found.stable, found.ms, np.inf).reshape(gains.size, len(operating))
+        candidates = []
+        for speed, (bottom, top) in sorted(ends.items()):
+            worst = np.where((bottom < gains) & (gains < top), ms[:, operating.speed_kmh >= speed].max(axis=1), np.inf)
+            robust = np.flatnonzero([is_robust(one) for one in worst.tolist()])
+            best = int(robust[-1]) if robust.size else int(np.argmin(worst))  # the largest gain, or the least Ms
+            candidates.append(_Held(integral_time, speed, float(gains[best]), float(worst[best])))
+        chosen = next((one for one in candidates if is_robust(one.ms)), candidates[0])
+        return chosen, _binding(points, low, high, ms, operating)
+
+    def intervals(self, integral_time: float, points: EnvelopePoints) -> tuple[Floats, Floats]:
+        """The gains that hold each case: the ends of their interval, (n,); inf and 0 where none was found.
+
+        Looked for where gains hold every loop of highest speed that is known: others are of no use.
+        """
+        low, high = np.full(len(points), np.inf), np.zeros(len(points))
+        fastest = points.speed_kmh == points.speed_kmh.max()
+        left, gain = np.arange(len(points)), self.start(integral_time)
+        for share in (None, *_LOOKS):
+            if share is not None:
+                known = fastest & (high > 0)
+                bottom, top = low[known].max(initial=1e-6), high[known].min(initial=_ENOUGH)
+                if not bottom < top:
+                    break
+                gain = bottom * (top / bottom) ** share
+            found = margins_at(self.controller(gain, integral_time), points.take(left), gain_margins=True)
+            held = np.flatnonzero(found.stable)
+            low[left[held]] = gain * found.gain_decrease[held]
+            high[left[held]] = gain * found.gain_increase[held]
+            left = left[~found.stable]
+            if not left.size:
+                break
+        return low, high
+
+    def start(self, integral_time: float) -> float:
+        """A gain that holds some operating point of highest speed, or 1."""
+        fast = np.flatnonzero(self.points.operating & (self.points.speed_kmh == self.points.speed_kmh.max()))
+        for index in fast.tolist():
+            case = self.points.case(index)
+            usable = wheel_slip_loop(
+                case.plant, self.controller(1.0, integral_time), case.actuator
+            ).stabilizing_gain_range
+            if usable is not None:
+                low, high = usable
+                return math.sqrt(max(low, 1e-3 * high) * high) if math.isfinite(high) else 2.0 * max(low, 1e-3)
+        return 1.0
+
+
+def _spread(low: float, high: float, count: int) -> list[float]:
+    """Gains within an interval, in equal ratios; far within one that has no end."""
+    if not math.isfinite(high):
+        high = _WIDEST * low or _ENOUGH
+    low = max(low, high / _WIDEST)
+    shares = np.linspace(_INSIDE, 1.0 - _INSIDE, count)
+    return [low * (high / low) ** share for share in shares.tolist()]
+
+
+def _binding(
+    points: EnvelopePoints, low: Floats, high: Floats, ms: Floats, operating: EnvelopePoints
+) -> EnvelopePoints:
+    """The cases of each speed that bound the gains first, and its operating points of highest Ms at each gain."""
+    chosen = np.zeros(len(points), dtype=bool)
+    numbers = np.flatnonzero(points.operating)
+    for speed in np.unique(points.speed_kmh):
+        here = np.flatnonzero(points.speed_kmh == speed)
+        chosen[here[np.argsort(-low[here])[:_BINDING]]] = True
+        chosen[here[np.argsort(high[here])[:_BINDING]]] = True
+        mine = np.flatnonzero(operating.speed_kmh == speed)
+        chosen[numbers[mine[ms[:, mine].argmax(axis=1)]]] = True
+    return points.take(chosen)
+
+
+def _hardest(points: EnvelopePoints) -> EnvelopePoints:
+    """The operating points and the cases of longest dead time, which holds least, with the ends of the lag."""
+    dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
+    lags = np.array([one.lag for one in points.actuators])[points.actuator]
+    ends = (lags == lags.min()) | (lags == lags.max())
+    return points.take(points.operating | ((dead_times == dead_times.max()) & ends))

@@ -21,9 +21,8 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import linear_controller, wheel_slip_loop
+from .controllers import linear_controller, loop_as_run, sampled_peak, wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints
-from .sampled import loop_as_run, sampled_peak
 from .specification import is_robust
 
 Floats = NDArray[np.float64]

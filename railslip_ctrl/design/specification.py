@@ -1,12 +1,17 @@
-"""What a design must keep at every plant."""
+"""What a design must keep, and the margins of many plants under one controller."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from railslip_ctrl.core.arguments import check_fields
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.loop import DeadTimeLoop
+from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
 
 ROBUST_MS = 2.0
 """Largest Ms called robust: at 2 the gain may double or halve and the phase may change by 29 deg ([Astrom2021] 13)."""
@@ -75,3 +80,66 @@ class Specification:
         if self.crossover is not None:
             parts.append(f"crossover in {self.crossover[0]:g} to {self.crossover[1]:g} rad/s")
         return ", ".join(parts)
+
+
+# --- many plants under one controller ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst of each margin over a family of stable loops, and the member (index) it belongs to."""
+
+    ms: float
+    ms_member: int
+    phase_deg: float
+    phase_member: int
+    delay_s: float
+    delay_member: int
+
+
+def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, peaks: bool = True) -> BatchMargins:
+    """Margins of loops of any structures, in their order; NaN where a loop is unstable.
+
+    Without `gain_margins` or `peaks` (Ms, Mt, disk margin) those are NaN, and the rest takes less time.
+
+    Loops with as many zeros as poles go through the scalar engine, one by one.
+    """
+    found: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
+    groups: dict[tuple[int, int], list[int]] = {}
+    for i, loop in enumerate(loops):
+        groups.setdefault((loop.system.zeros.size, loop.system.poles.size), []).append(i)
+    for (zeros, poles), members in groups.items():
+        if zeros < poles:
+            stacked = stack([loops[i].system for i in members], [loops[i].dead_time for i in members])
+            part = batch_margins(*stacked, gain_margins=gain_margins, peaks=peaks)
+            for name in found:
+                found[name][members] = getattr(part, name)
+        else:
+            for i in members:
+                _scalar(loops[i], i, found)
+    stable = found.pop("stable") == 1
+    return BatchMargins(stable=stable, **found)
+
+
+def _scalar(loop: DeadTimeLoop, i: int, found: dict[str, np.ndarray]) -> None:
+    found["stable"][i] = loop.is_stable()
+    found["unstable_poles"][i] = loop.unstable_closed_loop_poles
+    if loop.is_stable():
+        margins = loop.margins()
+        for name in found.keys() - {"stable", "unstable_poles"}:
+            found[name][i] = getattr(margins, name)
+
+
+def worst_of(margins: BatchMargins) -> Worst | None:
+    """The worst of each margin; None if any loop is unstable."""
+    if not margins.stable.all():
+        return None
+    ms, phase, delay = (int(f) for f in (margins.ms.argmax(), margins.phase_deg.argmin(), margins.delay_s.argmin()))
+    return Worst(
+        ms=float(margins.ms[ms]),
+        ms_member=ms,
+        phase_deg=float(margins.phase_deg[phase]),
+        phase_member=phase,
+        delay_s=float(margins.delay_s[delay]),
+        delay_member=delay,
+    )

@@ -2,6 +2,10 @@
 
 The boundaries come from the D-decomposition (`decomposition`); which of the cells between them are stable is
 decided by the exact root count inside each ([Gryazina2008]; [Silva2005] has first-order plants in closed form).
+
+What is certain is shown in ball arithmetic: a root count, or a whole rectangle. The gains with a pole at j omega are
+those with ki + j omega kp = R(omega), R = -j omega/P(j omega): one pair a frequency. If R keeps out of the rectangle at
+every omega > 0 and one of its points is stable, all are.
 """
 
 from __future__ import annotations
@@ -9,39 +13,126 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from flint import arb, ctx
+from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.arguments import checked, number, numbers
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.loop.stability import RootCount, count_right_of
+from railslip_ctrl.loop.crossings import SIZE, ExactLoop, Response
+from railslip_ctrl.loop.stability import RootCount, count_right_of, root_count
 
-from .certified import certain_rectangle, certainly_stable
-from .decomposition import CriticalGains, Decomposition
-from .intervals import Interval, Intervals, common_intervals, probe, probes_between, stable_intervals
+from .decomposition import (
+    CriticalGains,
+    Decomposition,
+    Interval,
+    Intervals,
+    common_intervals,
+    probe,
+    probes_between,
+    stable_intervals,
+)
+from .specification import family_margins
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+Floats = NDArray[np.float64]
 
-    Floats = NDArray[np.float64]
+# --- certainty, in ball arithmetic ------------------------------------------------------------------------------------
+
+_BITS = 80
+_OUTWARD = 16.0  # factor by which the ends of the frequencies looked at move out until a bound holds beyond them
+_MOST_PARTS = 5_000
 
 
-@dataclass(frozen=True)
-class BoundaryCurve:
-    """Gains `kp`, `ki` with closed-loop poles on the imaginary axis at +-j `omega` (rad/s), arrays of one shape.
+def certainly_stable(loop: DeadTimeLoop) -> bool:
+    """Whether every closed-loop pole lies left of the imaginary axis, by balls alone."""
+    return root_count(Response(loop.system, loop.dead_time), certain=True).stable
 
-    omega = 0 throughout is the line ki = 0, a pole at the origin.
+
+def certain_rectangle(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
+    """Whether (kp + ki/s) plant(s) exp(-dead_time s) is shown to be stable for all gains of a closed rectangle."""
+    for name, ends, least in (("kp", kp, None), ("ki", ki, 0.0)):
+        low, high = numbers(name, ends).tolist() if np.shape(ends) == (2,) else (math.nan, math.nan)
+        if math.isnan(low):
+            raise InputError(f"{name}: {ends!r} is not allowed; give two finite ends, the lower first")
+        number(name, low, gt=least)
+        if number(name, high) < low:
+            raise InputError(f"{name}: from {low:g} to {high:g} is not allowed; give ascending ends")
+    middle = (sum(kp) / 2, sum(ki) / 2)
+    controller = Rational.from_polynomials([*middle], [1.0, 0.0])
+    if not certainly_stable(DeadTimeLoop(controller * plant, dead_time)):
+        return False
+    integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
+    with ctx.workprec(_BITS):
+        band = _band(Response(plant, dead_time), integrated, kp, ki)
+        return band is not None and _keeps_out(integrated, *band, kp, ki)
+
+
+def _band(plant: Response, integrated: Response, kp: Interval, ki: Interval) -> Interval | None:
+    """Frequencies below and above which no gain of the rectangle puts a pole on the axis; None if none are found.
+
+    Below, |R| = 1/|P/s| < ki; above, |P| (|kp| + ki/omega) < 1. Both are monotone there.
     """
+    low, high = _ends(integrated)[0], _ends(plant)[1]
+    most = max(abs(kp[0]), abs(kp[1]))
+    for _ in range(60):
+        below = 1 / abs(integrated.exact.value(arb(low))[0]) < ki[0]
+        size = abs(plant.exact.value(arb(high))[0])
+        beyond = size.max(arb(abs(plant.system.feedthrough))) * (most + arb(ki[1]) / high) < 1
+        if below and beyond:
+            return low, high
+        low, high = (low if below else low / _OUTWARD), (high if beyond else high * _OUTWARD)
+    return None
 
-    omega: Floats
-    kp: Floats
-    ki: Floats
+
+def _ends(response: Response) -> Interval:
+    """A frequency below and one above all at which |L| turns back, jumps or vanishes."""
+    roots = np.concatenate([response.system.zeros, response.system.poles])
+    found = [float(w.mid()) for w, _ in ExactLoop(response.system, response.dead_time).frequencies(SIZE)]
+    found += np.abs(roots[roots != 0]).tolist()
+    return (min(found) / 2, max(found) * 2) if found else (1.0, 1.0)
+
+
+def _keeps_out(integrated: Response, low: float, high: float, kp: Interval, ki: Interval) -> bool:
+    """Whether R stays out of the rectangle between two frequencies, rad/s."""
+    left, parts = [(low, high)], 0
+    while left:
+        a, b = left.pop()
+        parts += 1
+        middle = math.sqrt(a * b)
+        if parts > _MOST_PARTS or not a < middle < b:
+            return False
+        if not _outside(integrated, a, middle, b, kp, ki):
+            left += [(a, middle), (middle, b)]
+    return True
+
+
+def _outside(integrated: Response, low: float, middle: float, high: float, kp: Interval, ki: Interval) -> bool:
+    """Whether a disc that holds R over a part lies beside the rectangle."""
+    value, slope = integrated.exact.value(arb(middle))
+    half = arb(max(high - middle, middle - low)) * (1 + arb(2) ** -50)
+    r = -1 / value
+    radius = abs(r) * (half * abs(slope) + half * half / 2 * _bend(integrated, low, high)).expm1()
+    if not radius.is_finite():
+        return False
+    beside = r.real + radius < ki[0] or r.real - radius > ki[1]
+    below = r.imag + radius < min(kp[0] * low, kp[0] * high)
+    return bool(beside or below or r.imag - radius > max(kp[1] * low, kp[1] * high))
+
+
+def _bend(response: Response, low: float, high: float) -> arb:
+    """A bound on |d^2 ln L/d omega^2| over a part."""
+    bound = float(response.bend(np.array([low]), np.array([high]))[0])
+    return arb(bound * (1 + 1e-12))  # a sum of positive terms in doubles
+
+
+# --- regions ----------------------------------------------------------------------------------------------------------
 
 
 class Region(ABC):
@@ -124,7 +215,7 @@ class Region(ABC):
 
         InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
         """
-        strips, grid = import_module("railslip_ctrl.design.region_maps").region_map(self, kp_limit, ki_limit)
+        strips, grid = region_map(self, kp_limit, ki_limit)
         plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
         title = "Gains that stabilise"
         return plots.region_figure(strips, grid, chosen or {}, title=title, kp_unit="u/y", ki_unit="u/(y·s)")
@@ -190,22 +281,6 @@ class StabilizingRegion(Region):
         scale = (abs(kp) + self._reference_gain) * self._reference_frequency
         return stable_intervals(critical, scale, lambda ki: self._count(kp, ki), signed=False)
 
-    def boundary_curves(self, omega_max: float | None = None, points_per_turn: int = 200) -> tuple[BoundaryCurve, ...]:
-        """The line ki = 0 over the critical kp, then the curve (kp, ki)(omega), in one piece per interval between
-        zeros of the plant on the axis; up to `omega_max`, rad/s (default: as far as `kp_intervals` need it), with
-        `points_per_turn` for each turn of the dead time's phase.
-        """
-        kp = self._critical.values
-        ends = np.array([kp.min(), kp.max()]) if kp.size else np.zeros(2)
-        line = BoundaryCurve(np.zeros(2), ends, np.zeros(2))
-        highest = self._highest_frequency if omega_max is None else omega_max
-        count = int(points_per_turn * (2 + highest * self.dead_time / (2 * np.pi)))
-        omega = np.union1d(np.geomspace(1e-6 * highest, highest, count), np.linspace(0, highest, count)[1:])
-        on_axis = self.plant.zeros[self.plant.zeros.real == 0].imag
-        omega = omega[~np.isin(omega, on_axis)]
-        pieces = np.split(omega, np.searchsorted(omega, np.unique(on_axis)))
-        return (line, *(BoundaryCurve(w, *self.decomposition.curve(w)) for w in pieces if w.size))
-
     @cached_property
     def reason(self) -> str:
         if self.kp_range is not None:
@@ -254,14 +329,6 @@ class StabilizingRegion(Region):
         inverse = np.abs(self.decomposition.inverse(self._reference_frequency * np.array([0.83, 1.0, 1.21])))
         usable = inverse[np.isfinite(inverse) & (inverse > 0)]
         return float(usable.min()) if usable.size else 1.0
-
-    @property
-    def _highest_frequency(self) -> float:
-        """The highest frequency, rad/s, at which poles reach the axis at an end of `p_intervals`."""
-        ends = np.array(self.p_intervals).ravel()
-        omega = self._critical.omega[np.isin(self._critical.values, ends)]
-        highest = float(np.max(omega[np.isfinite(omega)], initial=0.0))
-        return highest or 10 * self._reference_frequency
 
     @cached_property
     def _hidden(self) -> NDArray[np.complex128]:
@@ -471,3 +538,214 @@ def _region(plant: Any, dead_time: float, **derivative: float) -> StabilizingReg
             "the actuator's lag"
         )
     return StabilizingRegion(Decomposition(loop.system, loop.dead_time, **derivative))
+
+
+# --- maps: the outline over kp, margins over a grid of gains ----------------------------------------------------------
+
+
+_GRID = 50, 40  # kp by ki: contours without visible corners
+_BISECTIONS = 40  # from a column spacing to the last bits of where a strip ends
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Part of a region between two curves, in the region's units.
+
+    ki_low < ki < ki_high at each kp, arrays of one shape, kp ascending. `kp_cut` and `ki_cut` tell that the region goes
+    on past the kp largest in size, and past the largest ki_high: there `outline` was told to stop.
+    """
+
+    kp: Floats
+    ki_low: Floats
+    ki_high: Floats
+    kp_cut: bool = False
+    ki_cut: bool = False
+
+    @property
+    def polygon(self) -> Floats:
+        """The closed outline, shape (2 n, 2), columns kp and ki."""
+        return np.column_stack(
+            [np.concatenate([self.kp, self.kp[::-1]]), np.concatenate([self.ki_low, self.ki_high[::-1]])]
+        )
+
+
+@dataclass(frozen=True)
+class MarginGrid:
+    """Worst margins over all plants of a region, arrays of shape (kp.size, ki.size), NaN outside the region.
+
+    `kp` and `ki` are the grid lines in the region's units; `ms` peak of |S|, a ratio, `phase_deg` smallest phase margin
+    in size, deg, `delay_s` smallest delay margin, s.
+    """
+
+    kp: Floats
+    ki: Floats
+    ms: Floats
+    phase_deg: Floats
+    delay_s: Floats
+
+
+@checked
+def outline(
+    region: Region,
+    kp: ArrayLike | None = None,
+    count: int = 120,
+    *,
+    kp_limit: float = math.inf,
+    ki_limit: float = math.inf,
+) -> tuple[Strip, ...]:
+    """The region as strips over kp, each between two continuous boundaries; exact in every column.
+
+    Parameters
+    ----------
+    region : Region
+    kp : array, 1-D, optional
+        Columns, ascending, in the plant's unit of gain; by default `count` of them over `region.kp_range`, closer
+        towards its ends.
+    count : int
+        Number of columns where none are given, >= 2.
+    kp_limit, ki_limit : float
+        Gains > 0, in those units, past which nothing is drawn; a strip that goes on past them says so. By default the
+        whole region.
+
+    Returns
+    -------
+    tuple of Strip
+        From the lowest kp to the highest; empty where the region is. `ki_high` is inf where ki goes on without bound
+        and no `ki_limit` is given.
+
+    Raises
+    ------
+    InputError
+        The region goes on without bound in kp, and neither columns nor a limit are given; a limit is not > 0.
+
+    Notes
+    -----
+    A strip's ends are refined only where the number of intervals changes between columns; what appears and
+    vanishes between two of them is not seen. `Region.contains` is what decides.
+    """
+    number("count", count, ge=2)
+    for name, limit in (("kp_limit", kp_limit), ("ki_limit", ki_limit)):
+        if not limit > 0:
+            raise InputError(f"{name}: {limit} is not allowed; give a gain > 0, or leave it out")
+    columns = _columns(region, count, kp_limit) if kp is None else np.atleast_1d(numbers("kp", kp))
+    columns = columns[np.abs(columns) <= kp_limit]
+    if columns.size == 0:
+        return ()
+    found = [
+        _strip(xs, [column[i] for column in ends], ki_limit)
+        for xs, ends in _groups(region, columns)
+        for i in range(len(ends[0]))
+    ]
+    least, most = region.kp_range or (math.nan, math.nan)
+    cut = [float(columns[0])] if least < -kp_limit else []
+    cut += [float(columns[-1])] if most > kp_limit else []
+    return tuple(
+        replace(strip, kp_cut=strip.kp[0] in cut or strip.kp[-1] in cut)
+        for strip in found
+        if (strip.ki_low < ki_limit).any()
+    )
+
+
+@checked
+def margin_grid(region: Region, kp: ArrayLike, ki: ArrayLike) -> MarginGrid:
+    """Exact margins at each pair of gains inside a region; see `MarginGrid`.
+
+    Parameters
+    ----------
+    region : Region
+    kp, ki : arrays, 1-D
+        Grid lines, in the plant's unit of gain and that per second; ki = 0 is P control.
+
+    Returns
+    -------
+    MarginGrid
+        Arrays of shape (kp.size, ki.size), Ms a ratio, phase margin in deg, delay margin in s; NaN outside the region.
+
+    Raises
+    ------
+    InputError
+        A gain is not finite.
+    """
+    columns, rows = np.atleast_1d(numbers("kp", kp)), np.atleast_1d(numbers("ki", ki))
+    members = [region.loops(x, y) for x in columns.tolist() for y in rows.tolist()]
+    shape = (columns.size, rows.size, len(members[0]) if members else 1)
+    margins = family_margins([loop for loops in members for loop in loops], gain_margins=False)
+    inside = margins.stable.reshape(shape).all(axis=2) & (rows >= 0)
+
+    def worst(values: Floats, reduce: Callable[..., Any]) -> Floats:
+        return np.asarray(np.where(inside, reduce(values.reshape(shape), axis=2), np.nan))
+
+    return MarginGrid(
+        columns, rows, worst(margins.ms, np.max), worst(margins.phase_deg, np.min), worst(margins.delay_s, np.min)
+    )
+
+
+def region_map(
+    region: Region, kp_limit: float = math.inf, ki_limit: float = math.inf
+) -> tuple[tuple[Strip, ...], MarginGrid]:
+    """A region's `outline` up to limits of kp and ki, and margins over a grid within it.
+
+    InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
+    """
+    strips = outline(region, kp_limit=kp_limit, ki_limit=ki_limit)
+    if not strips:
+        raise InputError(f"region: there is nothing to draw; {region.reason or 'give larger limits'}")
+    top = max(float(strip.ki_high.max()) for strip in strips)
+    if math.isinf(top):
+        raise InputError("region: it goes on without bound in ki; give ki_limit, up to which to draw it")
+    low, high = min(float(strip.kp[0]) for strip in strips), max(float(strip.kp[-1]) for strip in strips)
+    return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
+
+
+def _groups(region: Region, columns: Floats) -> list[tuple[list[float], list[Intervals]]]:
+    """Columns with their intervals, in groups of one number of them."""
+    ki = [region.ki_intervals(float(x)) for x in columns]
+    groups: list[tuple[list[float], list[Intervals]]] = [([float(columns[0])], [ki[0]])]
+    for x0, x1, before, after in zip(columns[:-1], columns[1:], ki[:-1], ki[1:], strict=True):
+        if len(before) != len(after):
+            left, right = _where_the_number_changes(region, (float(x0), before), (float(x1), after))
+            _extend(groups[-1], left)
+            groups.append(([right[0]], [right[1]]))
+        _extend(groups[-1], (float(x1), after))
+    return groups
+
+
+def _strip(kp: list[float], between: list[tuple[float, float]], ki_limit: float) -> Strip:
+    low, high = np.array(between).T
+    ki_cut = bool((high > ki_limit).any())
+    return Strip(np.array(kp), np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
+
+
+def _columns(region: Region, count: int, kp_limit: float) -> Floats:
+    if region.kp_range is None:
+        return np.array([])
+    low, high = max(region.kp_range[0], -kp_limit), min(region.kp_range[1], kp_limit)
+    if math.isinf(high - low):
+        raise InputError(
+            f"outline: the region goes on without bound, kp from {low:.6g} to {high:.6g}; give the columns kp to draw, "
+            "or kp_limit, up to which to draw it"
+        )
+    if low >= high:
+        return np.array([])
+    # the boundary leaves the ends of the range steeply
+    return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
+
+
+def _where_the_number_changes(
+    region: Region, left: tuple[float, Intervals], right: tuple[float, Intervals]
+) -> tuple[tuple[float, Intervals], tuple[float, Intervals]]:
+    """Neighbouring columns, with their intervals, on the two sides of the last change in number between two."""
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (left[0] + right[0])
+        here = region.ki_intervals(middle)
+        if len(here) == len(left[1]):
+            left = middle, here
+        else:
+            right = middle, here
+    return left, right
+
+
+def _extend(group: tuple[list[float], list[Intervals]], column: tuple[float, Intervals]) -> None:
+    if column[0] > group[0][-1] and len(column[1]) == len(group[1][-1]):
+        group[0].append(column[0])
+        group[1].append(column[1])

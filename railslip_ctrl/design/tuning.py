@@ -1,21 +1,30 @@
-"""PI gains from a specification, for one plant or many ([Astrom1998]); the search itself is in `tuning_search`."""
+"""PI gains from a specification, for one plant or many ([Astrom1998]), by hand, or by published rules.
+
+The search for the gains is in `tuning_search`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.arguments import checked, number, numbers
-from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.loop import DeadTimeLoop, Margins, Rational
+from railslip_ctrl.loop.crossings import bracketed_roots
+from railslip_ctrl.loop.deadtime import frequency_curve
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.model.vehicle import Actuator, PIGains
 
-from .families import Worst, family_margins, worst_of
-from .specification import Specification
-from .tuning_search import Family, largest_ki, least_ms, pi_transfer_function
+from .controllers import PIController, actuated_plant, pi_transfer_function
+from .specification import Specification, Worst, family_margins, worst_of
+from .tuning_search import Family, largest_ki, least_ms
 
 __all__ = ["PIDesign", "Specification", "pi_for_crossover", "pi_transfer_function", "tune_pi"]
 
@@ -141,9 +150,6 @@ def pi_for_crossover(plant: Any, dead_time: float, crossover: float, phase_margi
     return kp, ki
 
 
-# -- arguments ------------------------------------------------------------
-
-
 def _systems(plants: Any, compensator: Any) -> list[Rational]:
     members = list(plants) if isinstance(plants, (list, tuple)) else [plants]
     if not members:
@@ -156,9 +162,499 @@ def _systems(plants: Any, compensator: Any) -> list[Rational]:
 
 
 def _dead_times(plants: Any, dead_time: float | Sequence[float]) -> list[float]:
-    given: list[float]
     count = len(plants) if isinstance(plants, (list, tuple)) else 1
-    given = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
+    given: list[float] = np.atleast_1d(numbers("dead_time", dead_time, "s", ge=0)).tolist()
     if len(given) not in (1, count):
         raise InputError(f"dead_time: {len(given)} values for {count} plants; give one, or one each")
     return given * count if len(given) == 1 else given
+
+
+# --- tuning at operating points, with the structures that the command offers ------------------------------------------
+
+
+STRUCTURES = ("pi", "pi-lead", "pid")
+_LEAD_FACTORS = (0.3, 0.5, 0.8, 1.2, 1.8, 3.0)  # derivative times looked at first, over the actuator's lag
+FILTER_RATIO = 0.1
+"""Time constant of a lead's filter over that of the lead, unless given: the high-frequency gain is 10 times kp."""
+
+
+@dataclass(frozen=True)
+class TunedCases:
+    """What was asked of a structure at some operating points, and the design, or None and the reason."""
+
+    structure: str
+    points: tuple[OperatingPoint, ...]
+    specification: Specification
+    ki_min: float | None
+    lead: float
+    lead_filter: float
+    design: PIDesign | None
+    reason: str
+
+    @property
+    def asked(self) -> str:
+        """The specification in words."""
+        goal = "maximise ki" if self.ki_min is None else f"minimise Ms with ki >= {self.ki_min:g} N*m/m"
+        return ", ".join(filter(None, [goal, self.specification.words]))
+
+    def controller(self, design: PIDesign) -> PIController:
+        """The controller with the design's gains."""
+        return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
+
+
+def tune_cases(
+    plants: Sequence[LinearPlant],
+    actuator: Actuator,
+    *,
+    structure: str = "pi",
+    specification: Specification,
+    ki_min: float | None = None,
+    lead: float | None = None,
+    lead_filter: float | None = None,
+) -> TunedCases:
+    """Tune one controller for all the plants; an infeasible specification is a result, with its reason.
+
+    Parameters
+    ----------
+    structure : {"pi", "pi-lead", "pid"}
+        PI; PI with a lead at the actuator's lag (or `lead`, s); or PID in the series form (kp + ki/s)
+        (Td s + 1)/(Tf s + 1) with Td searched between 0.3 and 3 times the actuator's lag.
+    ki_min : float
+        Given: minimise the worst Ms with ki at least this, N*m/m. None: maximise ki.
+    lead_filter : float
+        s; a tenth of the lead if not given.
+
+    Raises
+    ------
+    InputError
+        Unknown structure, a lead for a plain PI, or a contradictory specification.
+    """
+    if structure not in STRUCTURES:
+        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
+    if structure == "pi" and (lead is not None or lead_filter is not None):
+        raise InputError("--lead: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
+    if structure == "pid" and lead is not None:
+        raise InputError("--lead: structure 'pid' searches its derivative time itself; choose 'pi-lead' to fix it")
+    tuned = partial(_tune, plants, actuator, structure, specification, ki_min, lead_filter)
+    if structure == "pid":
+        return _searched(tuned, actuator.lag or actuator.dead_time or 1.0)
+    return tuned(0.0 if structure == "pi" else actuator.lag if lead is None else lead)
+
+
+def _cost(tuned: TunedCases) -> float:
+    """What the specification minimises: Ms, or minus ki."""
+    if tuned.design is None:
+        return math.inf
+    return -tuned.design.ki if tuned.ki_min is None else tuned.design.worst.ms
+
+
+def _searched(tuned: Callable[[float], TunedCases], lag: float) -> TunedCases:
+    """PID: the derivative time that serves the specification best, between 0.3 and 3 times the actuator's lag."""
+    from scipy.optimize import minimize_scalar
+
+    tried: dict[float, TunedCases] = {}
+
+    def at(log_time: float) -> TunedCases:
+        if log_time not in tried:
+            tried[log_time] = tuned(math.exp(log_time))
+        return tried[log_time]
+
+    grid = [math.log(lag * factor) for factor in _LEAD_FACTORS]
+    best = min(range(len(grid)), key=lambda i: _cost(at(grid[i])))
+    if at(grid[best]).design is None:
+        return at(grid[len(grid) // 2])
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    minimize_scalar(lambda x: min(_cost(at(float(x))), 1e30), bounds=ends, method="bounded", options={"xatol": 2e-3})
+    return min(tried.values(), key=_cost)
+
+
+def _tune(
+    plants: Sequence[LinearPlant],
+    actuator: Actuator,
+    structure: str,
+    specification: Specification,
+    ki_min: float | None,
+    lead_filter: float | None,
+    lead: float,
+) -> TunedCases:
+    filter_time = FILTER_RATIO * lead if lead_filter is None else lead_filter
+    design, reason = None, ""
+    try:
+        design = tune_pi(
+            [actuated_plant(plant, actuator) for plant in plants],
+            actuator.dead_time,
+            ms_max=specification.ms_max,
+            phase_min_deg=specification.phase_min_deg,
+            delay_min_s=specification.delay_min_s,
+            minimise_ms=ki_min is not None,
+            ki_min=ki_min,
+            compensator=PIController(PIGains(kp=1.0, ki=0.0), lead, filter_time).transfer_function,
+            names=[plant.point.words for plant in plants],
+        )
+    except InfeasibleDesignError as error:
+        reason = str(error)
+    points = tuple(plant.point for plant in plants)
+    return TunedCases(structure, points, specification, ki_min, lead, filter_time, design, reason)
+
+
+# --- one PI for some operating points, at a fixed integral time -------------------------------------------------------
+
+# Integral time in units of the actuator's dead time and lag together: the corner of the integral action lies far
+# enough below the crossover to cost the fragile loop less than 2 deg of phase, and the offset still dies out.
+_INTEGRAL_TIME = 50.0
+
+
+@dataclass(frozen=True)
+class CommonPI:
+    """PI gains of least worst Ms over some operating points, at a fixed integral time.
+
+    Attributes
+    ----------
+    controller : PIController
+    worst_ms : float
+        Largest peak of |S| over the operating points, a ratio.
+    integral_time : float
+        kp/ki, s.
+    gain_range : tuple of float
+        The kp that stabilise all of them at that integral time, N*m/(m/s).
+    """
+
+    controller: PIController
+    worst_ms: float
+    integral_time: float
+    gain_range: tuple[float, float]
+
+
+@checked
+def common_pi(plants: Sequence[LinearPlant], actuator: Actuator) -> CommonPI:
+    """The kp that minimises the worst Ms over some plants, at an integral time of 50 (dead time + lag).
+
+    Parameters
+    ----------
+    plants : sequence of LinearPlant
+        At least one.
+    actuator : Actuator
+        Dead time and lag, s.
+
+    Returns
+    -------
+    CommonPI
+        kp in N*m/(m/s), ki in N*m/m.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        No single kp stabilises all the plants; says the range of each. Or all are stable: zero gain then has the
+        least Ms.
+    InputError
+        No plant is given.
+    """
+    if not plants:
+        raise InputError("common PI: no operating point is given; give at least one")
+    if not any(np.any(plant.poles.real >= 0) for plant in plants):
+        raise InfeasibleDesignError(
+            "the wheel is stable by itself at every operating point, and least Ms asks for zero gain, which is no "
+            "controller; tune the largest ki under an Ms instead"
+        )
+    integral_time = _INTEGRAL_TIME * ((actuator.dead_time + actuator.lag) or 0.02)
+    shape = Rational(np.array([-1 / integral_time]), np.array([0.0]), 1.0)
+    loops = [DeadTimeLoop(shape * actuated_plant(plant, actuator), actuator.dead_time) for plant in plants]
+    low, high = _common_range(plants, loops, actuator)
+
+    def worst_ms(log_kp: float) -> float:
+        try:
+            return max(loop.scaled(math.exp(log_kp)).margins().ms for loop in loops)
+        except UnstableLoopError:
+            return math.inf
+
+    log_kp = _minimise(worst_ms, low, high)
+    kp = math.exp(log_kp)
+    controller = PIController(PIGains(kp=kp, ki=kp / integral_time))
+    return CommonPI(controller, worst_ms(log_kp), integral_time, (low, high))
+
+
+def _common_range(
+    plants: Sequence[LinearPlant], loops: Sequence[DeadTimeLoop], actuator: Actuator
+) -> tuple[float, float]:
+    ranges = [loop.stabilizing_gain_range for loop in loops]
+    found = [r for r in ranges if r is not None]
+    low, high = max((r[0] for r in found), default=0.0), min((r[1] for r in found), default=0.0)
+    if len(found) == len(ranges) and low < high:
+        return low, high
+    told = "; ".join(
+        f"{plant.point.rail} {plant.point.speed_kmh:g} km/h: "
+        + ("none" if r is None else f"{r[0]:.4g} to {r[1]:.4g} N*m/(m/s)")
+        + f" (unstable pole times actuator {max(plant.poles.real.max(), 0) * (actuator.dead_time + actuator.lag):.3g})"
+        for plant, r in zip(plants, ranges, strict=True)
+    )
+    raise InfeasibleDesignError(f"no single PI stabilises all operating points; stabilising kp: {told}")
+
+
+def _minimise(objective: object, low: float, high: float) -> float:
+    """Minimum of a quasi-convex function of ln kp inside a stabilising range."""
+    from scipy.optimize import minimize_scalar
+
+    top = min(high, 1e6 * (low or 1.0))
+    ends = math.log(low or 1e-6 * top), math.log(top)
+    result = minimize_scalar(objective, bounds=ends, method="bounded", options={"xatol": 1e-10})
+    return float(result.x)
+
+
+# --- loop shaping by hand ---------------------------------------------------------------------------------------------
+
+
+@checked
+def most_phase(loop: DeadTimeLoop) -> tuple[float, float]:
+    """Where a loop has most phase.
+
+    Parameters
+    ----------
+    loop : DeadTimeLoop
+        L.
+
+    Returns
+    -------
+    tuple[float, float]
+        Frequency, rad/s, at which L(j omega) has its largest phase, and that phase, rad, continuous.
+
+    Raises
+    ------
+    InputError
+        The phase has no interior maximum (it only falls).
+    """
+    curve = frequency_curve(loop, *loop.feature_band())
+    top = int(np.argmax(curve.phase_deg))
+    if top in (0, curve.omega.size - 1):
+        raise InputError("loop shaping: the phase of this loop has no maximum; choose the crossover by hand")
+    low, high = curve.omega[[top - 1]], curve.omega[[top + 1]]
+    omega = float(bracketed_roots(lambda w, _: loop.phase_slope(w), low, high)[0])
+    return omega, float(loop.phase(omega))
+
+
+@checked
+def gain_for_crossover(loop: DeadTimeLoop, omega: float) -> float:
+    """Factor on the gain of a loop that makes |L(j omega)| = 1.
+
+    Parameters
+    ----------
+    loop : DeadTimeLoop
+        L.
+    omega : float
+        rad/s, > 0.
+
+    Returns
+    -------
+    float
+        The factor, > 0.
+
+    Raises
+    ------
+    InputError
+        omega is not finite and positive.
+    """
+    number("crossover", omega, "rad/s", gt=0)
+    return float(1 / np.abs(loop(1j * omega)))
+
+
+# --- published tuning rules, for comparison: refused where they do not hold -------------------------------------------
+
+
+# Relative imaginary part that rounding leaves of a triple real root of an expanded polynomial.
+_REAL = 1e-3
+
+
+class Kind(StrEnum):
+    """What the slowest pole of a model does."""
+
+    STABLE = "stable"
+    INTEGRATING = "integrating"
+    UNSTABLE = "unstable"
+
+
+@dataclass(frozen=True)
+class FirstOrderModel:
+    """A first-order model with dead time, as the rules want it.
+
+    Attributes
+    ----------
+    kind : Kind
+        stable: gain exp(-theta s)/(T s + 1); unstable: gain exp(-theta s)/(T s - 1); integrating: gain exp(-theta s)/s.
+    gain : float
+        Output over input, (m/s)/(N*m) for the wheel; per second if integrating.
+    time_constant, dead_time : float
+        T (inf if integrating) and theta, s.
+    """
+
+    kind: Kind
+    gain: float
+    time_constant: float
+    dead_time: float
+
+    @property
+    def transfer_function(self) -> Rational:
+        """The model without its dead time."""
+        if self.kind is Kind.INTEGRATING:
+            return Rational(np.array([]), np.array([0.0]), self.gain)
+        sign = 1.0 if self.kind is Kind.UNSTABLE else -1.0
+        return Rational(np.array([]), np.array([sign / self.time_constant]), self.gain / self.time_constant)
+
+
+@dataclass(frozen=True)
+class RuleTuning:
+    """What a rule gives: C(s) = kp + ki/s + kd s, and the model it was applied to.
+
+    `derivative_gain` is kd, N*m/(m/s^2) for the wheel; 0 for a PI. `closed_loop_time` is the rule's knob, s.
+    Nothing here says that the full plant is stable with it: close the exact loop and look.
+    """
+
+    rule: str
+    gains: PIGains
+    derivative_gain: float
+    model: FirstOrderModel
+    closed_loop_time: float
+
+    def transfer_function(self, derivative_filter: float = 0.0) -> Rational:
+        """C(s) with the derivative filtered, kd s/(derivative_filter s + 1); a PID needs a filter > 0 s.
+
+        Raises InputError for a filter time that is negative, not finite, or 0 with a derivative part.
+        """
+        tf, kp, ki, kd = derivative_filter, self.gains.kp, self.gains.ki, self.derivative_gain
+        if not (math.isfinite(tf) and tf >= 0 and (tf > 0 or kd == 0)):
+            raise InputError(f"derivative filter: {tf} s is not allowed; give a finite value > 0")
+        num = [kp * tf + kd, kp + ki * tf, ki]
+        return Rational.from_polynomials(num, [tf, 1.0, 0.0])
+
+
+@checked
+def first_order_model(plant: Any, dead_time: float) -> FirstOrderModel:
+    """Reduce a plant with real poles to first order by the half rule ([Skogestad2003]).
+
+    Of a stable or integrating plant the largest lag (or the integrator) is kept; half of the next one is added to it
+    and half to the dead time; all smaller lags, and 1/z of each zero z right of the axis, go to the dead time. A zero
+    left of the axis takes its time constant off the dead time, if that is the larger. Of an unstable plant the
+    unstable pole is kept as it is and every lag goes to the dead time: to move half a lag over to 1/p, as the half
+    rule would, makes an unstable pole look slower, so safer, than it is. (A deviation: the source is for stable and
+    integrating plants, and the rules for unstable ones come with no reduction.)
+
+    Parameters
+    ----------
+    plant : python-control system, `Rational`, or a real number
+        From command to output, without the dead time; poles real, at most one of them not left of the axis.
+    dead_time : float
+        s, >= 0.
+
+    Raises
+    ------
+    InputError
+        The plant or the dead time is not of this form.
+    """
+    if not (math.isfinite(dead_time) and dead_time >= 0):
+        raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
+    plant = Rational.from_control(plant, "plant")
+    roots = np.concatenate([plant.poles, plant.zeros])
+    if plant.poles.size == 0 or np.any(np.abs(roots.imag) > _REAL * np.abs(roots)) or np.any(plant.zeros == 0):
+        raise InputError("first-order model: the plant must have poles, all roots real, and no zero at the origin")
+    poles, zeros = plant.poles.real, plant.zeros.real
+    if np.count_nonzero(poles >= 0) > 1:
+        raise InputError(
+            "first-order model: the plant has several poles right of or on the axis; rules want one at most"
+        )
+    lags = np.sort(-1 / poles[poles < 0])[::-1]
+    unstable, integrating = poles[poles > 0], poles[poles == 0]
+    # value at s = 0 with the slow pole's own factor taken out
+    rest = Rational(plant.zeros, plant.poles[plant.poles != 0], plant.gain).dc_gain
+    if unstable.size:
+        kind, gain, time_constant, half = Kind.UNSTABLE, -rest, float(1 / unstable[0]), 0.0
+    elif integrating.size:
+        kind, gain, time_constant = Kind.INTEGRATING, rest, math.inf
+        half = lags[0] / 2 if lags.size else 0.0
+    else:
+        kind, gain, half = Kind.STABLE, rest, lags[1] / 2 if lags.size > 1 else 0.0
+        time_constant, lags = float(lags[0] + half), lags[1:]
+    theta = dead_time + float(lags.sum() - half + (1 / zeros[zeros > 0]).sum())
+    leads = -1 / zeros[zeros < 0]
+    if np.any(leads > theta):
+        raise InputError(
+            f"first-order model: a zero of time constant {leads.max():.4g} s is slower than the effective dead time "
+            f"{theta:.4g} s; cancel it in the controller first"
+        )
+    theta -= float(leads.sum())
+    if theta < 0:
+        raise InputError(f"first-order model: the zeros leave a dead time of {theta:.4g} s; no rule applies")
+    return FirstOrderModel(kind, float(gain), time_constant, theta)
+
+
+@checked
+def simc_pi(plant: Any, dead_time: float, *, closed_loop_time: float | None = None) -> RuleTuning:
+    """SIMC PI ([Skogestad2003]): kp = T/(k (tau_c + theta)), integral time min(T, 4 (tau_c + theta)).
+
+    Parameters
+    ----------
+    closed_loop_time : float, optional
+        tau_c, s, > -theta; left out, theta ("tight control").
+
+    Raises
+    ------
+    InputError
+        An unstable plant, for which the rule does not hold, a model without dead time and no tau_c, or as
+        `first_order_model`.
+    """
+    model = first_order_model(plant, dead_time)
+    if model.kind is Kind.UNSTABLE:
+        raise InputError(
+            f"SIMC: the plant has an unstable pole at {1 / model.time_constant:.4g} 1/s; the rule holds for stable and "
+            "integrating plants only; use rotstein_lewin or a computed design"
+        )
+    tau_c = model.dead_time if closed_loop_time is None else closed_loop_time
+    total = tau_c + model.dead_time
+    if closed_loop_time is None and total == 0:
+        raise InputError("SIMC: the model has no dead time, from which the rule takes tau_c; give closed_loop_time")
+    if not (math.isfinite(total) and total > 0):
+        raise InputError(f"closed-loop time: {tau_c} s is not allowed; give a finite value > {-model.dead_time:.4g} s")
+    if model.kind is Kind.INTEGRATING:
+        kp, integral_time = 1 / (model.gain * total), 4 * total
+    else:
+        kp, integral_time = model.time_constant / (model.gain * total), min(model.time_constant, 4 * total)
+    return RuleTuning("SIMC PI", PIGains(kp=kp, ki=kp / integral_time), 0.0, model, tau_c)
+
+
+@checked
+def rotstein_lewin(plant: Any, dead_time: float, *, closed_loop_time: float, derivative: bool = False) -> RuleTuning:
+    """PI or PID for an unstable first-order plant with dead time, by internal model control ([Rotstein1991]).
+
+    The formulas are derived by internal model control as the source does, and tested to place the poles exactly
+    without dead time; they are not copied from its tables.
+
+    With lambda the closed-loop time and alpha = lambda (lambda/T + 2): PI kp = T alpha/(k lambda^2), integral time
+    alpha, which without dead time makes T(s) = (alpha s + 1)/(lambda s + 1)^2 exactly; PID the same in series with
+    (theta s/2 + 1), against the dead time: kp = T (alpha + theta/2)/(k lambda^2), integral time alpha + theta/2,
+    derivative time alpha (theta/2)/(alpha + theta/2).
+
+    Parameters
+    ----------
+    closed_loop_time : float
+        lambda, s, > 0. With dead time only an interval of it stabilises, which the source gives as a graph.
+
+    Raises
+    ------
+    InputError
+        A plant that is not unstable, or whose model no controller of the structure stabilises (theta >= T for a PI,
+        >= 2 T for a PID), a lambda that is not > 0, or as `first_order_model`.
+    """
+    model = first_order_model(plant, dead_time)
+    if model.kind is not Kind.UNSTABLE:
+        raise InputError(f"Rotstein-Lewin: the plant is {model.kind.value}; the rule is for unstable ones; use simc_pi")
+    lam, k, t, half = closed_loop_time, model.gain, model.time_constant, model.dead_time / 2 if derivative else 0.0
+    if not (math.isfinite(lam) and lam > 0):
+        raise InputError(f"closed-loop time: {lam} s is not allowed; give a finite value > 0")
+    most = (2 if derivative else 1) * t
+    if model.dead_time >= most:
+        raise InputError(
+            f"Rotstein-Lewin: effective dead time {model.dead_time:.4g} s against a largest {most:.4g} s that a "
+            f"{'PID' if derivative else 'PI'} can stabilise; shorten the dead time or cancel the lag"
+        )
+    alpha = lam * (lam / t + 2)
+    kp = t * (alpha + half) / (k * lam**2)
+    gains = PIGains(kp=kp, ki=kp / (alpha + half))
+    name = "Rotstein-Lewin PID" if derivative else "Rotstein-Lewin PI"
+    return RuleTuning(name, gains, kp * alpha * half / (alpha + half), model, lam)

@@ -8,10 +8,9 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.design.families import Worst
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.design.tuning import PIDesign
-from railslip_ctrl.design.tuning_cases import TunedCases
+from railslip_ctrl.design.specification import Worst
+from railslip_ctrl.design.tuning import PIDesign, TunedCases
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.report.laws import source_at, words_at

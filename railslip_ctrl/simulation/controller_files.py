@@ -42,9 +42,9 @@ from railslip_ctrl.design.controllers import (
     LinearController,
     PIController,
     PolynomialController,
+    Rule,
     StateSpaceController,
 )
-from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.model.vehicle import PIGains, Record

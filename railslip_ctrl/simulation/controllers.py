@@ -14,8 +14,15 @@ from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import file_name, given_path
-from railslip_ctrl.design.controllers import LinearController, PIController, linear_controller
-from railslip_ctrl.design.sampled import Rule, SampledController, start_state, state_names
+from railslip_ctrl.design.controllers import (
+    LinearController,
+    PIController,
+    Rule,
+    SampledController,
+    linear_controller,
+    start_state,
+    state_names,
+)
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.numeric import plant_parameters
@@ -89,7 +96,7 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class LinearControl:
-    """A linear controller, sampled, with limits and anti-windup; see `design.sampled.SampledController`.
+    """A linear controller, sampled, with limits and anti-windup; see `design.controllers.SampledController`.
 
     Parameters
     ----------

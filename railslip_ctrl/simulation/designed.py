@@ -15,9 +15,8 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
-from railslip_ctrl.design.envelope_tuning import EnvelopeDesign, operating_plants
+from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, operating_plants
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
-from railslip_ctrl.design.selection import SURE_SHARE
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, PIGains, Rail, Vehicle
 
@@ -284,7 +283,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
     A scheduled one counts with the gains it has at each point. The published vehicle as published, if none is given.
     """
-    from railslip_ctrl.design.families import family_margins
+    from railslip_ctrl.design.specification import family_margins
 
     car = published_vehicle() if vehicle is None else vehicle
     points = design_points(car)

@@ -24,6 +24,7 @@ from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
 from railslip_ctrl.design.controllers import (
     PIController,
+    Rule,
     has_step,
     is_function,
     is_system,
@@ -31,7 +32,6 @@ from railslip_ctrl.design.controllers import (
     step_alone,
 )
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
-from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Vehicle
 

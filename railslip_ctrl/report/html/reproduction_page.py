@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from railslip_ctrl.design.design_check import ControllerGroup
+from railslip_ctrl.design.assessment import ControllerGroup
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.paper.facts import Fact

@@ -15,7 +15,7 @@ from matplotlib.tri import Triangulation
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.judging import MsMap
-from railslip_ctrl.design.sweeps import MarginSweep
+from railslip_ctrl.design.schedule import MarginSweep
 from railslip_ctrl.loop.deadtime import GangOfFour
 from railslip_ctrl.loop.responses import TimeResponse
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from railslip_ctrl import __version__
-from railslip_ctrl.design.assessment import Assessment
-from railslip_ctrl.design.design_check import ControllerGroup
+from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.loop.deadtime import FrequencyCurve, Loop, frequency_curve
 from railslip_ctrl.report.laws import words_at
 

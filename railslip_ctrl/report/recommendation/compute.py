@@ -20,9 +20,9 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import Choice, Selection, select
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.design.selection import Choice, Selection, select
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import frequency_curve
 from railslip_ctrl.loop.responses import disturbance_response, step_response

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import Choice, Selection
 from railslip_ctrl.design.judging import Judgement
 from railslip_ctrl.design.limits import Limits
-from railslip_ctrl.design.selection import Choice, Selection
 from railslip_ctrl.loop.deadtime import FrequencyCurve
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.model.linearization import OperatingPoint
