@@ -17,8 +17,8 @@ from railslip_ctrl.simulation.campaign.specification import Quantity, described
 from railslip_ctrl.simulation.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
 from railslip_ctrl.simulation.run import Outcome, Run
 
-from .jsonable import number
-from .layout import facts, fixed, heading, render, table
+from .document import facts, fixed, heading, render, table
+from .export import number
 
 
 def campaign_text(summary: CampaignSummary) -> str:

@@ -17,7 +17,7 @@ from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.numbers import LawNumbers
 from railslip_ctrl.sliding.symbols import latex, plain
 
-from .layout import facts, heading, indented, render
+from .document import facts, heading, indented, render
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
 _NO_FORMULA = "The law has no closed form: Ta is evaluated from these numbers outside the control law."

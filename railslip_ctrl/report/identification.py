@@ -17,7 +17,7 @@ from railslip_ctrl.identification.polynomials import ParameterPolynomial, of_kno
 from railslip_ctrl.identification.reference import PeakSlip
 from railslip_ctrl.model.adhesion import ReferenceSlip
 
-from .layout import counted, facts, fixed, heading, render, table
+from .document import counted, facts, fixed, heading, render, table
 
 # --- text ----------------------------------------------------------------------------------------------------------
 

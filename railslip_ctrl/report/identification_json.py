@@ -15,7 +15,7 @@ from railslip_ctrl.identification.resolution import ColumnStep
 from railslip_ctrl.identification.rolling import Rolling
 from railslip_ctrl.identification.timing import TrainLag
 
-from .jsonable import number
+from .export import number
 
 
 def identification_json(found: Identification) -> dict[str, Any]:

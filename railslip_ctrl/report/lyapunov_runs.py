@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
-from .layout import heading, render, table
+from .document import heading, render, table
 
 
 def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:

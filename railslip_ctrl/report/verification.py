@@ -11,7 +11,7 @@ from rich.text import Text
 
 from railslip_ctrl.verification.conditions import Condition, Verification
 
-from .layout import facts, heading, indented, render, table
+from .document import facts, heading, indented, render, table
 
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",
