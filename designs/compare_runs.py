@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from railslip_ctrl import LinearControl, Scenario, built_in_scenario, compare_runs, slide_protection
-from railslip_ctrl.report.layout import fixed, heading, render, table
-from railslip_ctrl.report.runs import run_comparison_text
+from railslip_ctrl.report.document import fixed, heading, render, table
+from railslip_ctrl.report.simulation import run_comparison_text
 from railslip_ctrl.simulation import ScheduledControl
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead, recommended_schedule

@@ -247,7 +247,7 @@ def draw(result: FromLog, folder: Path) -> None:
     """The log's curve with its models, the stop, and the law as a file for `--adhesion`."""
     from railslip_ctrl.report.identification import model_toml
     from railslip_ctrl.report.plots import adhesion_figure, save_figure
-    from railslip_ctrl.report.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.runs import simulation_figure
 
     held = replace(result.found, reference=result.held)  # the slip that the design holds goes with the law
     (folder / "model.toml").write_text(model_toml(held), encoding="utf-8")

@@ -23,7 +23,7 @@ from railslip_ctrl.model import kernels
 from railslip_ctrl.model.adhesion import law_class, law_names, load_law, published_law
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
-from railslip_ctrl.report.layout import WIDTH, columns, render, table
+from railslip_ctrl.report.document import WIDTH, columns, render, table
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import derive
 

@@ -12,7 +12,7 @@ from designs import compare_runs as script
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Resistance, Vehicle
 from railslip_ctrl.report.plots import run_comparison_figure, save_figure
-from railslip_ctrl.report.runs import run_comparison_text
+from railslip_ctrl.report.simulation import run_comparison_text
 from railslip_ctrl.simulation import BrakeLimits, Disturbances, Event, built_in_scenario, published_scenario
 from railslip_ctrl.simulation.clairvoyant import clairvoyant_stop
 from railslip_ctrl.simulation.published import published_controller

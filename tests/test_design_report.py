@@ -20,14 +20,11 @@ from railslip_ctrl.model.adhesion import law_in, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.report.design_report import design_report_json, design_report_text
-from railslip_ctrl.report.html.blocks import Table
-from railslip_ctrl.report.html.design_sections import design_sections
-from railslip_ctrl.report.html.first_page import first_page
-from railslip_ctrl.report.html.page import page
-from railslip_ctrl.report.provenance import Provenance
-from railslip_ctrl.report.recommendation import design_report
-from railslip_ctrl.report.recommendation.records import restricted
+from railslip_ctrl.report.design_report import design_report_json, design_report_text, design_sections, first_page
+from railslip_ctrl.report.document import Table
+from railslip_ctrl.report.export import Provenance
+from railslip_ctrl.report.page import page
+from railslip_ctrl.report.recommendation import design_report, restricted
 from railslip_ctrl.simulation import simulate, stop
 from railslip_ctrl.simulation.controller_files import load_controller
 
@@ -36,6 +33,11 @@ ENVELOPE = Envelope(PARK2008, speeds=(20, 100))
 SOURCE = Provenance("railslip report", (("--out", "railslip-report (default)"),))
 TINY = b'<svg xmlns="http://www.w3.org/2000/svg" width="1" height="1"/>'
 GIVEN = PIController(PIGains(kp=190.0, ki=5.0))
+
+
+def words(first) -> int:
+    """Of the headline and the lines of a first page."""
+    return sum(len(text.split()) for text in (first.headline, *(text for _, text in first.lines)))
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +186,7 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
     assert robust.in_use.verdict == "robust"
     assert first.headline == "USE ABOVE 20 km/h"  # below the lowest speed judged the file holds a torque
     assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
-    assert first.words <= MOST_FIRST_WORDS
+    assert words(first) <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
     worst = {name: value for name, value, _ in first.rows}
     assert float(worst["Ms"]) == pytest.approx(robust.in_use.worst.ms, rel=5e-3)  # three digits, rounded up
@@ -217,7 +219,7 @@ def test_a_load_that_leaves_the_wheel_load_is_told(robust):
 def test_no_design_is_told_as_such_everywhere(hopeless):
     first = first_page(hopeless)
     assert (hopeless.control, hopeless.above_kmh, first.headline) == (None, None, "DO NOT USE")
-    assert first.words <= MOST_FIRST_WORDS
+    assert words(first) <= MOST_FIRST_WORDS
     assert Page.parsed(rendered(hopeless)).problems() == []
     assert json.loads(json.dumps(design_report_json(hopeless), allow_nan=False))["recommended"] is None
     assert len(design_report_text(hopeless, first, "").splitlines()) <= MOST_LINES
@@ -229,7 +231,7 @@ def test_a_fragile_design_is_not_to_be_used(robust):
     assert weak.robust_from_kmh is None
     told = first_page(replace(robust, above_kmh=None, in_use=weak))
     assert told.headline == "DO NOT USE"
-    assert told.words <= MOST_FIRST_WORDS
+    assert words(told) <= MOST_FIRST_WORDS
 
 
 def test_use_above_a_speed_hands_over_below_it(robust):

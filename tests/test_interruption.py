@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from railslip_ctrl.core.folders import CACHE_VARIABLE, LOCK, claimed
-from railslip_ctrl.report.files import write_files
+from railslip_ctrl.report.export import write_files
 
 # A command whose work is done by two processes, for minutes; the word is written once they are there, or about to be.
 WORK = """

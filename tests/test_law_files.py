@@ -20,7 +20,7 @@ from railslip_ctrl.model.adhesion import (
 from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PARK2008
-from railslip_ctrl.report.laws import source_at
+from railslip_ctrl.report.export import source_at
 from railslip_ctrl.report.text import case_title
 
 PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"

@@ -22,7 +22,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     files = set(zipfile.ZipFile(wheel).namelist())
     data = (
         "py.typed",
-        "report/html/templates/report.html",
+        "report/templates/report.html",
         "model/_generated/curve.py",
         "simulation/steps/linear.py",
     )

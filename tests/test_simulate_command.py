@@ -267,7 +267,7 @@ def test_an_event_after_the_stop_is_not_reached(railslip):
 
 
 def test_the_picture_marks_events_in_time_and_distance(tmp_path):
-    from railslip_ctrl.report.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.runs import simulation_figure
 
     run = simulate(load_scenario(events_scenario(tmp_path)), published_controller("pi"), seed=0, record_every=10)
     marks = [run.signals.time[np.argmax(run.signals.mass >= mass)] for mass in (3700.0, 3800.0, 4000.0)]
@@ -314,7 +314,7 @@ def test_a_folder_takes_report_series_and_pictures(railslip, tmp_path):
 
 
 def test_the_picture_shows_the_signals():
-    from railslip_ctrl.report.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.runs import simulation_figure
 
     run = simulate(built_in_scenario("park2008"), published_controller("pi"), seed=1, record_every=10)
     speeds, slip, torque, adhesion = simulation_figure(run).axes

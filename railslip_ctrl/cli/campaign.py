@@ -20,9 +20,9 @@ from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
+from .options import controller_option
 from .output import print_json, print_text, progress
 from .settings import HELP
-from .simulation_options import controller_option
 
 _REPORT = ("report.txt", "report.json")
 

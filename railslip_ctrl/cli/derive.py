@@ -13,7 +13,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
-from railslip_ctrl.report.files import check_directory, write_files
+from railslip_ctrl.report.export import check_directory, write_files
 from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import Reference, derive
 

@@ -21,7 +21,7 @@ from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.files import check_file
+from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
 from railslip_ctrl.report.identification_json import campaign_json, identification_json
 from railslip_ctrl.report.observed_rows import observed_rows

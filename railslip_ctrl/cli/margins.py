@@ -17,12 +17,22 @@ from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import PIGains, table4_gains
 from railslip_ctrl.report import margins_json, margins_text
-from railslip_ctrl.report.judging import judgement_json, judgement_text
+from railslip_ctrl.report.text import judgement_json, judgement_text
 
-from .options import CaseOptions, Quantity, case_options, chosen_gains, envelope_options, gain_options
+from .options import (
+    CaseOptions,
+    Quantity,
+    case_options,
+    chosen_gains,
+    controller_from_file,
+    controller_name,
+    controller_option,
+    envelope_options,
+    gain_options,
+    is_controller_file,
+)
 from .output import print_json, print_text
 from .settings import HELP
-from .simulation_options import controller_from_file, controller_name, controller_option, is_controller_file
 
 
 @click.command(context_settings=HELP)

@@ -12,8 +12,8 @@ from typing import Any, ParamSpec
 import click
 from click.core import ParameterSource
 
-from railslip_ctrl.report.layout import WIDTH, columns
-from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.report.document import WIDTH, columns
+from railslip_ctrl.report.export import Provenance
 
 P = ParamSpec("P")
 

@@ -17,19 +17,30 @@ from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.design_report import design_report_json, design_report_text
-from railslip_ctrl.report.html.design_sections import design_sections
-from railslip_ctrl.report.html.first_page import RECOMMENDED, first_page
-from railslip_ctrl.report.html.page import page
-from railslip_ctrl.report.layout import WIDTH, width
-from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.report.design_report import (
+    RECOMMENDED,
+    design_report_json,
+    design_report_text,
+    design_sections,
+    first_page,
+)
+from railslip_ctrl.report.document import WIDTH, width
+from railslip_ctrl.report.export import Provenance
+from railslip_ctrl.report.page import page
 from railslip_ctrl.report.recommendation import DesignReport, design_report
 
 from .margins import given_controller
-from .options import DEFAULT_ENVELOPE, CaseOptions, case_options, chosen_gains, envelope_options, gain_options
+from .options import (
+    DEFAULT_ENVELOPE,
+    CaseOptions,
+    case_options,
+    chosen_gains,
+    controller_option,
+    envelope_options,
+    gain_options,
+)
 from .output import print_json, print_text, progress, provenance
 from .settings import HELP
-from .simulation_options import controller_option
 
 _TEXTS = ("report.txt", "report.json")
 _PAGE = "report.html"
@@ -113,7 +124,7 @@ def _made(
     found: DesignReport, whole: bool, source: Provenance, rest: str, told: Callable[[str], None]
 ) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
     """Files by name, the content of report.json, and what writes the text at the width of the moment."""
-    from railslip_ctrl.report.plots.design_report import report_drawings
+    from railslip_ctrl.report.plots.designs import report_drawings
     from railslip_ctrl.report.plots.style import figure_files
 
     told("pictures")

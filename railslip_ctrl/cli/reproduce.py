@@ -22,7 +22,7 @@ from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
 from railslip_ctrl.paper.tables import DEFAULT_SEEDS, MOST_SEEDS, Table5, checked_seeds, table3, table5
 from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.provenance import Provenance
+from railslip_ctrl.report.export import Provenance
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
 
 from .output import print_json, print_text, progress, provenance
@@ -99,9 +99,8 @@ def _writers(
     from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper.errata import errata
     from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry
-    from railslip_ctrl.report.html.page import page
-    from railslip_ctrl.report.html.reproduction_page import reproduction_first_page, reproduction_sections
-    from railslip_ctrl.report.plots.loops import bode_figure, nyquist_figure
+    from railslip_ctrl.report.page import page
+    from railslip_ctrl.report.plots.designs import bode_figure, nyquist_figure
     from railslip_ctrl.report.plots.reproduction import (
         deviations_figure,
         model_figures,
@@ -109,6 +108,7 @@ def _writers(
         wet_and_dry_figure,
     )
     from railslip_ctrl.report.plots.style import figure_files
+    from railslip_ctrl.report.reproduction_page import reproduction_first_page, reproduction_sections
     from railslip_ctrl.sliding.derivation import derive
 
     started = time.perf_counter()

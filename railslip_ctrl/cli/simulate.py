@@ -11,15 +11,14 @@ from typing import Any
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.report.files import check_directory, check_file, write_files
+from railslip_ctrl.report.export import check_directory, check_file, write_files
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
 from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import Quantity, gain_options
+from .options import ControllerOptions, Quantity, ScenarioOptions, collected, gain_options
 from .output import print_json, print_text, progress
 from .settings import HELP
-from .simulation_options import ControllerOptions, ScenarioOptions, collected
 
 LOG_PERIOD = 0.01
 """s, between the rows of the CSV and the points of the pictures, unless given."""
@@ -109,7 +108,7 @@ def _seed(text: str) -> int:
 
 
 def _writers(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.report.plots.simulation import simulation_figure
+    from railslip_ctrl.report.plots.runs import simulation_figure
     from railslip_ctrl.report.plots.style import save_figure
 
     figure = simulation_figure(run)

@@ -12,8 +12,8 @@ from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
-from railslip_ctrl.report.files import check_file
-from railslip_ctrl.report.tuning import tuning_json, tuning_text
+from railslip_ctrl.report.export import check_file
+from railslip_ctrl.report.text import tuning_json, tuning_text
 from railslip_ctrl.simulation.designed import braking_control
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options

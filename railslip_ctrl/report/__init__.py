@@ -1,7 +1,6 @@
 """Records in; text, JSON, HTML and pictures out. The only user of matplotlib."""
 
-from .files import check_directory, write_files
-from .jsonable import linear_plant_json, margins_json
+from .export import check_directory, linear_plant_json, margins_json, write_files
 from .text import linearize_text, margins_text
 
 __all__ = [

@@ -21,8 +21,8 @@ from railslip_ctrl.simulation.campaign.statistics import (
 )
 from railslip_ctrl.simulation.run import Outcome, Run
 
-from .jsonable import number
-from .layout import facts, fixed, heading, render, table
+from .document import facts, fixed, heading, render, table
+from .export import number
 
 
 def headed(title: str, unit: str) -> str:

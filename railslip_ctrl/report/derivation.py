@@ -16,7 +16,7 @@ from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.proof import latex, plain
 
-from .layout import facts, heading, indented, render
+from .document import facts, heading, indented, render
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
 _STEP = ("name", "statement", "done", "equation_latex", "source", "checked", "check")

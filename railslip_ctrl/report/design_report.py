@@ -1,30 +1,484 @@
-"""A design report as the terminal and `report.json` have it."""
+"""The design report of a vehicle: its first page, the sections behind it, its text and its JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Iterator
 from typing import Any
 
-from rich.text import Text
+import numpy as np
+from rich.console import RenderableType
 
 from railslip_ctrl import __version__
 from railslip_ctrl.design.judging import Judgement
-from railslip_ctrl.report.recommendation import DesignReport, Stop
+from railslip_ctrl.design.limits import StructureLimit
+from railslip_ctrl.design.specification import ROBUST_MS
+from railslip_ctrl.model.linearization import linearize
+from railslip_ctrl.model.vehicle import doubts
+from railslip_ctrl.report.recommendation import DesignReport, Rival, Stop
 from railslip_ctrl.simulation import LinearControl
 
-from .html.blocks import FirstPage
-from .jsonable import number
-from .layout import facts, heading, render, table
+from .document import (
+    NONE,
+    Block,
+    FirstPage,
+    Paragraph,
+    Picture,
+    Section,
+    above,
+    below,
+    facts,
+    heading,
+    listed,
+    minus,
+    render,
+    roots_text,
+    short,
+    table,
+)
+from .export import exported, plain
+from .page import typeset
+from .text import envelope_words, law_facts, vehicle_facts
+
+RECOMMENDED = "recommended.toml"
+"""The file with the recommended design."""
+
+_HELD = {"symbolic": "proved", "sampled": "held in all samples", "simulated": "held in all runs"}
+_AXES = {
+    "speed_kmh": "speed, km/h",
+    "slip / reference": "slip over reference",
+    "radius_m": "wheel radius, m",
+    "dead_time_s": "dead time, s",
+    "lag_s": "lag, s",
+}
+_VERDICT = ("verdict", "usable_from_kmh", "robust_from_kmh")
+_MOST_TOLD = 8  # of points left out and knife edges
+
+
+# --- first page -----------------------------------------------------------------------------------------------------
+
+
+def first_page(report: DesignReport) -> FirstPage:
+    """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
+    return FirstPage(
+        title=f"Wheel-slip control design: {report.vehicle.name}",
+        headline=_headline(report),
+        subject=_design_words(report),
+        file=RECOMMENDED if report.control is not None else "",
+        lines=(("Why", _why(report)), ("To do", _to_do(report))),
+        head=("", "worst", "where"),
+        rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
+        pictures=tuple(_pictures(report)),
+    )
+
+
+def _headline(report: DesignReport) -> str:
+    """Use it, use it above a speed, or do not."""
+    if report.above_kmh is None:
+        return "DO NOT USE"
+    at = " at the operating points" if report.nominal else ""
+    return (f"USE ABOVE {report.above_kmh:g} km/h" if report.hands_over else "USE") + at
+
+
+def _design_words(report: DesignReport) -> str:
+    """The recommended design with its numbers."""
+    if report.control is None:
+        return "any PI or PI-lead"
+    design, held = report.control.design, report.control.reference
+    slips = {"dry": held.dry, "wet": held.wet}
+    slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
+    gains = f"{design.structure}: kp {short(design.gains.kp)} N·m/(m/s), ki {short(design.gains.ki)} N·m/m"
+    lead = f", lead {short(design.lead)} s / {short(design.lead_filter)} s" if design.lead > 0 else ""
+    return f"{gains}{lead}; slip {slip}"
+
+
+def _why(report: DesignReport) -> str:
+    if report.in_use is None or report.best is None:
+        return "No PI or PI-lead keeps every loop stable, not even at the highest speed of the envelope."
+    judged = report.in_use
+    operating = int(judged.points.operating.sum())
+    robust = None if report.judgement is None else report.judgement.robust_from_kmh
+    if report.above_kmh is None and robust is not None:
+        return "The best PI or PI-lead is robust by its margins, but its slip passes 0.5 in a stop."
+    if report.above_kmh is None:
+        ms = "unstable loops" if math.isinf(judged.worst.ms) else f"Ms {above(judged.worst.ms)}"
+        asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
+        return f"No PI or PI-lead found keeps {asked} at any speed. The best has {ms}."
+    told = f"Ms ≤ 2 at all {operating} operating points"
+    if not report.nominal:
+        told += f", stable at all {len(judged.points)} with tolerances"
+    slides = "" if robust == report.above_kmh else " Used at less speed, its slip passes 0.5 in a stop."
+    factor = report.best.reference_factor
+    less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip; with more, fewer points are robust."
+    return f"{told}.{slides}{less}"
+
+
+def _to_do(report: DesignReport) -> str:
+    """The steps that the numbers ask for, the first ones first; few words."""
+    told = []
+    if report.control is not None and report.usable and report.control.cut_out_speed > 0:
+        told.append(
+            f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m, without slip "
+            "control."
+        )
+    if report.faster is not None:
+        brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
+        told.append(f"For Ms ≤ 2 from {min(report.envelope.speeds):g} km/h up: {brake}.")
+    elif not report.usable:
+        told.append("Take a brake with less dead time and lag, or hold less slip.")
+    if report.judgement is not None and report.judgement.envelope.knife_edges():
+        told.append("The reference is at the adhesion peak: hold less slip.")
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
+    if slow:
+        told.append(f"In stops on {' and '.join(slow)} rail the slip stays below its reference.")
+    return " ".join(told) or "Load the file, and confirm it on the rig."
+
+
+def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
+    """At most ten numbers over the speeds in use."""
+    judged = report.in_use
+    if judged is None:
+        point, limits = max(report.limits, key=lambda one: one[1].ms_bound)
+        yield "Least Ms of any linear controller", below(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
+        return
+    worst = judged.worst
+    yield "Ms", _ms(worst.ms), worst.case.words
+    if not judged.nominal:
+        beyond = judged.worst_with_tolerances
+        yield "Ms with tolerances", _ms(beyond.ms), beyond.case.words
+    if worst.margins is not None:
+        yield from _margin_rows(judged)
+    for stop in report.first_stops:
+        yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {_locks(report, stop)}"
+    if report.usable:
+        yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
+
+
+def _chosen(report: DesignReport) -> str:
+    """By what the design was chosen, and what the next would give."""
+    tried, (_, *others) = len(report.selection.choices), report.trials
+    told = f"of all laws, loads and rails; best of {tried} tried: robust from the lowest speed, then the shortest stops"
+    if not others:
+        return told
+    after = others[0]
+    usable = "of no use" if after.above_kmh is None else f"above {after.above_kmh:g} km/h"
+    return f"{told}; next: {short(after.distance())} m with {after.choice.reference_factor:g} of the slip, {usable}"
+
+
+def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
+    """The least margins of the operating points, each with its case."""
+    operating = np.flatnonzero(judged.points.operating)
+    m = judged.margins
+
+    def least(values: np.ndarray, sign: float = 1.0) -> tuple[float, str]:
+        index = int(operating[np.argmin(sign * values[operating])])
+        return float(values[index]), judged.points.case(index).words
+
+    phase, where = least(m.phase_deg)
+    yield "Phase margin", f"{below(phase)} deg", where
+    delay, where = least(m.delay_s)
+    yield "Delay margin", f"{below(delay)} s", where
+    (low, under), (high, over) = least(m.gain_decrease, -1.0), least(m.gain_increase)
+    yield "Gain range", f"{above(low)} to {below(high)}", under if under == over else f"{under} | {over}"
+
+
+def _distance(stop: Stop) -> str:
+    return f"{short(stop.run.braking_distance)} m" if stop.run.stopped else "no stop"
+
+
+def _stop_words(stop: Stop) -> str:
+    """How far over the bound, which slip, whether the wheel locks."""
+    told = []
+    if stop.bound is not None and not math.isnan(stop.over_bound):
+        bound = short(stop.bound.braking_distance)
+        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m)")
+    told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
+    return "; ".join(told)
+
+
+def _locks(report: DesignReport, first: Stop) -> str:
+    """Whether the wheel locks in some stop on the rail, or else the largest slip, where it is another stop's."""
+    others = [stop for stop in report.stops if stop.rail is first.rail]
+    where = [f"{stop.law}, {stop.load}" for stop in others if stop.locks]
+    if where:
+        return f"locks ({'; '.join(where)})"
+    most = max(others, key=lambda stop: stop.max_slip)
+    return "no lock" if most is first else f"≤ {above(most.max_slip)} with {most.law}, {most.load}; no lock"
+
+
+def _pictures(report: DesignReport) -> Iterator[Picture]:
+    judged = report.judgement
+    if judged is None or report.control is None:
+        return
+    yield Picture(
+        "map",
+        "Worst Ms over speed and load.",
+        f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
+    )
+    yield Picture(
+        "loop",
+        "The recommended design at its worst points: Bode and Nyquist, the dead time exact.",
+        "Magnitude, phase and Nyquist curve of the recommended design at its worst operating point and its worst point "
+        f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
+    )
+    if report.stops:
+        told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.first_stops)
+        yield Picture(
+            "stops", "One stop a rail with the recommended design.", f"Speed, slip and torque over time. {told}"
+        )
+
+
+# --- sections -------------------------------------------------------------------------------------------------------
+
+
+def design_sections(report: DesignReport) -> list[Section]:
+    """What stands behind the first page and can be left unread; what there is nothing to say of is left out."""
+    made = (
+        _envelope(report),
+        _candidates(report),
+        _rivals(report),
+        _stops(report),
+        _gains(report),
+        _responses(report),
+        _limits(report),
+        _adhesion(report),
+        _plant(report),
+        _sliding(report),
+        _paper(report),
+    )
+    return [section for section in made if section is not None]
+
+
+def _envelope(report: DesignReport) -> Section:
+    envelope, judged = report.envelope, report.judgement
+    blocks: list[Block] = [facts([("Envelope", envelope_words(envelope))])]
+    if judged is not None:
+        worst = [("Operating points", judged.worst)]
+        worst += [] if judged.nominal else [("With tolerances", judged.worst_with_tolerances)]
+        rows = []
+        for name, one in worst:
+            margins = (
+                (NONE, NONE) if one.margins is None else (below(one.margins.phase_deg), below(one.margins.delay_s))
+            )
+            rows.append((name, _ms(one.ms), *margins, one.case.words))
+        axes = [
+            (
+                _AXES.get(axis, axis),
+                f"{value:g}" if isinstance(value, float) else str(value),
+                f"{100 * share:.3g}",
+                _ms(ms),
+            )
+            for axis, values in judged.by_axis().items()
+            if len(values) > 1
+            for value, (share, ms) in values.items()
+        ]
+        head = ("Axis", "Value", "Stable, %", "Worst Ms of these")
+        worst_head = ("", "Ms", "Phase, deg", "Delay, s", "Case")
+        blocks += [
+            Paragraph(minus(judged.verdict_line) + "."),
+            table(worst_head, rows, caption="Worst cases from the usable speed up."),
+            table(head, axes, caption="The whole envelope by axis: what costs margin."),
+        ]
+    car = envelope.vehicle
+    if "loaded" in envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
+        blocks.append(Paragraph(f"Loaded, this vehicle has more mass; its wheel load stays {short(car.wheel_load)} N."))
+    told = (*(judged.points.skipped if judged is not None else ()), *envelope.knife_edges())
+    blocks += [Paragraph(minus(text) + ".") for text in told[:_MOST_TOLD]]
+    return Section("envelope", "Envelope and worst cases", tuple(blocks))
+
+
+def _candidates(report: DesignReport) -> Section:
+    rows: list[tuple[str, ...]] = []
+    for choice in report.selection.choices:
+        kind = "PI-lead" if choice.structure == "pi-lead" else "PI"
+        if choice.design is None or choice.design.judgement is None:
+            rows.append((kind, f"{choice.reference_factor:g}", *(NONE,) * 6, choice.reason))
+            continue
+        judged, gains = choice.design.judgement, choice.design.gains
+        cells = (short(gains.kp), short(gains.ki), _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
+        stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
+        reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
+        rows.append((kind, f"{choice.reference_factor:g}", *cells, _ms(judged.worst.ms), stop, reaches))
+    head = (
+        "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
+        "Worst Ms", "Mean stop, m", "Reaches its slip",
+    )  # fmt: skip
+    text = (
+        f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Of designs level "
+        "in that: used from the lowest speed without a slide, then the shortest stops."
+    )
+    shown = table(head, rows, caption="What was tried.", wide=True)
+    return Section("candidates", "Candidates", (Paragraph(text), shown))
+
+
+def _rivals(report: DesignReport) -> Section | None:
+    if not report.rivals or report.control is None or report.judgement is None:
+        return None
+    taken = Rival("recommended", None, report.judgement, report.first_stops)
+    rows = []
+    for one in (taken, *report.rivals):
+        judged = one.judgement
+        distances = " / ".join(
+            f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
+            for stop in one.stops
+            if stop.load == one.stops[0].load
+        )
+        worst = (_ms(judged.worst.ms), _ms(judged.worst_with_tolerances.ms))
+        rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
+    head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
+    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
+
+
+def _stops(report: DesignReport) -> Section | None:
+    if not report.stops or report.control is None:
+        return None
+    rows = []
+    for stop in report.stops:
+        distances = [run.braking_distance for run in stop.runs]
+        stopped = all(run.stopped for run in stop.runs)
+        spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
+        bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
+        held = f"{short(stop.held, 2)} of {short(stop.reference)}"
+        locks = "yes" if stop.locks else "no"
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, above(stop.max_slip), held, locks))
+    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Highest slip", "Slip held", "Locks")
+    control = report.control
+    over = f"below {short(control.cut_out_speed * 3.6)} km/h to {short(control.cut_out_torque)} N·m"
+    known = facts(
+        [
+            ("Limits", f"{short(control.torque_low)} to {short(control.torque_high)} N·m"),
+            ("Starts with", f"{short(control.initial_torque)} N·m"),
+            ("Anti-windup", f"back-calculation, {short(control.tracking_time or 0.0)} s"),
+            ("Hand-over", over if control.cut_out_speed > 0 else "none"),
+        ]
+    )
+    text = (
+        f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
+        "bound is what no controller of this brake beats; slip held is the median over the second half. "
+        "railslip simulate --scenario stop --controller recommended.toml repeats them."
+    )
+    shown = table(head, rows, caption="Stops.", wide=True)
+    return Section("stops", "Braking runs", (Paragraph(text), known, shown))
+
+
+def _gains(report: DesignReport) -> Section | None:
+    if report.gains is None:
+        return None
+    kp, ki = report.gains.chosen
+    alt = f"Contours of the worst Ms over kp and ki on logarithmic axes; the design at kp {short(kp)}, ki {short(ki)}."
+    text = "Worst Ms around the recommended gains, lead kept, at the operating points of the lowest and highest speed."
+    return Section("gains", "Gains", (Picture("gains", text, alt),))
+
+
+def _responses(report: DesignReport) -> Section | None:
+    if report.responses is None:
+        return None
+    text = "Linear responses of the recommended design at its worst operating point."
+    alt = "Slip velocity and commanded torque over ten seconds after a step of the reference and a step of the load."
+    return Section("responses", "Time responses", (Picture("responses", text, alt),))
+
+
+def _limits(report: DesignReport) -> Section:
+    rows = []
+    for point, limits in report.limits:
+        where = (str(point.rail), short(point.vehicle.mass), f"{point.speed_kmh:g}", short(limits.unstable_pole, 3))
+        structures = (_structure(limits.pi), _structure(limits.pi_lead))
+        rows.append((*where, below(limits.ms_bound), *structures, above(limits.longest_dead_time(ROBUST_MS))))
+    head = (
+        "Rail", "Mass, kg", "Speed, km/h", "Unstable pole, 1/s", "Any linear", "Any PI", "Any PI-lead",
+        f"Longest dead time for Ms ≤ {ROBUST_MS:g}, s",
+    )  # fmt: skip
+    text = (
+        "Least Ms that any controller can have, theorems, at the hardest operating point of each rail and load. "
+        "Interpolation at the unstable pole: [Astrom2021] 14.4, [Sarason1967]."
+    )
+    return Section("limits", "What no controller beats", (Paragraph(text), table(head, rows, caption="Least Ms.")))
+
+
+def _structure(limit: StructureLimit | None) -> str:
+    if limit is None:
+        return NONE
+    return below(limit.ms_bound) if limit.feasible else "none holds"
+
+
+def _adhesion(report: DesignReport) -> Section:
+    rows = []
+    for curve in report.curves:
+        point = curve.point
+        peak = short(curve.peak.slip) if curve.peak.slip > curve.slip[1] else "0 (falls)"
+        held = (short(point.slip), short(point.adhesion_coefficient))
+        rows.append((curve.law, str(curve.rail), f"{curve.speed_kmh:g}", short(curve.peak.coefficient), peak, *held))
+    head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip held", "μ there")
+    laws = listed(dict.fromkeys(curve.law for curve in report.curves))
+    alt = f"Adhesion coefficient at rest over slip of {laws}, a panel a rail; circles where slip is held."
+    picture = Picture("adhesion", "Adhesion at rest over the slip ratio.", alt)
+    peaks = table(head, rows, caption="Peaks, and the slip held.")
+    return Section("adhesion", "Adhesion", (picture, peaks, facts(law_facts(curve.point for curve in report.curves))))
+
+
+def _plant(report: DesignReport) -> Section:
+    vehicle = report.vehicle
+    noted = [*vehicle.notes, *(f"To be checked: {one}" for one in doubts(vehicle))]
+    points = dict.fromkeys(curve.point for curve in report.curves)
+    if report.in_use is not None:
+        points = {report.in_use.worst.point: None} | points
+    rows = []
+    for point in points:
+        plant = linearize(point)
+        roots = [minus(roots_text(values)) for values in (plant.poles, plant.zeros)]
+        shown = [text if text == "none" else f"{text} 1/s" for text in roots]
+        rows.append((f"{point.adhesion}, {point.rail}, {point.speed_kmh:g} km/h", short(point.brake_torque), *shown))
+    head = ("Operating point", "Torque, N·m", "Poles", "Zeros, torque to slip velocity")
+    blocks: tuple[Block, ...] = (
+        facts(row for row in vehicle_facts(vehicle) if row[0] != "Note"),
+        *(Paragraph(text) for text in noted),
+        table(head, rows, caption="The wheel linearised at constant slip, without the brake."),
+    )
+    return Section("plant", "Vehicle and plant", blocks)
+
+
+def _sliding(report: DesignReport) -> Section:
+    found = report.sliding.found
+    if found is None:
+        return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
+    conditions = found.verification.conditions
+    rows = [(typeset(one.name), _HELD.get(one.how or "", "not decided")) for one in conditions if one.holds]
+    text = (
+        f"Of the layered law, {len(rows)} of {len(conditions)} conditions hold, on the published bristle model. It "
+        "needs the holding torque of the rail. railslip verify --law layered has the evidence."
+    )
+    shown = [table(("Condition", "How"), rows, caption="What holds.")] if rows else []
+    return Section("sliding", "Sliding mode", (Paragraph(text), *shown))
+
+
+def _paper(report: DesignReport) -> Section | None:
+    text = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
+    return Section("paper", "The paper", (Paragraph(text),)) if report.published else None
+
+
+def _value(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _speed(speed: float | None) -> str:
+    return "never" if speed is None else f"{speed:g}"
+
+
+def _ms(ms: float) -> str:
+    return "unstable" if math.isinf(ms) else above(ms)
+
+
+# --- text and JSON --------------------------------------------------------------------------------------------------
 
 
 def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str:
     """The first page, and where the rest is."""
-    named = [(f"{first.headline}", f"{first.subject}{f'   {first.file}' if first.file else ''}")]
-    parts = [
+    file = f"   {first.file}" if first.file else ""
+    parts: list[RenderableType] = [
         heading(f"{first.title}   railslip_ctrl {__version__}, {report.date.isoformat()}"),
-        facts([*named, *first.lines]),
+        facts([(first.headline, first.subject + file), *first.lines]),
         table(first.head, first.rows, words=(2,)),
-        Text(rest),
+        rest,
     ]
     return render(parts)
 
@@ -32,115 +486,95 @@ def design_report_text(report: DesignReport, first: FirstPage, rest: str) -> str
 def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[str, Any]:
     """The recommendation, the envelope, the candidates, stops and limits; SI but speeds in km/h."""
     judgement = report.judgement
-    recommended: dict[str, Any] | None = None
-    if report.control is not None and judgement is not None:
-        said = (report.in_use or judgement).table()
-        recommended = {
-            "controller": controller_json(report.control),
-            "verdict": judgement.verdict,
-            "nominal": judgement.nominal,
-            "usable_from_kmh": report.above_kmh,
-            "robust_from_kmh": judgement.robust_from_kmh,
-            **{name: said[name] for name in ("worst", "worst_with_tolerances")},
-            "reference_factor": report.best.reference_factor if report.best is not None else None,
-            "map": map_json(judgement),
-        }
     return {
         "version": __version__,
         "date": report.date.isoformat(),
-        "vehicle": report.vehicle.model_dump(mode="json"),
-        "recommended": recommended,
+        "vehicle": plain(report.vehicle),
+        "recommended": _recommended(report),
         "envelope": report.envelope.table(),
         "skipped": [] if judgement is None else list(judgement.points.skipped),
         "knife_edges": list(report.envelope.knife_edges()),
         "candidates": [
             {
-                "structure": choice.structure,
-                "reference_factor": choice.reference_factor,
-                "reason": choice.reason,
-                "kp_si": None if choice.design is None else choice.design.gains.kp,
-                "ki_si": None if choice.design is None else choice.design.gains.ki,
-                **_verdict(None if choice.design is None else choice.design.judgement),
+                **exported(choice, "structure", "reference_factor", "reason"),
+                **exported(choice.design, kp_si="gains.kp", ki_si="gains.ki"),
+                **exported(None if choice.design is None else choice.design.judgement, *_VERDICT),
             }
             for choice in report.selection.choices
         ],
-        "stops": [stop_json(stop) for stop in report.stops],
+        "stops": [_stop_json(stop) for stop in report.stops],
         "given": [
-            {"name": one.name, **one.judgement.table(), "stops": [stop_json(stop) for stop in one.stops]}
+            {"name": one.name, **one.judgement.table(), "stops": [_stop_json(stop) for stop in one.stops]}
             for one in report.rivals
         ],
-        "faster_brake": None
-        if report.faster is None
-        else {"dead_time_s": report.faster.dead_time, "lag_s": report.faster.lag},
+        "faster_brake": report.faster and exported(report.faster, dead_time_s="dead_time", lag_s="lag"),
         "limits": [
             {
-                "rail": point.rail.value,
-                "mass_kg": point.vehicle.mass,
-                "speed_kmh": point.speed_kmh,
-                "ms_lower_bound": number(limits.ms_bound),
-                "unstable_pole_per_s": limits.unstable_pole,
+                **exported(point, "rail", "speed_kmh", mass_kg="vehicle.mass"),
+                **exported(limits, ms_lower_bound="ms_bound", unstable_pole_per_s="unstable_pole"),
             }
             for point, limits in report.limits
         ],
-        "sliding": _sliding(report),
-        "seconds": number(report.seconds),
+        "sliding": {
+            "reason": report.sliding.reason,
+            "layered": [
+                exported(one, "name", "holds", "how")
+                for one in (() if report.sliding.found is None else report.sliding.found.verification.conditions)
+            ],
+        },
+        "seconds": plain(report.seconds),
         "files": list(files),
     }
 
 
-def controller_json(control: LinearControl) -> dict[str, Any]:
+def _recommended(report: DesignReport) -> dict[str, Any] | None:
+    judgement = report.judgement
+    if report.control is None or judgement is None:
+        return None
+    said = (report.in_use or judgement).table()
+    return {
+        "controller": _controller_json(report.control),
+        **exported(judgement, "verdict", "nominal", "robust_from_kmh"),
+        "usable_from_kmh": report.above_kmh,
+        "worst": said["worst"],
+        "worst_with_tolerances": said["worst_with_tolerances"],
+        "reference_factor": report.best.reference_factor if report.best is not None else None,
+        "map": exported(judgement.map, "speeds_kmh", "loads", "operating", "with_tolerances"),
+    }
+
+
+def _controller_json(control: LinearControl) -> dict[str, Any]:
     """A controller as its TOML has it."""
     import tomllib
 
     return tomllib.loads(control.toml)
 
 
-def map_json(judgement: Judgement) -> dict[str, Any]:
-    """Worst Ms over speed and load; null where a loop is unstable, or there is none."""
-    found = judgement.map
-    return {
-        "speeds_kmh": found.speeds_kmh.tolist(),
-        "loads": list(found.loads),
-        "operating": [[number(ms) for ms in row] for row in found.operating.tolist()],
-        "with_tolerances": [[number(ms) for ms in row] for row in found.with_tolerances.tolist()],
-    }
-
-
-def stop_json(stop: Stop) -> dict[str, Any]:
+def _stop_json(stop: Stop) -> dict[str, Any]:
     """A stop: numbers of seed 0, and the distances and highest slips of all seeds."""
-    run, bound = stop.run, stop.bound
     return {
-        "controller": stop.controller,
-        "adhesion": stop.law,
-        "load": stop.load,
-        "rail": stop.rail.value,
-        "seed": run.seed,
-        "stopped": run.stopped,
-        "braking_time_s": number(run.braking_time),
-        "braking_distance_m": number(run.braking_distance),
-        "bound_m": None if bound is None else number(bound.braking_distance),
-        "max_slip": number(run.max_slip),
-        "held_slip": number(stop.held),
-        "reference_slip": stop.reference,
-        "reference_reached": stop.reached,
-        "locked_fraction": number(run.locked_fraction),
-        "seeds": [one.seed for one in stop.runs],
-        "distances_m": [number(one.braking_distance) for one in stop.runs],
-        "max_slips": [number(one.max_slip) for one in stop.runs],
-        "locks": stop.locks,
-    }
-
-
-def _verdict(judgement: Judgement | None) -> dict[str, Any]:
-    if judgement is None:
-        return {"verdict": None, "usable_from_kmh": None, "robust_from_kmh": None}
-    return {name: getattr(judgement, name) for name in ("verdict", "usable_from_kmh", "robust_from_kmh")}
-
-
-def _sliding(report: DesignReport) -> dict[str, Any]:
-    found = report.sliding.found
-    conditions = () if found is None else found.verification.conditions
-    return {
-        "reason": report.sliding.reason,
-        "layered": [{"name": one.name, "holds": one.holds, "how": one.how} for one in conditions],
+        **exported(
+            stop,
+            "controller",
+            "load",
+            "rail",
+            "locks",
+            adhesion="law",
+            held_slip="held",
+            reference_slip="reference",
+            reference_reached="reached",
+        ),
+        **exported(
+            stop.run,
+            "seed",
+            "stopped",
+            "max_slip",
+            "locked_fraction",
+            braking_time_s="braking_time",
+            braking_distance_m="braking_distance",
+        ),
+        **exported(stop.bound, bound_m="braking_distance"),
+        "seeds": [run.seed for run in stop.runs],
+        "distances_m": [plain(run.braking_distance) for run in stop.runs],
+        "max_slips": [plain(run.max_slip) for run in stop.runs],
     }

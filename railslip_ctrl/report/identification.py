@@ -16,7 +16,7 @@ from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, 
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
-from .layout import counted, facts, fixed, heading, render, table
+from .document import counted, facts, fixed, heading, render, table
 
 # --- text ----------------------------------------------------------------------------------------------------------
 

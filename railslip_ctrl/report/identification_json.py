@@ -10,7 +10,7 @@ from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.log_checks import ColumnStep, Rolling, TrainLag
 from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, too_few
 
-from .jsonable import number
+from .export import number
 
 
 def identification_json(found: Identification) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from railslip_ctrl.paper.tables import (
     Table5,
 )
 
-from .jsonable import number
-from .layout import facts, heading, indented, render, table
+from .document import facts, heading, indented, render, table
+from .export import number
 
 _STANDARD_ERRORS = 2.0  # within so many, a deviation may be the seeds'
 _WORDS = dict(zip(QUANTITIES, ("time", "distance", "energy", "slip error"), strict=True))

@@ -1,4 +1,4 @@
-"""A braking run as text, JSON and CSV."""
+"""A braking run as text, JSON and CSV, and controllers compared over runs as text."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.vehicle import Rail, remarks
-from railslip_ctrl.report.laws import GIVEN, law_words, source_of
 from railslip_ctrl.simulation import (
     LinearControl,
     Run,
@@ -25,12 +23,12 @@ from railslip_ctrl.simulation import (
 )
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.law import LawGains
 
-from .jsonable import controller_json, number
-from .laws import law_json
-from .layout import facts, fixed, heading, render, table
+from .document import facts, fixed, heading, render, table
+from .export import GIVEN, controller_json, exported, law_json, law_words, number, plain, source_of
 from .text import controller_text, vehicle_facts
 
 CSV_COLUMNS = {
@@ -72,33 +70,35 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
 
     `law_speed` is v0 of the adhesion law, m/s, where that is not the run's initial speed.
     """
-
-    def of_stop(value: float) -> float | None:
-        return number(value) if run.stopped else None
-
-    scenario, energies = run.scenario, run.energies
+    scenario = run.scenario
+    of_stop = {
+        "braking_time_s": "braking_time",
+        "braking_distance_m": "braking_distance",
+        "brake_energy_j": "brake_energy",
+        "mean_abs_slip_error": "mean_abs_slip_error",
+        "mean_abs_slip_error_published": "mean_abs_slip_error_published",
+    }
     return {
         "scenario": scenario.name,
         "controller": run.controller.name,
         "gains": gains,
         "inertia_scale": scenario.vehicle.inertia_scale,
-        "seed": run.seed,
-        "stopped": run.stopped,
-        "braking_time_s": of_stop(run.braking_time),
-        "braking_distance_m": of_stop(run.braking_distance),
-        "brake_energy_j": of_stop(run.brake_energy),
-        "mean_abs_slip_error": of_stop(run.mean_abs_slip_error),
-        "max_slip": number(run.max_slip),
-        "locked_fraction": number(run.locked_fraction),
-        "max_torque_nm": number(run.max_torque),
-        "mean_abs_slip_error_published": of_stop(run.mean_abs_slip_error_published),
-        "outcome": run.outcome.value,
-        "ended_at_s": number(run.braking_time),
-        "ended_at_m": number(run.braking_distance),
+        **exported(run if run.stopped else None, **of_stop),
+        **exported(
+            run,
+            "seed",
+            "stopped",
+            "max_slip",
+            "locked_fraction",
+            "outcome",
+            max_torque_nm="max_torque",
+            ended_at_s="braking_time",
+            ended_at_m="braking_distance",
+            first_lock_s="first_lock",
+            max_torque_rate_nm_per_s="max_torque_rate",
+            rms_torque_rate_nm_per_s="rms_torque_rate",
+        ),
         "final_speed_kmh": number(run.final_speed / KMH),
-        "first_lock_s": number(run.first_lock),
-        "max_torque_rate_nm_per_s": number(run.max_torque_rate),
-        "rms_torque_rate_nm_per_s": number(run.rms_torque_rate),
         "gain_values": gain_values(run.controller),
         "reference_slip": run.controller.reference.model_dump(),
         "adhesion": scenario.adhesion.name,
@@ -107,19 +107,13 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
         "notes": list(remarks(scenario.vehicle)),
         "step_s": scenario.step,
         "period_s": _period(run),
-        "limits": scenario.limits.model_dump(),
-        "measurement": scenario.measurement.model_dump(),
-        "disturbances": scenario.disturbances.model_dump(),
+        **exported(scenario, "limits", "measurement", "disturbances"),
         "events": [
-            {**one.event.model_dump(mode="json"), "reached": one.reached, "happened_at_s": number(one.time)}
-            for one in happenings(run)
+            {**plain(one.event), "reached": one.reached, "happened_at_s": number(one.time)} for one in happenings(run)
         ],
         "energy_balance": {
-            "starting_j": number(energies.starting),
-            "booked_j": number(energies.booked),
-            **{f"{name}_j": number(work) for name, work in energies.works.items()},
-            "final_j": number(energies.final),
-            "error": number(energies.error),
+            **exported(run.energies, "error", starting_j="starting", booked_j="booked", final_j="final"),
+            **{f"{name}_j": number(work) for name, work in run.energies.works.items()},
         },
     }
 
@@ -135,23 +129,13 @@ def gain_values(controller: Controller) -> dict[str, Any]:
         design = controller.design
         if not isinstance(design, PIController):
             return controller_json(design)
-        return {
-            "kp_si": design.gains.kp,
-            "ki_si": design.gains.ki,
-            "lead_s": design.lead,
-            "lead_filter_s": design.lead_filter,
-        }
+        names = {"kp_si": "gains.kp", "ki_si": "gains.ki", "lead_s": "lead", "lead_filter_s": "lead_filter"}
+        return exported(design, **names)
     if isinstance(controller, SlidingControl):
-        gains = controller.gains
-        return {"K_nm": gains.K, "D_si": gains.D, "rho_per_s": gains.rho, "k1_si": gains.k1, "k2": gains.k2}
+        return exported(controller.gains, "k2", K_nm="K", D_si="D", rho_per_s="rho", k1_si="k1")
     if isinstance(controller, SlideProtection):
-        return {
-            "fill_slip": controller.fill_slip,
-            "dump_slip": controller.dump_slip,
-            "dump_deceleration_si": controller.dump_deceleration,
-            "fill_rate_si": controller.fill_rate,
-            "dump_rate_si": controller.dump_rate,
-        }
+        rates = ("dump_deceleration", "fill_rate", "dump_rate")
+        return exported(controller, "fill_slip", "dump_slip", **{f"{name}_si": name for name in rates})
     return {}
 
 
@@ -167,10 +151,10 @@ def simulation_text(run: Run, law_speed: float | None = None) -> str:
     parts: list[RenderableType] = [
         heading(f"Braking run: {scenario.name}, controller {run.controller.name}"),
         facts([*_scenario_facts(run, law_speed), *_controller_facts(run)]),
-        Text(f"\n{_outcome(run)}\n"),
+        f"\n{_outcome(run)}\n",
         heading("Numbers", "-"),
         facts(_numbers(run)),
-        Text(""),
+        "",
         heading("Energy balance", "-"),
         _energy_table(run),
     ]
@@ -194,10 +178,7 @@ def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
         *vehicle_facts(scenario.vehicle),
         ("Viscous friction", _viscous(scenario)),
         ("Brake limits", _limits(scenario)),
-        (
-            "Adhesion",
-            f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}",
-        ),
+        ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
         *(("Event", one.text) for one in happenings(run)),
@@ -233,12 +214,9 @@ def _range(low: float, high: float | None) -> str:
 
 def _measurement(scenario: Scenario) -> str:
     sensors = scenario.measurement
-    return "; ".join(
-        (
-            f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s",
-            f"grid {sensors.speed_quantum:g} m/s and {sensors.wheel_quantum:g} rad/s (0: none)",
-            f"filter {sensors.filter_time:g} s",
-        )
+    return (
+        f"noise {sensors.speed_noise:g} m/s and {sensors.wheel_noise:g} rad/s; grid {sensors.speed_quantum:g} m/s and "
+        f"{sensors.wheel_quantum:g} rad/s (0: none); filter {sensors.filter_time:g} s"
     )
 
 
@@ -371,3 +349,55 @@ def write_simulation_csv(run: Run, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(names) + "\n")
         np.savetxt(file, columns, fmt="%.12g", delimiter=",")
+
+
+# --- controllers compared -------------------------------------------------------------------------------------------
+
+
+COLUMNS = (
+    *("Controller", "Dist. m", "± m", "over bound %", "Time s", "Slip error", "error [P]"),
+    *("Max slip", "Locked s", "Energy MJ", "Rate kN·m/s"),
+)
+
+
+def run_comparison_text(comparison: RunComparison) -> str:
+    """One table: a row a controller, means over the seeds, the standard error of the distance beside it."""
+    scenario, bound = comparison.scenario, comparison.bound
+    parts: list[RenderableType] = [
+        heading(f"Braking runs: {scenario.name}, inertia scale {scenario.vehicle.inertia_scale:g}"),
+        (
+            f"Means over {len(comparison.seeds)} seeds, the same noise for all. No controller can stop in less than "
+            f"{bound.braking_distance:.1f} m and {bound.braking_time:.2f} s: the highest adhesion at every moment, "
+            "after the dead time. Slip error: mean of |slip - the controller's own reference|; error [P]: against the "
+            "0.132/0.092 of [Park2008]; rate: rms of the acting torque's."
+        ),
+        table(COLUMNS, [run_row(row, bound.braking_distance) for row in comparison.rows], whole=1),
+    ]
+    parts += _failures(comparison)
+    return render(parts)
+
+
+def run_row(row: ControllerRow, bound: float) -> tuple[str, ...]:
+    """The cells of `COLUMNS`."""
+    return (
+        row.name,
+        f"{row.braking_distance.value:.1f}",
+        fixed(row.braking_distance.error, 2),
+        fixed(100 * row.beyond_bound.value / bound, 3),
+        fixed(row.braking_time.value, 4),
+        fixed(row.slip_error.value, 3),
+        fixed(row.slip_error_published.value, 3),
+        fixed(row.max_slip.value, 3),
+        f"{row.lock_time.value:.2f}",
+        fixed(row.brake_energy.value / 1e6, 4),
+        fixed(row.rms_torque_rate.value / 1e3, 3),
+    )
+
+
+def _failures(comparison: RunComparison) -> list[str]:
+    return [
+        f"{row.name}: {count} of {row.runs} runs {outcome}."
+        for row in comparison.rows
+        for outcome, count in row.outcomes.items()
+        if row.stopped < row.runs and outcome != "stopped"
+    ]

@@ -1,4 +1,4 @@
-"""Plain-text reports to print and file."""
+"""Plants, margins, verdicts over envelopes and tuned designs as text, and the latter two as JSON."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ from dataclasses import asdict
 from itertools import zip_longest
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
-from rich.padding import Padding
-from rich.text import Text
 
 from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded_down, rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
-from railslip_ctrl.design.assessment import Assessment, PadeRow
+from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import Judgement, WorstCase
+from railslip_ctrl.design.specification import Worst
+from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
-from railslip_ctrl.report.laws import PUBLISHED, source_at, words_at
 
-from .layout import counted, facts, fixed, heading, render, roots_text, table
+from .document import MARGIN_HEAD, counted, facts, fixed, heading, render, roots_text, table
+from .export import PUBLISHED, case_json, exported, law_json, margin_numbers, margins_json, source_at, words_at
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -151,7 +154,7 @@ def linearize_text(plants: Sequence[LinearPlant]) -> str:
     """Operating points and linearisations."""
     parts: list[RenderableType] = []
     for plant in plants:
-        parts += [*_linear_plant(plant), Text("")]
+        parts += [*_linear_plant(plant), ""]
     return render(parts[:-1])
 
 
@@ -201,7 +204,7 @@ def margins_text(assessments: Sequence[Assessment], certificates: Sequence[Certi
     """Stability-margin reports, one after the other, with their certificates where there are any."""
     parts: list[RenderableType] = []
     for assessment, certificate in zip_longest(assessments, certificates):
-        parts += [*_assessment(assessment), *_certificate(certificate), Text("")]
+        parts += [*_assessment(assessment), *_certificate(certificate), ""]
     return render(parts[:-1])
 
 
@@ -220,13 +223,12 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
     ]
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
     if assessment.margins is not None:
-        parts.append(_margin_table(assessment, assessment.margins))
-        parts.append(_crossover_line(assessment.margins))
+        parts += ["", _margin_table(assessment, assessment.margins), _crossover_line(assessment.margins)]
     if assessment.pade:
         parts += _pade_part(assessment)
     if assessment.as_run is not None:
-        parts.append(Text(_sampled_line(assessment.as_run.period, assessment.sampled)))
-    parts.append(Text(f"Verdict: {assessment.verdict_line}"))
+        parts.append(_sampled_line(assessment.as_run.period, assessment.sampled))
+    parts.append(f"Verdict: {assessment.verdict_line}")
     return parts
 
 
@@ -243,11 +245,10 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
     """Enclosures, every digit of their ends."""
     if certificate is None:
         return []
-    balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
     if not certificate.stable:
         poles = f"{certificate.unstable_poles:g} in the closed right half plane"
         axis = f"; one on the imaginary axis or within 2^-{certificate.bits} of it" if certificate.marginal else ""
-        return [Text(f"Certificate: unstable, closed-loop poles: {poles}{axis}")]
+        return [f"Certificate: unstable, closed-loop poles: {poles}{axis}"]
     rows = [
         (name, *map(str, ends), unit)
         for name, unit, ends in (
@@ -260,8 +261,8 @@ def _certificate(certificate: Certificate | None) -> list[RenderableType]:
         )
         if ends is not None
     ]
-    shown = table(("Certified", "Lowest", "Highest", "Unit"), rows)
-    return [Padding(shown, (1, 0, 0, 0)), Text(f"Certificate: stable; {balls}")]
+    balls = f"ball arithmetic, {certificate.bits} bits; |S| and |T| bounded on {certificate.parts} parts of the axis"
+    return ["", table(("Certified", "Lowest", "Highest", "Unit"), rows), f"Certificate: stable; {balls}"]
 
 
 def _limits(assessment: Assessment) -> str:
@@ -294,64 +295,47 @@ def _decibel(factor: float) -> str:
     return f"{20 * math.log10(factor):+.2f} dB" if 0 < factor < math.inf else ""
 
 
-def _margin_table(assessment: Assessment, m: Margins) -> Padding:
+def _margin_table(assessment: Assessment, m: Margins) -> RenderableType:
     low, high = m.disk_gain_range
+    disk = f"gain {low:.4g} to {fixed(high, 4)}, phase ±{m.disk_phase_deg:.4g} deg together"
     rows = [
         ("Gain increase", fixed(m.gain_increase, 6), "×", fixed(m.gain_increase_frequency), _decibel(m.gain_increase)),
-        (
-            "Gain decrease",
-            fixed(m.gain_decrease, 6) if m.gain_decrease > 0 else "unbounded",
-            "×",
-            fixed(m.gain_decrease_frequency),
-            _decibel(m.gain_decrease),
-        ),
+        ("Gain decrease", _decrease(m, 6), "×", fixed(m.gain_decrease_frequency), _decibel(m.gain_decrease)),
         ("Phase margin", fixed(m.phase_deg, 6), "deg", fixed(m.phase_frequency), "smallest over all gain crossovers"),
         ("Delay margin", fixed(m.delay_s, 6), "s", fixed(m.delay_frequency), "added dead time that destabilises"),
         ("Ms = max |S|", fixed(m.ms, 6), "-", fixed(m.ms_frequency), f"distance to −1: {1 / m.ms:.4g}"),
         ("Mt = max |T|", fixed(m.mt, 6), "-", fixed(m.mt_frequency), ""),
-        (
-            "Disk margin",
-            fixed(m.disk, 6),
-            "-",
-            fixed(m.disk_frequency),
-            f"gain {low:.4g} to {fixed(high, 4)}, phase ±{m.disk_phase_deg:.4g} deg together",
-        ),
+        ("Disk margin", fixed(m.disk, 6), "-", fixed(m.disk_frequency), disk),
     ]
     usable = assessment.stabilizing_gain_range
     if usable is not None:
         rows.append(("Stabilising gain", f"{usable[0]:.5g} to {fixed(usable[1])}", "×", "", "of this loop gain"))
-    shown = table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
-    return Padding(shown, (1, 0, 0, 0))
+    return table(("Margin", "Value", "Unit", "At ω, rad/s", ""), rows, words=(2, 4))
 
 
-def _crossover_line(m: Margins) -> Text:
-    pairs = [
-        f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
-    ]
-    return Text("Gain crossovers: " + (", ".join(pairs) or "none") + "\n")
+def _decrease(m: Margins, digits: int) -> str:
+    return fixed(m.gain_decrease, digits) if m.gain_decrease > 0 else "unbounded"
+
+
+def _crossover_line(m: Margins) -> str:
+    pairs = zip(m.gain_crossovers, m.phase_margins_deg, strict=True)
+    return "Gain crossovers: " + (", ".join(f"{w:.5g} rad/s ({phase:+.4g} deg)" for w, phase in pairs) or "none") + "\n"
 
 
 def _pade_part(assessment: Assessment) -> list[RenderableType]:
     """The Pade table; of an unstable loop only which orders see that it is."""
-    if assessment.stable or any(row.margins is not None for row in assessment.pade):
-        return [Text("Pade approximation of the dead time against exact:"), _pade_table(assessment)]
-    orders = [row.order for row in assessment.pade]
-    return [Text(f"Pade approximation of the dead time: orders {orders[0]} to {orders[-1]} say unstable too")]
-
-
-def _pade_table(assessment: Assessment) -> RenderableType:
-    rows = [_pade_row(row, assessment.margins) for row in assessment.pade]
-    rows.append(["exact", *_pade_cells(assessment.margins), ""])
-    return table(
-        ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error"), rows
-    )
+    exact, orders = assessment.margins, assessment.pade
+    if exact is None and all(row.margins is None for row in orders):
+        return [f"Pade approximation of the dead time: orders {orders[0].order} to {orders[-1].order} say unstable too"]
+    rows = [*(_pade_row(row, exact) for row in orders), ["exact", *_pade_cells(exact), ""]]
+    head = ("Order", "Closed loop", "Gain increase", "Gain decrease", "Phase, deg", "Delay, s", "Ms", "Ms error")
+    return ["Pade approximation of the dead time against exact:", table(head, rows)]
 
 
 def _pade_cells(m: Margins | None) -> list[str]:
     if m is None:
         return ["unstable", "-", "-", "-", "-", "-"]
-    decrease = fixed(m.gain_decrease) if m.gain_decrease > 0 else "unbounded"
-    return ["stable", fixed(m.gain_increase), decrease, fixed(m.phase_deg), fixed(m.delay_s), fixed(m.ms)]
+    return ["stable", fixed(m.gain_increase), _decrease(m, 5), fixed(m.phase_deg), fixed(m.delay_s), fixed(m.ms)]
 
 
 def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
@@ -362,3 +346,141 @@ def _pade_row(row: PadeRow, exact: Margins | None) -> list[str]:
     elif (row.margins is None) != (exact is None):
         error = "wrong verdict"
     return [str(row.order), *_pade_cells(row.margins), error]
+
+
+# --- text and JSON of a verdict over an envelope ---------------------------------------------------------------------
+
+
+def judgement_json(judgement: Judgement) -> dict[str, Any]:
+    """The judgement, and as `cases` the margins of each operating point."""
+    points = judgement.points
+    operating = [points.case(int(i)) for i in np.flatnonzero(points.operating)]
+    cases = [margins_json(assess(case.plant, judgement.controller, case.actuator)) for case in operating]
+    named = [case | {"load": one.load} for case, one in zip(cases, operating, strict=True)]
+    return {**judgement.table(), "cases": named}
+
+
+def judgement_text(judgement: Judgement) -> str:
+    """The verdict, the worst cases, and the worst Ms over speed and load."""
+    return render(judgement_parts(judgement))
+
+
+def judgement_parts(judgement: Judgement) -> list[RenderableType]:
+    """What `judgement_text` renders."""
+    rows = [
+        ("Envelope", envelope_words(judgement.envelope)),
+        ("Points", f"{len(judgement.points)}, of them {int(judgement.points.operating.sum())} operating points"),
+        ("Usable from", _speed(judgement.usable_from_kmh, "at no speed all loops are stable")),
+        ("Robust from", _speed(judgement.robust_from_kmh, "at no speed")),
+    ]
+    # the first line of the judgement is its verdict
+    verdict, *told = str(judgement).splitlines()
+    return [
+        heading("Verdict over the envelope"),
+        facts(rows),
+        _worst_table(judgement),
+        _map_table(judgement),
+        *told,
+        f"Verdict: {verdict}",
+    ]
+
+
+def envelope_words(envelope: Envelope) -> str:
+    """An envelope in a line."""
+    car, said = envelope.vehicle, envelope.table()
+    lists = [", ".join(said[name]) for name in ("rails", "laws", "loads")]
+    speeds = f"{', '.join(f'{v:g}' for v in envelope.speeds)} km/h"
+    names = ("slip", "dead_time", "lag", "radius")
+    factors = (f"{name.replace('_', ' ')} {', '.join(f'{x:g}' for x in said[name])}" for name in names)
+    return "; ".join([car.name, *lists, speeds, f"times {'; '.join(factors)}"])
+
+
+def _speed(speed: float | None, never: str) -> str:
+    return never if speed is None else f"{speed:g} km/h"
+
+
+def _worst_table(judgement: Judgement) -> RenderableType:
+    kinds = [("operating points", judgement.worst)]
+    if not judgement.nominal:
+        kinds.append(("with tolerances", judgement.worst_with_tolerances))
+    return table(("Worst of", "Ms", "Phase, deg", "Delay, s", "Where"), [_row(*one) for one in kinds], words=(4,))
+
+
+def _row(name: str, worst: WorstCase) -> list[str]:
+    m = worst.margins
+    numbers = ["unstable", "-", "-"] if m is None else [_ms(m.ms), fixed(m.phase_deg, 3), fixed(m.delay_s, 3)]
+    return [name, *numbers, worst.case.words]
+
+
+def _map_table(judgement: Judgement) -> RenderableType:
+    found = judgement.map
+    kinds = {"": found.operating} if judgement.nominal else {"": found.operating, ", tol.": found.with_tolerances}
+    head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in found.loads)]
+    rows = [
+        [f"{speed:g}", *(_ms(float(ms)) for values in kinds.values() for ms in values[i])]
+        for i, speed in enumerate(found.speeds_kmh.tolist())
+    ]
+    return table(head, rows)
+
+
+def _ms(ms: float) -> str:
+    if np.isnan(ms):
+        return "-"
+    return "unstable" if np.isinf(ms) else fixed(rounded_up(ms), 3)
+
+
+# --- text and JSON of tuned designs ----------------------------------------------------------------------------------
+
+
+def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[str, Any]:
+    """The design, its margins at every case, its judgement over an envelope; infeasible: null, with the reason."""
+    design = tuned.design
+    margins: Sequence[Margins | None] = [None] * len(tuned.points) if design is None else design.margins
+    return {
+        **exported(tuned, "structure", "reason", lead_s="lead", lead_filter_s="lead_filter"),
+        **exported(design, kp_si="kp", ki_si="ki"),
+        "ms_max_asked": tuned.specification.ms_max,
+        "worst": None if design is None else _worst_json(design.worst, tuned.points),
+        "cases": [
+            {**case_json(point), "adhesion_law": law_json(point.law, source_at(point)), **margin_numbers(found)}
+            for point, found in zip(tuned.points, margins, strict=True)
+        ],
+        "feasible": design is not None,
+        **({} if judgement is None else judgement.table()),
+    }
+
+
+def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:
+    margins = exported(worst, "ms", phase_margin_deg="phase_deg", delay_margin_s="delay_s")
+    return margins | {"case": case_json(points[worst.ms_member])}
+
+
+def tuning_text(tuned: TunedCases, judgement: Judgement | None = None) -> str:
+    """The design, its worst case, and its margins at every case, or its judgement over an envelope."""
+    design, points = tuned.design, tuned.points
+    name = {"pi": "PI", "pi-lead": "PI-lead", "pid": "PID (series form)"}[tuned.structure]
+    parts: list[RenderableType] = [heading(f"Tuning: {name} at {counted(len(points), 'operating point')}")]
+    known = [("Adhesion", ", ".join(dict.fromkeys(words_at(point) for point in points))), ("Asked for", tuned.asked)]
+    if design is None:
+        return render([*parts, facts([*known, ("Result", f"infeasible: {tuned.reason}")])])
+    known += [
+        ("Controller", controller_text(tuned.controller(design))),
+        ("Worst phase margin", f"{fixed(design.worst.phase_deg)} deg"),
+        ("Worst delay margin", f"{fixed(design.worst.delay_s)} s"),
+    ]
+    parts.append(facts(known))
+    if judgement is not None:
+        return render([*parts, "", *judgement_parts(judgement)])
+    verdict = f"worst Ms {design.worst.ms:.4g} at {case_title(points[design.worst.ms_member])}"
+    alone = next((f". {point.vehicle.mass_alone}" for point in points if point.vehicle.mass_alone), "")
+    parts += [_case_table(points, design.margins), f"Verdict: {verdict}, of the operating points alone{alone}"]
+    return render(parts)
+
+
+def _case_table(points: Sequence[OperatingPoint], margins: Sequence[Margins]) -> RenderableType:
+    rows = []
+    for p, m in zip(points, margins, strict=True):
+        where = f"{p.rail}, {p.speed_kmh:g} km/h, {p.vehicle.mass:g} kg"
+        numbers = (fixed(x, 4) for x in (m.gain_increase, m.phase_deg, m.delay_s, m.ms, m.mt))
+        rows.append((where, _decrease(m, 4), *numbers))
+    return table(("Case", *MARGIN_HEAD), rows)

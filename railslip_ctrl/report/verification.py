@@ -9,9 +9,10 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.report.layout import facts, heading, indented, render, table
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 from railslip_ctrl.verification.verdict import Condition, Verification
+
+from .document import facts, heading, indented, render, table
 
 _LAWS = {
     "paper": "published law (45), (49), and the robust variants",

@@ -170,7 +170,7 @@ class Run:
         """
         if self.signals is None:
             raise InputError("run: it was not recorded; simulate it with record_every=1")
-        plots = import_module("railslip_ctrl.report.plots.simulation")  # a room above this one, asked for by the user
+        plots = import_module("railslip_ctrl.report.plots.runs")  # a room above this one, asked for by the user
         return plots.simulation_figure(self)
 
     @property

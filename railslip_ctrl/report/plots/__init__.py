@@ -1,8 +1,17 @@
 """Figures: records in, matplotlib figures out. The only user of matplotlib; computes nothing."""
 
-from .designs import gang_of_four_figure, ms_map_figure, region_figure, response_figure, sweep_figure
+from .designs import (
+    bode_figure,
+    gang_of_four_figure,
+    loop_figure,
+    ms_map_figure,
+    nichols_figure,
+    nyquist_figure,
+    region_figure,
+    response_figure,
+    sweep_figure,
+)
 from .identification import adhesion_figure, braking_figure, coefficients_figure, drift_figure
-from .loops import bode_figure, loop_figure, nichols_figure, nyquist_figure
 from .lyapunov_runs import adaptation_figure, lyapunov_runs_figure
 from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
 from .runs import run_comparison_figure

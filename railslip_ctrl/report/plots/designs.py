@@ -1,8 +1,8 @@
-"""Pictures of designs: stabilising regions, margins along an axis, closed-loop responses, the gang of four."""
+"""Bode, Nyquist and Nichols pictures of groups of loops, the dead time exact."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,20 +10,26 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.path import Path
+from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
 
+from railslip_ctrl import __version__
 from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import MarginGrid, Strip
+from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.design.judging import MsMap
 from railslip_ctrl.design.schedule import MarginSweep
-from railslip_ctrl.loop.deadtime import GangOfFour
+from railslip_ctrl.design.specification import ROBUST_MS
+from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse
-
-from .style import (
+from railslip_ctrl.report.export import words_at
+from railslip_ctrl.report.plots.style import (
     PAGE_WIDTH,
     SMALL,
     TEXT,
     folded,
+    legend_below,
     legend_of_figure,
     line_style,
     mark_style,
@@ -32,6 +38,270 @@ from .style import (
     plain_log_ticks,
     sparse_log_ticks,
 )
+from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses, Stop
+
+_CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
+
+
+class _Alone:
+    """A loop without an operating point, drawn as an assessment is."""
+
+    point = None
+
+    def __init__(self, loop: Loop) -> None:
+        self.loop = loop
+        self.margins = loop.margins() if loop.is_stable() else None
+        self.unstable_poles = loop.unstable_closed_loop_poles
+
+
+def loop_figure(loop: Loop, kind: str) -> Figure:
+    """A "bode", "nyquist" or "nichols" figure of one loop, over the band in which everything happens."""
+    draw = {"bode": bode_figure, "nyquist": nyquist_figure, "nichols": nichols_figure}[kind]
+    alone: Any = _Alone(loop)
+    return draw((ControllerGroup("", (alone,), (frequency_curve(loop, *loop.feature_band()),)),))
+
+
+def _title(groups: tuple[ControllerGroup, ...]) -> str:
+    """What the whole figure belongs to, so that it can be filed without its report."""
+    first: Any = groups[0].assessments[0]
+    point = first.point
+    if point is None:
+        return f"{first.loop} (railslip_ctrl {__version__})"
+    slips = sorted({f"{a.point.rail} {a.point.slip:g}" for g in groups for a in g.assessments})
+    masses = ", ".join(dict.fromkeys(f"{a.point.vehicle.mass:g}" for g in groups for a in g.assessments))
+    v0 = "" if point.initial_speed_kmh is None else f", v0 {point.initial_speed_kmh:g} km/h"
+    return (
+        f"{point.vehicle.name}: adhesion {words_at(point)}{v0}, slip {', '.join(slips)}, M\u00a0{masses}\u00a0kg "
+        f"(railslip_ctrl {__version__})"
+    )
+
+
+def _new_figure(groups: tuple[ControllerGroup, ...], height: float, lines_each: int = 1) -> Figure:
+    """`height` without the legends, inches."""
+    height += 0.15 * lines_each * max(len(group.assessments) for group in groups)
+    return new_figure(height, _title(groups))
+
+
+def _column(groups: tuple[ControllerGroup, ...]) -> float:
+    """Inches a column has, with its axis labels."""
+    return (PAGE_WIDTH - 0.3) / max(len(groups), 2)
+
+
+def _label(assessment: Assessment) -> str:
+    point: Any = assessment.point
+    state = f"Ms {assessment.margins.ms:.3g}" if assessment.margins is not None else "unstable"
+    if point is None:
+        return state
+    return f"{point.rail}, {point.speed_kmh:g} km/h ({state})"
+
+
+def _lines(group: ControllerGroup) -> list[tuple[Assessment, FrequencyCurve, dict[str, Any]]]:
+    return [(a, c, line_style(i)) for i, (a, c) in enumerate(zip(group.assessments, group.curves, strict=True))]
+
+
+def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
+    """Magnitude and continuous phase of L(j omega) of every group, gain crossovers marked."""
+    figure = _new_figure(groups, 4.5)
+    axes = panels(figure, 2, len(groups), sharex="col", sharey="row")
+    for column, group in enumerate(groups):
+        magnitude, phase = axes[0, column], axes[1, column]
+        for assessment, curve, style in _lines(group):
+            magnitude.semilogx(curve.omega, curve.magnitude_db, **style)
+            phase.semilogx(curve.omega, curve.phase_deg, label=_label(assessment), **style)
+            crossovers = assessment.loop.gain_crossovers
+            at = np.searchsorted(curve.omega, crossovers)
+            at = at[at < curve.omega.size]
+            phase.plot(curve.omega[at], curve.phase_deg[at], "o", markersize=3.5, color=style["color"])
+            magnitude.plot(curve.omega[at], curve.magnitude_db[at], "o", markersize=3.5, color=style["color"])
+        magnitude.axhline(0, color="black", linewidth=0.8)
+        _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
+        magnitude.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        phase.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(phase.xaxis)
+        legend_below(phase, 0.22)
+    axes[0, 0].set_ylabel("magnitude |L| (dB)")
+    axes[1, 0].set_ylabel("phase arg L (deg),\ndead time exact")
+    return figure
+
+
+def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
+    """Magnitude, continuous phase and the Nyquist curve near -1 of labelled loops (`design_report.ShownLoop`)."""
+    figure = new_figure(3.1 + 0.15 * len(loops), title)
+    magnitude, phase, near = panels(figure, 1, 3)[0]
+    for i, shown in enumerate(loops):
+        curve, style = shown.curve, line_style(i)
+        magnitude.semilogx(curve.omega, curve.magnitude_db, label=shown.label, **style)
+        phase.semilogx(curve.omega, curve.phase_deg, **style)
+        _nyquist_line(near, curve.response, style)
+        at = np.searchsorted(curve.omega, shown.loop.gain_crossovers)
+        at = at[at < curve.omega.size]
+        for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
+            ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
+    magnitude.axhline(0, color="black", linewidth=0.8)
+    magnitude.set_ylim(-42, 42)
+    _critical_phases(phase, tuple(shown.curve for shown in loops))
+    _decorate_near(near)
+    near.set_ylabel("Im L (-)")
+    for ax, label in ((magnitude, "magnitude |L| (dB)"), (phase, "phase arg L (deg)")):
+        ax.set_ylabel(label)
+        ax.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(ax.xaxis)
+    told = "dots: |L| = 1; axes cut: |L| beyond 40 dB, phase, and L far from −1; dash-dotted: Ms = 2"
+    legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
+    return figure
+
+
+def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
+    """Lines at odd multiples of 180 deg within view; the fall of the dead time is cut where it says no more."""
+    low, high = _visible_phases(curves)
+    ax.set_ylim(low - 20, high + 20)
+    ax.yaxis.set_major_locator(MultipleLocator(90))
+    for phase in _critical(low, high):
+        ax.axhline(phase, color="black", linewidth=0.8)
+
+
+def _visible_phases(curves: tuple[FrequencyCurve, ...]) -> tuple[float, float]:
+    """Range of the phase, deg, where |L| is within 40 dB of 1, at most a turn and a half."""
+    shown = np.concatenate([c.phase_deg[np.abs(c.magnitude_db) < 40] for c in curves])
+    if shown.size == 0:
+        shown = np.concatenate([c.phase_deg for c in curves])
+    return max(float(shown.min()), float(shown.max()) - 540), float(shown.max())
+
+
+def _critical(low: float, high: float) -> list[float]:
+    """The odd multiples of 180 deg from just below `low` to just above `high`."""
+    first, last = int(np.floor((low - 210) / 360)), int(np.ceil((high - 150) / 360))
+    return [180.0 + 360.0 * k for k in range(first, last + 1) if low - 30 <= 180 + 360 * k <= high + 30]
+
+
+def nyquist_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
+    """L(j omega), -inf < omega < inf: the whole curve (radius compressed) and the neighbourhood of -1."""
+    beside = _column(groups) > 3.0  # what the legend says of a loop fits on one line
+    side = _column(groups) - 0.55  # inches, of the axes
+    figure = _new_figure(groups, 2.3 + 2 * side, 1 if beside else 2)
+    axes = panels(figure, 2, len(groups))
+    for column, group in enumerate(groups):
+        whole, near = axes[0, column], axes[1, column]
+        for assessment, curve, style in _lines(group):
+            _nyquist_line(whole, _compressed(curve.response), style)
+            _closing_arc(whole, assessment.loop, curve, style)
+            _nyquist_line(near, curve.response, style)
+            near.lines[-2].set_label(_label(assessment) + (": " if beside else "\n") + _encirclements(assessment))
+        _decorate_whole(whole)
+        _decorate_near(near)
+        whole.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        legend_below(near, 0.4 / side)
+    figure.supxlabel(
+        "+: −1. Above: rim at infinity; dotted: |L| = 1 and closing arc. Below: dotted: |L| = 1; dash-dotted: Ms = 2.\n"
+        "P: unstable poles of L; N: turns around −1, anticlockwise; Z = P − N: unstable poles of the closed loop.",
+        fontsize=SMALL,
+    )
+    axes[0, 0].set_ylabel("Im, radius |L|/(1 + |L|) (-)")
+    axes[1, 0].set_ylabel("Im L (-)")
+    return figure
+
+
+def _compressed(response: Any) -> Any:
+    """Radius |L|/(1 + |L|): -1 stays on the negative axis at radius 1/2, infinity is the rim, turns are kept."""
+    return response / (1 + np.abs(response))
+
+
+def _encirclements(assessment: Assessment) -> str:
+    unstable_open = assessment.loop.open_loop_unstable_poles
+    turns = unstable_open - assessment.unstable_poles
+    return f"P {unstable_open}, N {turns:g}, Z {assessment.unstable_poles:g}".replace("-", "−")
+
+
+def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
+    """Positive frequencies thick, with arrows, negative ones thin."""
+    ax.plot(response.real, response.imag, linewidth=1.4, **style)
+    ax.plot(response.real, -response.imag, linewidth=0.6, **style)
+    visible = np.flatnonzero((np.abs(response.real + 1) < 2) & (np.abs(response.imag) < 1.9) & (np.abs(response) > 0.1))
+    if visible.size < 4:
+        return
+    # spaced along the curve as it is seen, not along frequency
+    seen = response[visible]
+    length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(seen)))])
+    for fraction in (0.3, 0.6, 0.85):
+        i = int(np.clip(np.searchsorted(length, fraction * length[-1]), 0, visible.size - 2))
+        tail, head = response[visible[i]], response[min(visible[i] + 12, response.size - 1)]
+        ax.annotate(
+            "",
+            xy=(head.real, head.imag),
+            xytext=(tail.real, tail.imag),
+            arrowprops={"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 9},
+            annotation_clip=True,
+        )
+
+
+def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, Any]) -> None:
+    """The arc at infinity, clockwise from omega = 0- to 0+, that each integrator adds: 180 deg a pole at the origin."""
+    integrators = loop.integrators
+    if integrators == 0:
+        return
+    start, end = np.radians(-curve.phase_deg[0]), np.radians(curve.phase_deg[0])
+    middle = 0.5 * (end + start) + np.pi * np.round((end - start + np.pi * integrators) / (2 * np.pi))
+    angle = np.linspace(middle + np.pi / 2 * integrators, middle - np.pi / 2 * integrators, 181)
+    radius = np.abs(_compressed(curve.response[:1]))[0]
+    ax.plot(radius * np.cos(angle), radius * np.sin(angle), linewidth=0.6, color=style["color"], linestyle=":")
+    at = angle.size // 3
+    ax.annotate(
+        "",
+        xy=(radius * np.cos(angle[at + 8]), radius * np.sin(angle[at + 8])),
+        xytext=(radius * np.cos(angle[at]), radius * np.sin(angle[at])),
+        arrowprops={"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 8},
+    )
+
+
+def _decorate_whole(ax: Any) -> None:
+    angle = np.linspace(0, 2 * np.pi, 361)
+    ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=0.8)
+    ax.plot(0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.8", linewidth=0.8, linestyle=":")
+    ax.set_xlim(-1.05, 1.05)
+    ax.set_ylim(-1.05, 1.05)
+    ax.plot(-0.5, 0, **_CRITICAL)
+    ax.set_aspect("equal")
+    ax.set_xlabel("Re, radius |L|/(1 + |L|) (-)")
+
+
+def _decorate_near(ax: Any) -> None:
+    angle = np.linspace(0, 2 * np.pi, 361)
+    ax.plot(np.cos(angle), np.sin(angle), color="0.7", linewidth=0.8, linestyle=":")
+    ax.plot(-1 + 0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.5", linewidth=0.8, linestyle="-.")
+    ax.set_xlim(-3.0, 1.2)
+    ax.set_ylim(-2.1, 2.1)
+    ax.plot(-1, 0, **_CRITICAL)
+    ax.set_aspect("equal")
+    ax.set_xlabel("Re L (-)")
+
+
+def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
+    """Magnitude against continuous phase, with the critical points and the Ms = 2 contour around them."""
+    figure = _new_figure(groups, 3.7)
+    axes = panels(figure, 1, len(groups), sharex=True, sharey=True)
+    low, high = _visible_phases(tuple(curve for group in groups for curve in group.curves))
+    for column, group in enumerate(groups):
+        ax = axes[0, column]
+        for assessment, curve, style in _lines(group):
+            ax.plot(curve.phase_deg, curve.magnitude_db, label=_label(assessment), **style)
+        contour = -1 + 0.5 * np.exp(1j * np.linspace(0, 2 * np.pi, 361))  # |1 + L| = 1/2
+        contour_phase = np.degrees(np.unwrap(np.angle(-contour)))
+        for centre in _critical(low, high):
+            ax.plot(centre, 0, **_CRITICAL)
+            ax.plot(centre + contour_phase, 20 * np.log10(np.abs(contour)), "-.", color="0.5", linewidth=0.8)
+        ax.axhline(0, color="black", linewidth=0.6)
+        ax.set_xlim(low - 30, high + 30)
+        ax.set_ylim(-42, 42)
+        ax.xaxis.set_major_locator(MultipleLocator(90 if _column(groups) > 3.0 else 180))
+        ax.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
+        ax.set_xlabel("phase arg L (deg)\n+: −1; dash-dotted: Ms = 2", fontsize=SMALL)
+        legend_below(ax, 0.22)
+    axes[0, 0].set_ylabel("magnitude |L| (dB)")
+    return figure
+
+
+# --- pictures of designs: stabilising regions, margins along an axis, closed-loop responses, the gang of four --------
+
 
 _MS_TOP = 8.0  # an Ms beyond it is as good as unstable; the axis ends there
 _KICK = 0.03  # of the time shown: what a lead adds to the command at first is over by then
@@ -299,3 +569,121 @@ def _three(value: float) -> str:
     """Three digits, not below the value, and no exponent: what fits into a cell."""
     value = rounded_up(value)
     return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}" if value < _FITS else f">{_FITS:g}"
+
+
+# --- pictures of a design report by name -----------------------------------------------------------------------------
+
+
+_MS_LEVELS = (1.5, ROBUST_MS, 3.0, 5.0, 10.0)
+_UNSTABLE = 0.02  # an Ms over 50 is as good as unstable
+_ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is cut off in the picture
+_POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
+
+
+def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure; what has nothing to show is left out."""
+    drawings: dict[str, Callable[[], Figure]] = {}
+    if report.judgement is not None and report.control is not None:
+        found, name = report.judgement.map, report.control.design.structure
+        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load"
+        drawings["map"] = lambda: ms_map_figure({"": found}, title=title)
+        where = f"{report.vehicle.name}, {name}: loops at the worst points in use; dead time exact"
+        drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
+    if report.stops:
+        drawings["stops"] = lambda: _stops(report.first_stops, report.vehicle.name)
+    if report.gains is not None:
+        gains = report.gains
+        drawings["gains"] = lambda: _gains(gains)
+    if report.responses is not None:
+        responses = report.responses
+        drawings["responses"] = lambda: _responses(responses, report.control)
+    drawings["adhesion"] = lambda: _adhesion(report.curves)
+    return drawings
+
+
+def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
+    first = stops[0]
+    title = f"{vehicle}, {first.load}: stops with the {first.controller}, law {first.law}, seed {first.run.seed}"
+    figure = new_figure(5.2, title)
+    axes = panels(figure, 3, len(stops), sharex="col", sharey="row")
+    cut = False
+    for column, stop in zip(axes.T, stops, strict=True):
+        signals = stop.run.signals
+        assert signals is not None, "the runs of a report are recorded"
+        column[0].set_title(f"{stop.rail} rail: {stop.run.braking_distance:.4g} m", fontsize=TEXT)
+        rim = (signals.speed - signals.slip_velocity) / KMH
+        column[0].plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
+        column[0].plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
+        column[1].plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
+        column[1].plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
+        column[2].plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
+        column[2].plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
+        column[2].set_xlabel("time (s)")
+    top = _ENOUGH_TORQUE * max(stop.run.max_torque for stop in stops) / 1000
+    slip = max(float(np.quantile(stop.run.signals.slip, 0.999)) for stop in stops if stop.run.signals is not None)
+    slip = 1.3 * max(slip, *(stop.reference for stop in stops))
+    cut = any(float(s.run.signals.command.max()) / 1000 > top for s in stops if s.run.signals is not None)
+    slip_cut = any(float(s.run.signals.slip.max()) > slip for s in stops if s.run.signals is not None)
+    axes[0, 0].set_ylim(bottom=0.0)
+    axes[1, 0].set_ylim(0.0, slip)
+    axes[2, 0].set_ylim(0.0, top)
+    axes[0, 0].set_ylabel("speed (km/h)")
+    axes[1, 0].set_ylabel("slip ratio λ (-)" + ("\nhigher slip cut off" if slip_cut else ""))
+    axes[2, 0].set_ylabel("torque (kN·m)" + ("\ncommand cut off" if cut else ""))
+    for ax in axes[:, -1]:
+        ax.legend(fontsize=SMALL, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=2.4)
+    return figure
+
+
+def _gains(found: GainMap) -> Figure:
+    title = f"Worst Ms of {found.points} operating points around the recommended gains; grey: unstable"
+    figure = new_figure(3.6, title)
+    ax = panels(figure)[0, 0]
+    inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
+    ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
+    levels = [1 / level for level in reversed(_MS_LEVELS) if inverse.min() < 1 / level < inverse.max()]
+    if levels:
+        lines = ax.contour(found.kp, found.ki, inverse.T, levels=levels, colors="0.25", linewidths=0.9)
+        ax.clabel(lines, fmt=lambda level: f"{1 / level:.3g}", fontsize=SMALL)
+    ax.plot(*found.chosen, marker="*", markersize=11, color=line_style(1)["color"], linestyle="none")
+    ax.annotate("recommended", found.chosen, (8, -4), textcoords="offset points", fontsize=SMALL)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):
+        plain_log_ticks(axis)
+    ax.set_xlabel("kp (N·m/(m/s))")
+    ax.set_ylabel("ki (N·m/m)")
+    return figure
+
+
+def _responses(found: Responses, control: Any) -> Figure:
+    point, name = found.point, control.design.structure
+    where = f"{point.adhesion}, {point.rail} rail, {point.speed_kmh:g} km/h, M {point.vehicle.mass:g} kg"
+    return response_figure(
+        {name: found.reference},
+        {name: found.load},
+        title=f"Responses at the worst operating point ({where}); dead time exact",
+        reference_label="step of 1 km/h of the reference slip velocity",
+        load_label=f"step of {found.load_step:g} N·m of torque at the wheel",
+    )
+
+
+def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
+    rails = list(dict.fromkeys(curve.rail for curve in curves))
+    speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.speed_kmh for curve in curves))
+    figure = new_figure(3.6, f"Adhesion at rest over slip at {speeds} km/h; circles: slip held, triangles: peaks")
+    axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
+    for ax, rail in zip(axes, rails, strict=True):
+        for i, curve in enumerate(one for one in curves if one.rail is rail):
+            style = line_style(i)
+            ax.plot(curve.slip, curve.coefficient, label=curve.law, **style)
+            top = curve.peak
+            ax.plot(top.slip, top.coefficient, marker="^", markersize=5, color=style["color"], clip_on=False)
+            ax.plot(curve.point.slip, curve.point.adhesion_coefficient, color=style["color"], **_POINT)
+        ax.set_title(f"{rail} rail", fontsize=TEXT)
+        ax.set_xlabel("slip ratio λ (-)")
+        ax.set_xlim(left=0.0)
+        ax.set_ylim(bottom=0.0)
+        legend_below(ax, 0.18, columns=2)
+    axes[0].set_ylabel("adhesion coefficient μ (-)")
+    return figure

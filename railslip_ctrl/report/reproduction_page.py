@@ -11,10 +11,23 @@ from railslip_ctrl.paper.facts import Fact
 from railslip_ctrl.paper.reading import READING
 from railslip_ctrl.paper.tables import DEFAULT_SEEDS, QUANTITIES, TOLERANCE_PERCENT, Row, Table5
 
-from .blocks import Block, Details, Facts, FirstPage, Paragraph, Picture, Section, Table
-from .formulas import formula
-from .numbers import MARGIN_HEAD, listed, margin_cells, minus, short
-from .typography import typeset
+from .document import (
+    MARGIN_HEAD,
+    Block,
+    Details,
+    FirstPage,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    facts,
+    listed,
+    margin_cells,
+    minus,
+    short,
+    table,
+)
+from .page import formula, typeset
 
 QUANTITY_WORDS = dict(
     zip(
@@ -24,13 +37,8 @@ QUANTITY_WORDS = dict(
 """What a row of Table 5 is called, with its unit."""
 
 FIGURES = {
-    "fig_13": "Fig. 13",
-    "figs_14_15": "Figs. 14 and 15",
-    "fig_17": "Fig. 17",
-    "fig_18": "Fig. 18",
-    "fig_19": "Fig. 19",
-    "fig_20": "Fig. 20",
-    "fig_21": "Fig. 21",
+    **{"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15", "fig_17": "Fig. 17", "fig_18": "Fig. 18"},
+    **{"fig_19": "Fig. 19", "fig_20": "Fig. 20", "fig_21": "Fig. 21"},
 }
 """The paper's figures by the names of the pictures redrawn."""
 
@@ -44,14 +52,14 @@ _DECIDED = {
 
 
 def reproduction_first_page(
-    comparison: Table5, facts: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+    comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> FirstPage:
     """What is read in a minute."""
     within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
     wrong = sum(not one.agrees for one in errata)
     rows = [
         ("Rms deviation", f"{comparison.rms_deviation_percent:.1f} %", f"of {total} numbers, Table 5"),
-        ("Facts that hold", f"{sum(one.holds for one in facts)} of {len(facts)}", "of the published runs"),
+        ("Facts that hold", f"{sum(one.holds for one in held)} of {len(held)}", "of the published runs"),
         ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims looked at"),
     ]
     for group in groups:
@@ -76,19 +84,15 @@ def reproduction_first_page(
 
 
 def reproduction_sections(
-    comparison: Table5, facts: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+    comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
 ) -> list[Section]:
     """What stands behind it."""
-    figures = tuple(
-        Picture(
-            name, f"[Park2008] {shown}, redrawn.", f"The curves of {shown} of the paper, computed by this software."
-        )
-        for name, shown in FIGURES.items()
-    )
+    alt = "The curves of {} of the paper, computed by this software."
+    figures = tuple(Picture(name, f"[Park2008] {one}, redrawn.", alt.format(one)) for name, one in FIGURES.items())
     return [
         Section("table5", "Table 5", (_table5(comparison),)),
         Section("reading", "The reading", (_reading(),)),
-        Section("facts", "Facts of the runs", tuple(_fact(one) for one in facts)),
+        Section("facts", "Facts of the runs", tuple(_fact(one) for one in held)),
         _gains(groups),
         Section("figures", "Figures", figures),
         _errata(errata),
@@ -110,7 +114,7 @@ def _gains(groups: Sequence[ControllerGroup]) -> Section:
         "Table 4's gains in both readings",
         (
             Paragraph(text),
-            Table("Margins; dashes: unstable.", head, rows, wide=True),
+            table(head, rows, caption="Margins; dashes: unstable.", wide=True),
             Picture("bode", "Bode, Table 4's gains.", alt),
             Picture("nyquist", "Nyquist, Table 4's gains.", alt.replace("Magnitude and phase", "Nyquist curves")),
         ),
@@ -159,32 +163,14 @@ def _table5(comparison: Table5) -> Table:
     for row in comparison.rows:
         _, column, quantity = row.item.split(" / ")
         within = "yes" if row.within else "undecided" if _undecided(row) else "no"
-        rows.append(
-            (
-                column,
-                QUANTITY_WORDS[quantity],
-                short(row.published),
-                short(row.obtained),
-                minus(f"{row.deviation_percent:+.2f}"),
-                f"{_error(row):.2f}",
-                within,
-            )
-        )
-    head = (
-        "Column",
-        "Quantity",
-        "Published",
-        "Obtained",
-        "Deviation, %",
-        "Std. error, %",
-        f"Within {TOLERANCE_PERCENT:g} %",
-    )
-    return Table(
+        numbers = (short(row.published), short(row.obtained), minus(f"{row.deviation_percent:+.2f}"))
+        rows.append((column, QUANTITY_WORDS[quantity], *numbers, f"{_error(row):.2f}", within))
+    head = ("Column", "Quantity", "Published", "Obtained", "Deviation, %", "Std. error, %")
+    caption = (
         f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energies are in the printed reading, "
-        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}.",
-        head,
-        rows,
+        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}."
     )
+    return table((*head, f"Within {TOLERANCE_PERCENT:g} %"), rows, caption=caption)
 
 
 def _energy(comparison: Table5) -> str:
@@ -198,7 +184,7 @@ def _energy(comparison: Table5) -> str:
 
 def _reading() -> Table:
     rows = [(rule.name, rule.basis.value, typeset(rule.used), rule.where) for rule in READING]
-    return Table("Each rule, and where it comes from.", ("Rule", "Basis", "Used", "Where"), rows, wide=True)
+    return table(("Rule", "Basis", "Used", "Where"), rows, caption="Each rule, and where it comes from.", wide=True)
 
 
 def _errata(errata: Sequence[Erratum]) -> Section:
@@ -212,6 +198,6 @@ def _errata(errata: Sequence[Erratum]) -> Section:
             ("Size", typeset(one.sign_and_size)),
             ("Decided", _DECIDED[one.how]),
         )
-        blocks.append(Details(typeset(one.where), "differs", (Facts(rows), Paragraph(typeset(one.explanation)))))
+        blocks.append(Details(typeset(one.where), "differs", (facts(rows), Paragraph(typeset(one.explanation)))))
     blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
     return Section("errata", "Errata", tuple(blocks))

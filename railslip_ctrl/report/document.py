@@ -1,0 +1,301 @@
+"""What reports are made of: facts, tables, paragraphs, pictures, sections, and the numbers in them.
+
+One model for text and HTML: `render` prints blocks with rich, `page` sets the same blocks in its template.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rich import box
+from rich import table as rich_table
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.measure import Measurement
+from rich.padding import Padding
+from rich.text import Text
+
+from railslip_ctrl.core.rounding import BOUND_DIGITS, rounded, rounded_down, rounded_up
+from railslip_ctrl.loop import Margins
+
+WIDTH = 110
+"""Columns of a report in a file or a pipe, the same everywhere; A4 across in a usual fixed-width print."""
+
+NONE = "–"
+
+MARGIN_HEAD = ("Gain −", "Gain +", "Phase, deg", "Delay, s", "Ms", "Mt")
+"""Columns of `margin_cells`."""
+
+_UNLIMITED = 10_000  # columns that no table has
+_SHORT = 16  # rows of a table that is kept on one page
+_LARGE = 1e6  # numbers below it are written out
+_POWER = re.compile(r"e([+-]?)0*(\d+)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+")
+_NUMBER = re.compile(r"[−+±≤<>\d.,·e∞– ×%]*|unstable|unbounded|none holds|none|never")
+
+_width: ContextVar[int] = ContextVar("width", default=WIDTH)
+
+
+# --- blocks ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Text."""
+
+    text: str
+    kind: ClassVar[str] = "paragraph"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values."""
+
+    rows: tuple[tuple[str, str], ...]
+    kind: ClassVar[str] = "facts"
+
+    def __rich__(self) -> rich_table.Table:
+        shown = rich_table.Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+        shown.add_column(no_wrap=True)
+        shown.add_column()
+        for row in self.rows:
+            shown.add_row(*row)
+        return shown
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; see `table`."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    left: int
+    whole: int
+    words: Collection[int]
+    caption: str
+    wide: bool
+    number: int = 0
+    kind: ClassVar[str] = "table"
+
+    @property
+    def numeric(self) -> tuple[bool, ...]:
+        """By column, whether it holds numbers alone."""
+        columns = zip(*self.rows, strict=True)
+        return tuple(all(_NUMBER.fullmatch(cell) for cell in column) for column in columns)
+
+    @property
+    def short(self) -> bool:
+        """Whether it is kept on one page."""
+        return len(self.rows) <= _SHORT
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        unlimited = options.update(max_width=_UNLIMITED)  # within a limit a table would measure no more than that
+        repeated = list(range(self.left))
+        shown = repeated
+        for i in range(self.left, len(self.head)):
+            wider = self._part([*shown, i])
+            if shown != repeated and Measurement.get(console, unlimited, wider).minimum > options.max_width:
+                yield self._part(shown)
+                shown = repeated
+            shown = [*shown, i]
+        yield self._part(shown)
+
+    def _part(self, numbers: Sequence[int]) -> rich_table.Table:
+        part = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+        for i in numbers:
+            justify: Literal["left", "right"] = "left" if i < self.left or i in self.words else "right"
+            part.add_column(self.head[i], justify=justify, no_wrap=i < self.whole)
+        for row in self.rows:
+            part.add_row(*(row[i] for i in numbers))
+        return part
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A captioned picture by the name it was drawn under; `alt` says in words what is seen."""
+
+    name: str
+    caption: str
+    alt: str
+    number: int = 0
+    kind: ClassVar[str] = "picture"
+
+
+@dataclass(frozen=True)
+class Details:
+    """Something to open: its title, a word that judges it, and what is inside."""
+
+    title: str
+    verdict: str
+    blocks: tuple[Block, ...]
+    kind: ClassVar[str] = "details"
+
+
+Block = Paragraph | Facts | Table | Picture | Details
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter with its anchor in the table of contents."""
+
+    anchor: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class FirstPage:
+    """What is read in a minute.
+
+    `headline` says what to do in a word or four, `subject` of what; `file` has it as data; `lines` are headed texts;
+    `rows` of the table say what, its number, and where.
+    """
+
+    title: str
+    headline: str
+    subject: str
+    file: str
+    lines: tuple[tuple[str, str], ...]
+    head: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    pictures: tuple[Picture, ...] = ()
+
+
+def facts(rows: Iterable[tuple[str, str]]) -> Facts:
+    """Two columns: what, and its value."""
+    return Facts(tuple(rows))
+
+
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    left: int = 1,
+    whole: int = 0,
+    words: Collection[int] = (),
+    caption: str = "",
+    wide: bool = False,
+) -> Table:
+    """A table with a ruled head.
+
+    In text the first `left` columns and those numbered in `words` are aligned left, others right; cells of the first
+    `whole` columns are never broken; columns without room follow below, the first `left` repeated. On a page columns
+    of numbers are aligned right, `caption` stands above, and `wide` sets it smaller.
+    """
+    return Table(tuple(head), tuple(tuple(row) for row in rows), left, whole, words, caption, wide)
+
+
+def pictures_in(blocks: Sequence[Block]) -> Iterator[Picture]:
+    """Every picture, in order."""
+    for block in blocks:
+        if isinstance(block, Picture):
+            yield block
+        elif isinstance(block, Details):
+            yield from pictures_in(block.blocks)
+
+
+# --- text -----------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def columns(number: int) -> Iterator[None]:
+    """Reports made inside are `number` columns wide: those for a terminal narrower than `WIDTH`."""
+    before = _width.set(number)
+    try:
+        yield
+    finally:
+        _width.reset(before)
+
+
+def width() -> int:
+    """Columns of the reports made here."""
+    return _width.get()
+
+
+def render(parts: Iterable[RenderableType]) -> str:
+    """Facts, tables and strings as text."""
+    stream = io.StringIO()
+    console = Console(file=stream, width=_width.get(), color_system=None, highlight=False, markup=False, emoji=False)
+    for part in parts:
+        console.print(part)
+    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def heading(text: str, mark: str = "=") -> Text:
+    """A heading, underlined."""
+    return Text(f"{text}\n{mark * min(len(text), _width.get())}")
+
+
+def indented(text: str) -> RenderableType:
+    """A paragraph."""
+    return Padding(Text(text), (0, 0, 0, 2))
+
+
+# --- numbers --------------------------------------------------------------------------------------------------------
+
+
+def counted(number: int, what: str) -> str:
+    """ "1 run", "2 runs"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words with commas and an "and"."""
+    found = list(words)
+    return found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}" if found else "none"
+
+
+def fixed(value: float, digits: int = 5) -> str:
+    """A number with `digits` significant digits, trailing zeros kept off; "unbounded" for inf, "-" for NaN."""
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "unbounded" if value > 0 else "-unbounded"
+    return f"{value:.{digits}g}"
+
+
+def short(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits and a proper minus sign; powers of ten only where they save zeros."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else NONE
+    nearest = rounded(value, digits)
+    text = f"{nearest:.0f}" if 10**digits <= abs(nearest) < _LARGE else fixed(value, digits)
+    return minus(_POWER.sub(lambda found: "·10" + (found[1] + found[2]).translate(_RAISED), text))
+
+
+def above(value: float, digits: int = BOUND_DIGITS) -> str:
+    """A number that is not below `value`, for what must not be less."""
+    return short(rounded_up(value, digits), digits)
+
+
+def below(value: float, digits: int = BOUND_DIGITS) -> str:
+    """A number that is not above `value`, for what must not be more."""
+    return short(rounded_down(value, digits), digits)
+
+
+def minus(text: str) -> str:
+    """Text of numbers with proper minus signs."""
+    return text.replace("-", "−")
+
+
+def roots_text(values: Iterable[complex]) -> str:
+    """Poles or zeros, one of each pair, separated by commas; "none" if there are none."""
+
+    def one(value: complex) -> str:
+        return f"{value.real:.5g}" if value.imag == 0 else f"{value.real:.5g} ± {abs(value.imag):.5g}j"
+
+    return ",  ".join(one(value) for value in values if value.imag >= 0) or "none"
+
+
+def margin_cells(margins: Margins | None) -> tuple[str, ...]:
+    """Gain decrease and increase, phase, delay, Ms, Mt; dashes for an unstable loop."""
+    if margins is None:
+        return (NONE,) * len(MARGIN_HEAD)
+    values = (margins.gain_decrease, margins.gain_increase, margins.phase_deg, margins.delay_s, margins.ms, margins.mt)
+    return tuple(short(value) for value in values)

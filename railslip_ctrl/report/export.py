@@ -1,0 +1,318 @@
+"""Records as JSON, the source of an adhesion law, files written whole, and where a report comes from."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from enum import Enum
+from importlib.metadata import version
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from railslip_ctrl import __version__
+from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.core.folders import INCOMPLETE, staged
+from railslip_ctrl.design.assessment import Assessment
+from railslip_ctrl.design.controllers import LinearController, PIController
+from railslip_ctrl.loop import Certificate, Margins
+from railslip_ctrl.loop.sampled import SampledLoop
+from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, remarks
+
+PUBLISHED, GIVEN = "published", "given"
+"""Sources of a law that is from no file."""
+
+_PACKAGES = {
+    "control": "python-control",
+    "numpy": "NumPy",
+    "scipy": "SciPy",
+    "sympy": "SymPy",
+    "numba": "Numba",
+    "matplotlib": "Matplotlib",
+}
+_CERTIFIED = {
+    "gain_increase": "gain_increase",
+    "gain_decrease": "gain_decrease",
+    "phase_margin_deg": "phase_deg",
+    "delay_margin_s": "delay_s",
+    "ms": "ms",
+    "mt": "mt",
+}
+_MARGINS = {**_CERTIFIED, "disk_margin": "disk"}
+
+
+# --- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def number(value: float) -> float | None:
+    """A finite float, or None."""
+    return float(value) if math.isfinite(value) else None
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: arrays and tuples are lists, complex numbers [re, im], what is not finite is null."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, complex):
+        return [value.real, value.imag]
+    if isinstance(value, float):
+        return number(value)
+    if isinstance(value, Mapping):
+        return {key: plain(one) for key, one in value.items()}
+    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
+    """Attributes of a record as JSON: `same` by their own names, `named` by a path ("vehicle.mass"); None has nulls."""
+    paths = {name: name for name in same} | named
+    return {name: None if record is None else plain(attrgetter(path)(record)) for name, path in paths.items()}
+
+
+def case_json(point: OperatingPoint) -> dict[str, Any]:
+    """The six keys that name a case."""
+    scale = "vehicle.inertia_scale"
+    return exported(point, "adhesion", "rail", "speed_kmh", "slip", mass_kg="vehicle.mass", inertia_scale=scale)
+
+
+def _context_json(point: OperatingPoint) -> dict[str, Any]:
+    """What else a case depends on, beside the six keys."""
+    return {
+        "adhesion_law": law_json(point.law, source_at(point)),
+        **exported(point, "initial_speed_kmh", vehicle="vehicle.name", wheel_load_n="vehicle.wheel_load"),
+        "notes": list(remarks(point.vehicle)),
+    }
+
+
+def law_json(law: AdhesionLaw, source: str) -> dict[str, Any]:
+    """The law: name, source, the rail its parameters are for, and each parameter's value (SI) and unit."""
+    parameters = {name: {"value": plain(value), "unit": unit} for name, (value, unit) in law.numbers().items()}
+    return {"name": law.name, "source": source, "rail": law.rail.value, "parameters": parameters}
+
+
+def linear_plant_json(plant: LinearPlant) -> dict[str, Any]:
+    """A linearisation: operating point, matrices with names, poles and zeros, torque to sigma."""
+    num, den = plant.transfer_function()
+    return {
+        **case_json(plant.point),
+        **_context_json(plant.point),
+        **exported(plant.point, "residual", adhesion_force_n="adhesion_force", brake_torque_nm="brake_torque"),
+        **exported(plant, "states", "inputs", "outputs", "A", "B", "C", "D", "poles", "zeros"),
+        "transfer_function": {"num": num.tolist(), "den": den.tolist()},
+    }
+
+
+def margin_numbers(margins: Margins | None) -> dict[str, Any]:
+    """Each margin; null where it is without bound, or the loop unstable."""
+    found = exported(margins, **_MARGINS)
+    return found | {"gain_decrease": found["gain_decrease"] or None}
+
+
+def _frequencies(margins: Margins | None) -> dict[str, Any] | None:
+    names = ("gain_increase", "gain_decrease", "phase", "delay", "ms", "mt", "disk")
+    keys = {"phase": "phase_margin", "delay": "delay_margin", "disk": "disk_margin"}
+    return None if margins is None else exported(margins, **{keys.get(x, x): f"{x}_frequency" for x in names})
+
+
+def margins_json(assessment: Assessment, certificate: Certificate | None = None) -> dict[str, Any]:
+    """One loop's margins, of an unstable loop null, and its certificate where there is one."""
+    unstable = assessment.unstable_poles
+    found = {
+        **case_json(assessment.point),
+        **_context_json(assessment.point),
+        "controller": controller_json(assessment.controller),
+        "actuator": exported(assessment.actuator, dead_time_s="dead_time", lag_s="lag"),
+        **exported(
+            assessment,
+            "stable",
+            "stabilizing_gain_range",
+            "closed_loop_poles",
+            "verdict",
+            plant_poles="plant.poles",
+            open_loop_unstable_poles="loop.open_loop_unstable_poles",
+        ),
+        "unstable_closed_loop_poles": int(unstable) if math.isfinite(unstable) else None,
+        "gain_crossovers_rad_s": _crossovers(assessment),
+        **margin_numbers(assessment.margins),
+        "frequencies_rad_s": _frequencies(assessment.margins),
+        "limits": _limits_json(assessment),
+        "pade": [
+            {"order": row.order, "stable": row.margins is not None, **margin_numbers(row.margins)}
+            for row in assessment.pade
+        ],
+    }
+    if assessment.as_run is not None:  # how a continuous controller is sampled
+        stable = assessment.as_run.is_stable()
+        margins = margin_numbers(assessment.sampled)
+        found["sampled"] = {"period_s": assessment.as_run.period, "stable": stable, **margins}
+    if certificate is not None:
+        found["certificate"] = _certificate_json(certificate)
+    return found
+
+
+def controller_json(controller: LinearController) -> dict[str, Any]:
+    """The numbers of a linear controller, SI."""
+    if not isinstance(controller, PIController):
+        return {"structure": controller.structure, **{k: v for k, v in asdict(controller).items() if v is not None}}
+    lead = {} if controller.structure == "PI" else {"lead_s": "lead", "lead_filter_s": "lead_filter"}
+    return exported(controller, kp_si="gains.kp", ki_si="gains.ki", **lead)
+
+
+def _crossovers(assessment: Assessment) -> Any:
+    if not isinstance(assessment.loop, SampledLoop):
+        return plain(assessment.loop.gain_crossovers)
+    return [] if assessment.margins is None else plain(assessment.margins.gain_crossovers)
+
+
+def _certificate_json(certificate: Certificate) -> dict[str, Any]:
+    """Enclosures as [lowest, highest]; null for an end without bound, or for all of an unstable loop."""
+    ends = {name: getattr(certificate, field) for name, field in _CERTIFIED.items()}
+    return {
+        **exported(certificate, "stable", "marginal", "bits", "parts", unstable_closed_loop_poles="unstable_poles"),
+        "gain_crossovers_rad_s": [[number(w) for w in pair] for pair in certificate.gain_crossovers],
+        **{name: None if pair is None else [number(end) for end in pair] for name, pair in ends.items()},
+    }
+
+
+def _limits_json(assessment: Assessment) -> dict[str, Any]:
+    """What no controller beats, and what a PI, and a PI with a lead on the lag, may hope for; null without theorem."""
+    limits = assessment.limits
+    found = exported(
+        limits,
+        unstable_pole_rad_s="unstable_pole",
+        pole_times_dead_time_and_lag="actuator_product",
+        mt_lower_bound="mt_bound",
+        ms_lower_bound="ms_bound",
+    )
+    for name, structure in (("pi", limits.pi), ("pi_lead", limits.pi_lead)):
+        keys = {f"{name}_phase_margin_upper_bound_deg": "phase_deg", f"{name}_ms_lower_bound": "ms_bound"}
+        found |= exported(structure, **keys)
+    return found
+
+
+# --- whose an adhesion law is: published, or the user's own ---------------------------------------------------------
+
+
+def law_words(law: AdhesionLaw, source: str) -> str:
+    """The law in words: its name if published, else "beam as given (model.toml)"."""
+    if source == PUBLISHED:
+        return law.name
+    return f"{law.name} as given" + ("" if source == GIVEN else f" ({source})")
+
+
+def source_of(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> str:
+    """The file that a law is from; else whether its numbers are those of what `published` makes."""
+    if law.file is not None:
+        return law.file
+    return PUBLISHED if _is(law, published) else GIVEN
+
+
+def source_at(point: OperatingPoint) -> str:
+    """`source_of` a point's law, published for its rail, v0 and wheel load."""
+    return source_of(point.law, lambda: _published_at(point))
+
+
+def words_at(point: OperatingPoint) -> str:
+    """`law_words` of a point's law."""
+    return law_words(point.law, source_at(point))
+
+
+def _published_at(point: OperatingPoint) -> AdhesionLaw:
+    v0 = INITIAL_SPEED_KMH if point.initial_speed_kmh is None else point.initial_speed_kmh
+    return published_law(point.adhesion, point.rail, v0, point.vehicle.wheel_load)
+
+
+def _is(law: AdhesionLaw, published: Callable[[], AdhesionLaw]) -> bool:
+    """Whether a law has the numbers of what `published` makes; not if there is no such law."""
+    try:
+        other = published()
+    except RailslipError:
+        return False
+    return type(other) is type(law) and other.parameters() == law.parameters()
+
+
+# --- files, so that an existing report is never left half-written ---------------------------------------------------
+
+
+def check_directory(directory: Path, names: Iterable[str]) -> None:
+    """Raise InputError if files of these names could not be written into `directory`; it need not exist yet."""
+    if str(directory) in ("", "."):
+        raise InputError(
+            "--out: the working folder itself is not taken, so that nothing in it is overwritten; name one"
+        )
+    existing = directory
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not _takes_a_folder(existing):
+        raise InputError(f"--out: {str(directory)!r} cannot be made or written to; choose another folder")
+    for name in names:
+        if (directory / name).is_dir():
+            raise InputError(f"--out: {str(directory / name)!r} is a folder; remove it or choose another folder")
+
+
+def _takes_a_folder(directory: Path) -> bool:
+    """Whether a folder can be made in a directory; tried, as rights alone do not tell (of /proc, say)."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
+            return True
+    except OSError:
+        return False
+
+
+def check_file(path: Path, option: str) -> None:
+    """Raise InputError, naming the option, if a file could not be written at `path`; its folder must exist."""
+    if path.is_dir() or not path.name:
+        raise InputError(f"{option}: {str(path)!r} is a folder; give a file name")
+    if path.exists() and not path.is_file():  # a device or pipe would be replaced, not written to
+        raise InputError(f"{option}: {str(path)!r} is not a regular file; choose another")
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+        raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
+
+
+def write_files(
+    directory: Path, writers: Mapping[str, Callable[[Path], object]], *, option: str = "--out"
+) -> list[Path]:
+    """Write files into `directory` (made if missing), all or none.
+
+    `writers` says by file name what writes that file at the path it is given; InputError, which begins with `option`,
+    if the directory cannot be made or written to; what was there before is then untouched.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with staged(directory) as new:
+            for name, write in writers.items():
+                write(new / name)
+    except OSError as error:
+        raise InputError(
+            f"{option}: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"
+        ) from None
+    return [directory / name for name in writers]
+
+
+# --- where a report comes from --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The command line, and its options with their values (names of input files among them)."""
+
+    command: str
+    options: tuple[tuple[str, str], ...]
+
+
+def software() -> dict[str, str]:
+    """Versions of this package, of Python, and of the libraries that computed or drew something, by name."""
+    own = {"railslip_ctrl": __version__, "Python": platform.python_version()}
+    return own | {shown: version(name) for name, shown in _PACKAGES.items()}

@@ -1,0 +1,689 @@
+"""The records of a design report."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from railslip_ctrl.core.cache import cached, look_up
+from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.core.folders import cache_folder
+from railslip_ctrl.core.processes import cpu_count, processes
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design import PIController
+from railslip_ctrl.design.assessment import limits_of
+from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
+from railslip_ctrl.design.envelope_tuning import Choice, Selection, operating_plants, select
+from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
+from railslip_ctrl.design.limits import Limits
+from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
+from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_names
+from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
+from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
+from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
+from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.controllers import Controller, reference_slip
+from railslip_ctrl.simulation.designed import braking_control, hand_over_of, is_published
+from railslip_ctrl.simulation.scenario import in_reading
+from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+_REACHED = 0.95  # of the reference slip: as good as there
+_SLIDING = 0.5
+
+
+@dataclass(frozen=True)
+class LawCurve:
+    """mu over the slip ratio of one law on one rail at one speed (km/h), with its peak and the operating point."""
+
+    law: str
+    rail: Rail
+    speed_kmh: float
+    slip: Floats
+    coefficient: Floats
+    peak: Peak
+    point: OperatingPoint
+
+
+@dataclass(frozen=True)
+class ShownLoop:
+    """A loop to be drawn: where it is, the loop, its margins (None: unstable), its frequency response."""
+
+    label: str
+    loop: Any
+    margins: Any
+    curve: FrequencyCurve
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One controller in one stop.
+
+    Attributes
+    ----------
+    controller, law, load : str
+        What runs, the adhesion law's name, "empty" or "loaded".
+    rail : Rail
+    run : Run
+        Of seed 0, recorded.
+    others : tuple of Run
+        Of the other seeds.
+    bound : ClairvoyantStop or None
+        What no controller of this brake beats; None where none is known.
+    held : float
+        Median of slip over the second half of `run`: what is held, without the noise and the start.
+    reference : float
+        The slip ratio to be held.
+    """
+
+    controller: str
+    law: str
+    rail: Rail
+    load: str
+    run: Run
+    others: tuple[Run, ...]
+    bound: ClairvoyantStop | None
+    held: float
+    reference: float
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Of all seeds."""
+        return (self.run, *self.others)
+
+    @property
+    def reached(self) -> bool:
+        """Whether the slip comes to 0.95 of the reference."""
+        return self.held >= _REACHED * self.reference
+
+    @property
+    def max_slip(self) -> float:
+        """Highest slip ratio with any seed."""
+        return max(run.max_slip for run in self.runs)
+
+    @property
+    def slides(self) -> bool:
+        """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
+        return self.max_slip > _SLIDING
+
+    @property
+    def locks(self) -> bool:
+        """Whether the wheel locks with some seed."""
+        return any(run.locked_fraction > 0 for run in self.runs)
+
+    @property
+    def over_bound(self) -> float:
+        """Braking distance of `run` over the bound, less 1; NaN without either."""
+        if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
+            return math.nan
+        return self.run.braking_distance / self.bound.braking_distance - 1
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A choice in its own stops.
+
+    `above_kmh` is the speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel
+    slides in its stops; None if from none. `lowest_kmh` is the lowest speed that is judged.
+    """
+
+    choice: Choice
+    above_kmh: float | None
+    lowest_kmh: float
+    control: LinearControl
+    stops: tuple[Stop, ...]
+
+    def distance(self, rail: Rail | None = None) -> float:
+        """Mean braking distance of its stops on a rail, or on all, m; inf where one does not stop."""
+        runs = [stop.run for stop in self.stops if rail is None or stop.rail is rail]
+        return sum(run.braking_distance if run.stopped else math.inf for run in runs) / len(runs)
+
+    @property
+    def rank(self) -> tuple[bool, float, float]:
+        """Smaller is better: used from the lowest speed, then the shortest stops."""
+        return self.above_kmh is None, self.above_kmh or 0.0, self.distance()
+
+
+@dataclass(frozen=True)
+class GainMap:
+    """Worst Ms at operating points over kp (m,) and ki (n,) behind the design's lead, (m, n); inf: unstable."""
+
+    kp: Floats
+    ki: Floats
+    ms: Floats
+    chosen: tuple[float, float]
+    points: int
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Of the recommended design at a point, to a step of the reference slip velocity, and of torque at the wheel."""
+
+    point: OperatingPoint
+    reference_step: float
+    load_step: float
+    reference: TimeResponse
+    load: TimeResponse
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """The conditions of the layered sliding-mode law; None with the reason."""
+
+    found: FullVerification | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class FasterBrake:
+    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout."""
+
+    factor: float
+    dead_time: float
+    lag: float
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A controller of the user's, judged and run beside the recommended one."""
+
+    name: str
+    controller: Any
+    judgement: Judgement
+    stops: tuple[Stop, ...]
+
+
+@dataclass(frozen=True)
+class DesignReport:
+    """All that a report on a vehicle shows.
+
+    Attributes
+    ----------
+    envelope : Envelope
+        What the design must hold, and its vehicle.
+    nominal : bool
+        Whether operating points alone are judged.
+    selection : Selection
+        The candidates, the best first.
+    trials : tuple of Trial
+        The choices that are robust from the lowest speed that any is, in their stops, the best first; of none robust,
+        the best alone.
+    control : LinearControl or None
+        The recommended design as it runs: what `recommended.toml` says; None if no design holds the loops.
+    above_kmh : float or None
+        The speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel slides
+        in its own stops; None if nowhere.
+    in_use : Judgement or None
+        Its judgement over the speeds from `above_kmh` up (if None: all at which it is stable, or all).
+    worst_loops : tuple of ShownLoop
+        Its loops at the worst operating point, and at the worst with tolerances.
+    stops : tuple of Stop
+        Of the recommended design.
+    rivals : tuple of Rival
+        What the user gave.
+    limits : tuple of (OperatingPoint, Limits)
+        The points where no controller can be better than these, the hardest of each rail and load.
+    """
+
+    envelope: Envelope
+    nominal: bool
+    selection: Selection
+    control: LinearControl | None
+    above_kmh: float | None
+    in_use: Judgement | None
+    worst_loops: tuple[ShownLoop, ...]
+    stops: tuple[Stop, ...]
+    rivals: tuple[Rival, ...]
+    limits: tuple[tuple[OperatingPoint, Limits], ...]
+    curves: tuple[LawCurve, ...]
+    gains: GainMap | None
+    responses: Responses | None
+    faster: FasterBrake | None
+    sliding: Sliding
+    published: bool
+    trials: tuple[Trial, ...] = ()
+    seconds: float = math.nan
+    date: datetime.date = field(default_factory=datetime.date.today)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, empty."""
+        return self.envelope.vehicle
+
+    @property
+    def best(self) -> Choice | None:
+        """The choice that is recommended."""
+        return self.selection.best
+
+    @property
+    def judgement(self) -> Judgement | None:
+        """The best design's, over the whole envelope."""
+        return None if self.best is None or self.best.design is None else self.best.design.judgement
+
+    @property
+    def hands_over(self) -> bool:
+        """Whether slip control ends at some speed."""
+        return self.usable and self.control is not None and self.control.cut_out_speed > 0
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a design to use."""
+        return self.above_kmh is not None
+
+    @property
+    def first_stops(self) -> tuple[Stop, ...]:
+        """One a rail: those of the first page."""
+        rails = dict.fromkeys(stop.rail for stop in self.stops)
+        return tuple(next(stop for stop in self.stops if stop.rail is rail) for rail in rails)
+
+
+def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
+    """The same judgement over the speeds from one up, km/h."""
+    kept = judgement.points.speed_kmh >= from_kmh
+    columns: dict[str, Any] = {name: values[kept] for name, values in vars(judgement.margins).items()}
+    speeds = tuple(v for v in judgement.envelope.speeds if v >= from_kmh)
+    envelope = judgement.envelope.at(speeds=speeds)
+    return Judgement(
+        judgement.controller,
+        envelope,
+        judgement.nominal,
+        judgement.points.take(kept),
+        replace(judgement.margins, **columns),
+    )
+
+
+# --- braking runs of a design report: plain stops, dry and wet, with the recommended controller ----------------------
+
+
+SEED = 0
+OTHER_SEEDS = (1, 2, 3)
+"""Noise seeds of the spread; statistics over many are the campaign's."""
+
+LOG_PERIOD = 0.01
+"""s, between the samples of a recorded run: those of `railslip simulate`."""
+
+
+def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
+    """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
+    those of the law of the first stops."""
+    operating = operating_points(judgement.points)
+    first = _running_law(operating).name
+    slips = {point.rail: point.slip for point in operating if point.law.name == first}
+    held = {rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail}
+    reference = judgement.envelope.reference or ReferenceSlip(**held)
+    return braking_control(
+        design, operating, reference, name=name or design.structure.lower(), hand_over_kmh=hand_over_kmh
+    )
+
+
+def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
+    """The operating points of an envelope."""
+    return [plant.point for plant in operating_plants(points)]
+
+
+def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
+    """A stop from the envelope's initial speed on each of its rails and loads, with the static law first."""
+    operating = operating_points(judgement.points)
+    loads = dict(zip(judgement.points.load[judgement.points.operating].tolist(), operating, strict=True))
+    names = sorted({point.law.name: point.law.has_state for point in operating}.items(), key=lambda one: one[1])
+    laws = [name for name, _ in names] if every_law else [names[0][0]]
+    found = []
+    for law in laws:
+        for load in loads:
+            for rail in judgement.envelope.rails:
+                scenario = stop_scenario(judgement, law, load, rail)
+                found.append(_stop(control, scenario, load))
+    return tuple(found)
+
+
+def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
+    """The stop of a load on a rail with a law of the envelope, by name."""
+    envelope, points = judgement.envelope, judgement.points
+    of_load = np.flatnonzero(points.operating & (points.load == load))
+    point = next(p for p in (points.plants[int(points.plant[i])].point for i in of_load) if p.law.name == law)
+    car: Vehicle = point.vehicle
+    own: str | AdhesionLaw = law if law in envelope.laws else in_reading(point.law.on(Rail.DRY), car)
+    return stop(car, rail, speed_kmh=envelope.initial_speed, adhesion=own)
+
+
+def _running_law(operating: list[OperatingPoint]) -> AdhesionLaw:
+    """The law of the first stops: the first without a state, which has a bound, if there is one."""
+    return min((point.law for point in operating), key=lambda law: law.has_state)
+
+
+def _stop(control: Any, scenario: Scenario, load: str) -> Stop:
+    simulator = Simulator(scenario, control)
+    every = max(round(LOG_PERIOD / simulator.period), 1)
+    run = simulator.run(SEED, record_every=every)
+    return Stop(
+        control.name,
+        scenario.adhesion.name,
+        scenario.rail,
+        load,
+        run,
+        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in OTHER_SEEDS),
+        _bound(scenario, getattr(control, "torque_high", None)),
+        _held(run),
+        reference_slip(control.reference, scenario.rail),
+    )
+
+
+def _held(run: Run) -> float:
+    """The median of slip over the second half of a stop."""
+    assert run.signals is not None, "the run is recorded"
+    slip = run.signals.slip
+    return float(np.median(slip[slip.size // 2 :]))
+
+
+@lru_cache(64)
+def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
+    """With this brake: dead time, and lag up to the largest torque."""
+    limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None
+    try:
+        return clairvoyant_stop(scenario if limits is None else scenario.with_changes(limits=limits))
+    except InputError:
+        return None
+
+
+def laws_of(judgement: Judgement) -> Iterator[OperatingPoint]:
+    """An operating point of each law and rail, of the first load, at the highest speed."""
+    operating = operating_points(judgement.points)
+    loads = judgement.points.load[judgement.points.operating].tolist()
+    top = max(point.speed for point in operating)
+    told = set()
+    for point, load in zip(operating, loads, strict=True):
+        key = (point.law.name, point.rail)
+        if load == loads[0] and point.speed > 0.999 * top and key not in told:
+            told.add(key)
+            yield point
+
+
+# --- A design report computed: the best design over an envelope, and what a design review asks of it -----------------
+
+
+Progress = Callable[[str], None]
+
+LOAD_STEP = 100.0
+"""N*m at the wheel, of the load response."""
+
+_CACHED = "conditions-layered"
+_LARGEST_SLIP = 0.5  # end of the adhesion curves
+_SLIPS = 401
+_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
+_RESPONSE_TIME = 10.0  # s
+_FASTER = (0.75, 0.5, 0.25)  # times dead time and lag, tried in turn
+
+
+def design_report(
+    envelope: Envelope,
+    *,
+    nominal: bool = False,
+    given: dict[str, Any] | None = None,
+    sliding: bool = True,
+    fresh: bool = False,
+    progress: Progress = lambda message: None,
+) -> DesignReport:
+    """Everything of one vehicle that a design review looks at.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        What the design must hold.
+    nominal : bool
+        Judge its operating points alone.
+    given : dict, optional
+        Linear controllers of the user's by name, judged and run beside; one of a file runs as that says.
+    sliding : bool
+        Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
+    fresh : bool
+        Decide them again, which an earlier report of the same vehicle may have kept.
+    progress : callable
+        Told what is done, a line at a time.
+
+    Raises
+    ------
+    InputError
+        An envelope without points, or a controller without margins.
+    """
+    with _beside() as submit:
+        here: Beside = partial if not _may_be_sent(envelope) else submit
+        plain = here(select, envelope, ("pi",))
+        decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
+        return _report(envelope, nominal, given or {}, (here, plain, decided), progress)
+
+
+Beside = Callable[..., Callable[[], Any]]
+"""Takes a function and its arguments; what gives the result, computed in another process, or when asked for."""
+
+
+@contextmanager
+def _beside() -> Iterator[Beside]:
+    """Another process where there are two cores."""
+    if cpu_count() < 2:
+        yield partial
+        return
+    cache_folder()  # the other process's too, where there is none but for this run
+    with processes(1) as submit:
+        yield lambda function, *arguments: submit(function, *arguments).result
+
+
+def _may_be_sent(envelope: Envelope) -> bool:
+    """Whether its laws are published ones, by name: the class of a law of the user's own is unknown elsewhere."""
+    return all(isinstance(law, str) and law in law_names() for law in envelope.laws)
+
+
+def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], Sliding]:
+    """What gives the conditions: from an earlier report, or decided beside."""
+    before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
+    return submit(_verified, vehicle) if before is None else lambda: Sliding(before)
+
+
+def _verified(vehicle: Vehicle) -> Sliding:
+    """The conditions of the layered law, or why they cannot be decided for this vehicle."""
+    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
+    try:
+        return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
+    except RailslipError as error:
+        return Sliding(None, str(error))
+
+
+def _report(
+    envelope: Envelope,
+    nominal: bool,
+    given: dict[str, Any],
+    beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
+    progress: Progress,
+) -> DesignReport:
+    """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
+    started = time.perf_counter()
+    submit, plain, sliding = beside
+    progress(f"the best design over the envelope of {envelope.vehicle.name}")
+    lead = select(envelope, ("pi-lead",)).choices if envelope.vehicle.actuator.lag > 0 else ()
+    selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
+    report = _designed(envelope, nominal, selection, submit, progress)
+    rivals = []
+    for name, controller in given.items():
+        progress(f"{name}, judged and run beside")
+        rivals.append(_rival(name, controller, envelope, nominal, report))
+    progress("conditions of the layered sliding-mode law")
+    return replace(report, rivals=tuple(rivals), sliding=sliding(), seconds=time.perf_counter() - started)
+
+
+def _designed(
+    envelope: Envelope, nominal: bool, selection: Selection, submit: Beside, progress: Progress
+) -> DesignReport:
+    """The report but for rivals and the sliding-mode law."""
+    empty = DesignReport(
+        envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
+        is_published(envelope.vehicle),
+    )  # fmt: skip
+    if selection.best is None:
+        points = envelope.points(nominal=True)
+        blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
+        return replace(empty, limits=_limits(blank), curves=_curves(blank))
+    progress("braking runs")
+    tied = [one for one in selection.choices if one.tier == selection.best.tier]
+    trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
+    best, control = trials[0].choice, trials[0].control
+    selection = Selection((*(trial.choice for trial in trials), *selection.choices[len(tied) :]))
+    assert best.design is not None, "as its tier"
+    assert best.design.judgement is not None
+    plain, judgement = control.design, best.design.judgement
+    robust = judgement.robust_from_kmh == min(envelope.speeds)
+    faster = (lambda: None) if robust else submit(_faster, envelope, best.structure, judgement.envelope)
+    in_use = restricted(judgement, trials[0].lowest_kmh)
+    progress("limits, gains around the design, responses")
+    found = replace(
+        empty,
+        selection=selection,
+        trials=tuple(trials),
+        control=control,
+        above_kmh=trials[0].above_kmh,
+        in_use=in_use,
+        worst_loops=_worst_loops(in_use),
+        stops=trials[0].stops,
+        limits=_limits(judgement),
+        curves=_curves(judgement),
+        gains=_gain_map(in_use, plain),
+        responses=_responses(in_use.worst, plain),
+    )
+    if not robust:
+        progress("the brake that would do")
+    return replace(found, faster=faster())
+
+
+def _trial(choice: Choice, nominal: bool) -> Trial:
+    """A choice, judged at the operating points alone if `nominal`, in its stops: handed over above speeds at which it
+    is not robust, or the wheel slides."""
+    assert choice.design is not None, "a choice of the best tier is a design"
+    assert choice.design.judgement is not None
+    design, judgement = choice.design, choice.design.judgement
+    if nominal:
+        judgement = judge(design, judgement.envelope, nominal=True)
+        choice = replace(choice, design=replace(design, judgement=judgement))
+    plain = PIController(design.gains, design.lead, design.lead_filter)
+    robust, begins = judgement.robust_from_kmh, hand_over_of(judgement)
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    speeds = [speed for speed in sorted(judgement.envelope.speeds) if speed >= lowest]
+    first = None
+    for speed in speeds[:-1] if robust is not None and len(speeds) > 1 else [lowest]:
+        control = as_run(plain, judgement, speed if begins else 0.0)
+        runs = stops(control, judgement)
+        first = first or (control, runs)
+        if not any(stop.slides for stop in runs):
+            return Trial(choice, robust if robust is None else speed, speed, control, runs)
+    assert first is not None
+    return Trial(choice, None, lowest, *first)
+
+
+def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
+    judgement = judge(controller, envelope, nominal=nominal)
+    runs = isinstance(controller, Controller)  # of a file: as that says
+    control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
+    return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
+
+
+# --- loops ----------------------------------------------------------------------------------------------------------
+
+
+def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
+    cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
+    bands = [case.loop.feature_band() for case in cases]
+    low, high = min(band[0] for band in bands), max(band[1] for band in bands)
+    return tuple(
+        ShownLoop(case.words, case.loop, case.margins, frequency_curve(case.loop, low, high)) for case in cases
+    )
+
+
+def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
+    """What no controller beats, at the hardest operating point of each rail and load."""
+    points = judgement.points
+    operating = points.plant[points.operating].tolist()
+    found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
+    for i in operating:
+        plant = points.plants[i]
+        here = limits_of(plant, points.vehicle.actuator)
+        key = (plant.point.rail.value, points.loads[i])
+        if key not in found or here.ms_bound > found[key][1].ms_bound:
+            found[key] = (plant.point, here)
+    return tuple(found.values())
+
+
+def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
+    """Worst Ms around the design, at the operating points of the lowest and the highest speed in use."""
+    points = judgement.points
+    speeds = points.speed_kmh
+    some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
+    kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
+    ms = np.empty((kp.size, ki.size))
+    for i, j in np.ndindex(*ms.shape):
+        gains = PIGains(kp=float(kp[i]), ki=float(ki[j]))
+        found = margins_at(PIController(gains, design.lead, design.lead_filter), some)
+        ms[i, j] = found.ms.max() if found.stable.all() else math.inf
+    return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
+
+
+def _responses(worst: WorstCase, design: PIController) -> Responses | None:
+    """At the worst operating point; None of a loop too fast or too slow for the time shown."""
+    if worst.margins is None:
+        return None
+    plant, actuator = worst.case.plant, worst.case.actuator
+    bare, brake = Rational(plant.zeros, plant.poles, plant.gain), _lag(actuator)
+    c, tau = design.transfer_function, actuator.dead_time
+    try:
+        step = step_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=KMH)
+        push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
+    except RailslipError:
+        return None
+    return Responses(worst.point, KMH, LOAD_STEP, step, push)
+
+
+def _lag(actuator: Actuator) -> Rational:
+    none: Any = np.array([])
+    lag = actuator.lag
+    return Rational(none, np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(none, none, 1)
+
+
+def _faster(envelope: Envelope, structure: str, held: Envelope) -> FasterBrake | None:
+    """The brake with which a structure is robust over the whole envelope, at the slip `held`; None if none tried is."""
+    for factor in _FASTER:
+        old = envelope.vehicle.actuator
+        actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
+        faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
+        found = select(faster, (structure,), (1.0,)).choices[0].design
+        judgement = None if found is None else found.judgement
+        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds):
+            return FasterBrake(factor, actuator.dead_time, actuator.lag)
+    return None
+
+
+# --- adhesion -------------------------------------------------------------------------------------------------------
+
+
+def _curves(judgement: Judgement) -> tuple[LawCurve, ...]:
+    """The laws of the envelope, rail by rail."""
+    return tuple(_curve(point) for point in laws_of(judgement))
+
+
+def _curve(point: OperatingPoint) -> LawCurve:
+    law, load = point.law, point.vehicle.wheel_load
+    end = min(_LARGEST_SLIP, law.domain_limit(point.speed)[0] * (1.0 - 1e-9))
+    slip = np.linspace(1e-6 if law.has_state else 0.0, end, _SLIPS)  # no rest state of a dynamic law without slip
+    coefficient = np.asarray(adhesion_coefficient(law, point.speed, slip, load))
+    return LawCurve(law.name, point.rail, point.speed_kmh, slip, coefficient, peak(law, point.speed, load), point)
