@@ -6,7 +6,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Uniform
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.catalogue import published_pi
 
 SHORT = built_in_scenario("park2008").with_changes(
     initial_speed=30 / 3.6, final_speed=27 / 3.6, longest_time=20.0, events=()

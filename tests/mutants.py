@@ -84,14 +84,12 @@ ROOMS = {
     "model/numeric": "numeric",
     "model/plant": "plant linearization numeric",
     "simulation/": "scenarios simulation_controllers",
-    "simulation/clairvoyant": "compare_runs",
+    "simulation/bound": "compare_runs",
     "simulation/controller_": "controller_files scenarios",
-    "simulation/happenings": "simulation_engine",
     "simulation/kernel": "simulation_engine simulation_physics",
-    "simulation/plan": "simulation_engine",
     "simulation/run": "simulation_engine simulation",
     "simulation/step_objects": "step_objects",
-    "simulation/steps/": "simulation_controllers scenarios",
+    "simulation/steps": "simulation_controllers scenarios",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 

@@ -22,8 +22,8 @@ from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.recommendation.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.catalogue import published_reference
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.published import published_reference
 from railslip_ctrl.sliding.gains import LawGains
 
 S = ct.tf("s")

@@ -50,9 +50,9 @@ from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.model.vehicle import Record, Wheel
 from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.catalogue import published_pi
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.files import load_scenario
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.scenario import load_scenario
 
 LAW = published_law("bristle", Rail.DRY)
 POINT = operating_point(LAW, PARK2008, 27.0, 0.13)

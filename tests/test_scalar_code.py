@@ -13,7 +13,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, law_names
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.scalar_code import FOLDER, WORKS, adhesion_table, generate_scalar, has_table, scalar_source
 from railslip_ctrl.model.vehicle import PARK2008, Resistance
-from railslip_ctrl.simulation.kernel_text import kernel_text, step_text
+from railslip_ctrl.simulation.steps import kernel_text, step_text
 
 # all terms of the resistance at work
 VEHICLE = PARK2008.model_copy(update={"resistance": Resistance(constant=210.0, linear=13.0, quadratic=0.63)})

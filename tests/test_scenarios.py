@@ -29,10 +29,14 @@ from railslip_ctrl.simulation import (
     simulate,
 )
 from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.catalogue import (
+    published_controller,
+    recommended_pi_lead,
+    recommended_schedule,
+    slide_protection,
+)
 from railslip_ctrl.simulation.controller_files import PIKeys, SlidingKeys, load_controller
-from railslip_ctrl.simulation.designed import recommended_pi_lead, recommended_schedule, slide_protection
-from railslip_ctrl.simulation.files import load_scenario
-from railslip_ctrl.simulation.published import published_controller
+from railslip_ctrl.simulation.scenario import load_scenario
 
 DESIGNS = Path(__file__).resolve().parent.parent / "designs"
 SCENARIOS, CONTROLLERS = DESIGNS / "scenarios", DESIGNS / "controllers"

@@ -16,8 +16,8 @@ import pytest
 from railslip_ctrl.identification.columns import find_columns
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.simulation import Signals, built_in_scenario, simulate
-from railslip_ctrl.simulation.files import load_scenario
-from railslip_ctrl.simulation.published import published_controller
+from railslip_ctrl.simulation.catalogue import published_controller
+from railslip_ctrl.simulation.scenario import load_scenario
 
 # interface.md
 KEYS = (

@@ -30,21 +30,23 @@ from railslip_ctrl.simulation import (
     built_in_scenario,
     simulate,
 )
-from railslip_ctrl.simulation.catalogue import NAMES, controller_named
-from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.designed import (
+from railslip_ctrl.simulation.catalogue import (
     MS_MAX,
+    NAMES,
+    controller_named,
     design_points,
     full_brake_torque,
     margins_over_points,
+    published_controller,
+    published_law_gains,
     published_vehicle,
     recommended_pi_lead,
     recommended_schedule,
     slide_protection,
 )
-from railslip_ctrl.simulation.kernel_text import kernel
-from railslip_ctrl.simulation.published import published_controller, published_law_gains
-from railslip_ctrl.simulation.steps.slide_protection import command
+from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.steps import kernel
+from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive

@@ -23,8 +23,8 @@ from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
 from railslip_ctrl.simulation.campaign.specification import Campaign
+from railslip_ctrl.simulation.catalogue import full_brake_torque
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.designed import full_brake_torque
 from railslip_ctrl.simulation.step_objects import StepControl, as_control
 
 SCENARIO = built_in_scenario("park2008")

@@ -15,7 +15,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.files import check_file
 from railslip_ctrl.report.tuning import tuning_json, tuning_text
-from railslip_ctrl.simulation.designed import braking_control
+from railslip_ctrl.simulation.catalogue import braking_control
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
 from .output import print_json, print_text, progress

@@ -21,7 +21,7 @@ from railslip_ctrl.model.vehicle import (
     Resistance,
 )
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, SlidingControl, published_scenario
-from railslip_ctrl.simulation.published import published_controller, published_law_gains, published_reference
+from railslip_ctrl.simulation.catalogue import published_controller, published_law_gains, published_reference
 
 from .runs import Setup
 

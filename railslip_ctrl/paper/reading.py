@@ -8,7 +8,7 @@ from enum import StrEnum
 from railslip_ctrl.core.sources import cite
 from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
-from railslip_ctrl.simulation.published import FILTER_TIME
+from railslip_ctrl.simulation.catalogue import FILTER_TIME
 from railslip_ctrl.simulation.scenario import PUBLISHED_DISTURBANCES
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.processes import cores
 from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
+from railslip_ctrl.simulation.catalogue import Column, Kind, published_controller
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.published import Column, Kind, published_controller
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

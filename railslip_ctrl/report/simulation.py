@@ -24,7 +24,7 @@ from railslip_ctrl.simulation import (
     SlidingControl,
 )
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
-from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.gains import LawGains
 
@@ -112,7 +112,7 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
         "disturbances": scenario.disturbances.model_dump(),
         "events": [
             {**one.event.model_dump(mode="json"), "reached": one.reached, "happened_at_s": number(one.time)}
-            for one in happenings(run)
+            for one in events_log(run)
         ],
         "energy_balance": {
             "starting_j": number(energies.starting),
@@ -200,7 +200,7 @@ def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
         ),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
-        *(("Event", one.text) for one in happenings(run)),
+        *(("Event", one.text) for one in events_log(run)),
         (
             "Disturbances",
             f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "

@@ -50,8 +50,8 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.sliding.gains import LawGains
 
+from .catalogue import FILTER_TIME, published_reference
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
-from .published import FILTER_TIME, published_reference
 from .scenario import LEAST_STEP
 from .step_objects import PERIOD
 

@@ -24,8 +24,7 @@ from railslip_ctrl.sliding.gains import LawGains, gain_parameters
 from railslip_ctrl.sliding.generated import generated_law, law_states
 
 from .controller_text import linear_text
-from .kernel_text import difference_text, step_text
-from .sliding_text import sliding_source
+from .steps import linear_source, sliding_source, step_text
 
 if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
@@ -181,7 +180,7 @@ class LinearControl:
 
     def source(self) -> str:
         """Text of its `command`."""
-        return difference_text() + step_text("linear")
+        return linear_source()
 
     def row(self, situation: Situation) -> tuple[float, ...]:
         """Cut-out speed and torque, then the numbers of the difference equations."""
@@ -229,7 +228,7 @@ class ScheduledControl:
 
     def source(self) -> str:
         """Text of its `command`."""
-        return step_text("scheduled")
+        return step_text("gains_at", "scheduled")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
         """Lead, the integrator's weights, h/Tt, period, limits, then speeds and gains of the rail."""

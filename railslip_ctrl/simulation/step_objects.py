@@ -35,9 +35,9 @@ from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Vehicle
 
+from .catalogue import full_brake_torque, tuned_control
 from .controllers import Controller, LinearControl, Situation
-from .designed import full_brake_torque, tuned_control
-from .kernel_text import step_text
+from .steps import step_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

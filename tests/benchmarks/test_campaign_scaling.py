@@ -12,7 +12,7 @@ import pytest
 
 from railslip_ctrl.simulation import built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.catalogue import published_pi
 
 RUNS = 1000
 QUANTITIES = (

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.simulation import Run
-from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.run import events_log
 
 from .style import PAGE_WIDTH, folded, legend_beside, line_style, new_figure, panels
 
@@ -25,7 +25,7 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
     figure = new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
     axes = panels(figure, 4, sharex=True)[:, 0]
-    events = [one for one in happenings(run) if one.reached]
+    events = [one for one in events_log(run) if one.reached]
     for ax, draw in zip(axes, (_speeds, _slip, _torque, _adhesion), strict=True):
         draw(ax, run)
         for one in events:

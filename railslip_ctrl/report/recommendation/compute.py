@@ -31,8 +31,8 @@ from railslip_ctrl.model.adhesion import law_names
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
+from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.designed import hand_over_of, is_published
 from railslip_ctrl.verification.sliding_verification import verify_with_actuator
 
 from .records import (

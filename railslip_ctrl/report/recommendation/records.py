@@ -19,7 +19,7 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, Run
-from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop
+from railslip_ctrl.simulation.bound import ClairvoyantStop
 from railslip_ctrl.verification.sliding_verification import FullVerification
 
 if TYPE_CHECKING:

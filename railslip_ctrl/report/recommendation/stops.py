@@ -17,9 +17,9 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
-from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import braking_control
 from railslip_ctrl.simulation.controllers import reference_slip
-from railslip_ctrl.simulation.designed import braking_control
 from railslip_ctrl.simulation.scenario import in_reading
 
 from .records import Stop

@@ -18,7 +18,7 @@ from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.catalogue import is_published
 from railslip_ctrl.verification.reaching_bound import ADHESION_NOISE
 from railslip_ctrl.verification.robust import LOWEST_FRICTION
 from railslip_ctrl.verification.switching import LayeredDesign

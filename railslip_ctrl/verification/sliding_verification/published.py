@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, Rail, Vehicle
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.catalogue import is_published
 from railslip_ctrl.verification.switching import SlidingGains, SurfaceLoop, joint_advice, largest_adaptation, law_runs
 from railslip_ctrl.verification.switching.effects import ActuatorEffect, actuator_effect, conclusion, published_loop
 from railslip_ctrl.verification.verdict import Condition
