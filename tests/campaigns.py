@@ -6,12 +6,12 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Uniform
-from railslip_ctrl.simulation.catalogue import published_pi
+from railslip_ctrl.simulation.catalogue import published_controller
 
 SHORT = built_in_scenario("park2008").with_changes(
     initial_speed=30 / 3.6, final_speed=27 / 3.6, longest_time=20.0, events=()
 )
-PI = published_pi("bristle")
+PI = published_controller("pi")
 SOFT = LinearControl(PIController(PIGains(kp=1500.0, ki=97.0)), PI.reference, name="soft")
 MASS = Quantity(("vehicle.mass",), Uniform(3000.0, 4000.0))
 DEAD_TIME = Quantity(("vehicle.actuator.dead_time",), Normal(0.15, 0.02))

@@ -87,7 +87,7 @@ ROOMS = {
     "simulation/bound": "compare_runs",
     "simulation/controller_": "controller_files scenarios",
     "simulation/kernel": "simulation_engine simulation_physics",
-    "simulation/run": "simulation_engine simulation",
+    "simulation/run": "simulation_engine",
     "simulation/step_objects": "step_objects",
     "simulation/steps": "simulation_controllers scenarios",
 }

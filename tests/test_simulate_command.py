@@ -71,12 +71,6 @@ def test_the_default_run_is_the_published_pi(numbers):
     assert found["gain_values"]["kp_si"] == pytest.approx(3.6 * 650)
 
 
-def test_a_seed_repeats_and_another_does_not(numbers):
-    first, again, other = (numbers("--seed", seed) for seed in (5, 5, 6))
-    assert first == again
-    assert first["braking_distance_m"] != other["braking_distance_m"]
-
-
 def test_without_noise(numbers):
     found = numbers("--no-noise")
     assert found["seed"] is None

@@ -1,8 +1,14 @@
-"""Table 4's controllers of [Park2008] as records."""
+"""Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
+
+The project's own hold the reference slip without knowing the adhesion curve. Their gains were found with
+`design.tuning` over `design_points`: the largest ki with Ms <= `MS_MAX` behind a lead that cancels the brake's lag. Of
+the published vehicle they are stored here in both readings of the units, and a test tunes them again; for any other
+vehicle they are tuned when asked for.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from itertools import product
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -20,14 +26,14 @@ from railslip_ctrl.model.vehicle import (
     PARK2008,
     TABLE4_PI,
     TABLE4_SLIDING_PRINTED,
-    Actuator,
     PIGains,
     Rail,
     Vehicle,
 )
-from railslip_ctrl.simulation.controllers import LinearControl, ScheduledControl, SlideProtection, SlidingControl
-from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.gains import LawGains
+
+from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
+from .scenario import named_law
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +41,6 @@ if TYPE_CHECKING:
     from railslip_ctrl.design.judging import Judgement
     from railslip_ctrl.loop.batch import BatchMargins
     from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
-    from railslip_ctrl.simulation.controllers import Controller
 
 
 Kind = Literal["pi", "asmc"]
@@ -88,7 +93,7 @@ def published_controller(
     if kind == "pi":
         if adaptive or not knows_rail:
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
-        return published_pi(column, reference=held, period=period)
+        return LinearControl(PIController(TABLE4_PI[column]), held, period=period)
     return SlidingControl(
         published_law_gains(column, adaptive=adaptive),
         held,
@@ -97,14 +102,6 @@ def published_controller(
         filter_time=FILTER_TIME,
         knows_rail=knows_rail,
     )
-
-
-def published_pi(
-    column: Column, *, reference: ReferenceSlip | None = None, period: float | None = None
-) -> LinearControl:
-    """Table 4's PI of a column; see `published_controller`."""
-    held = published_reference(column) if reference is None else reference
-    return LinearControl(PIController(TABLE4_PI[column]), held, period=period)
 
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
@@ -122,14 +119,14 @@ def published_reference(column: Column) -> ReferenceSlip:
     return reference
 
 
-# --- this project's own controllers for braking runs: a lag-compensated PI, a gain schedule, slide protection --------
+# --- this project's own -----------------------------------------------------------------------------------------------
 
 
 MS_MAX = 2.0
 """Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
 
 LEAD, LEAD_FILTER = 0.6, 0.06
-"""s: what `lag_lead` gives for the published brake."""
+"""s, for the published brake; see `lead_of`."""
 
 TORQUE_LIMIT = 9000.0
 """N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take."""
@@ -272,9 +269,8 @@ def recommended_schedule(
 ) -> ScheduledControl:
     """The gains of `recommended_pi_lead` scheduled over speed and rail on the static curve; arguments as there."""
     car = published_vehicle() if vehicle is None else vehicle
-    tuned = is_tuned_when_asked("scheduled", car)
     return ScheduledControl(
-        _tuned_schedule(car) if tuned else _schedule(*_SCHEDULES[car.inertia_scale]),
+        _schedule(car),
         reference or published_reference("bristle"),
         period=period,
         torque_high=full_brake_torque(car),
@@ -329,25 +325,18 @@ def is_published(vehicle: Vehicle) -> bool:
 
 
 def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
-    """Whether the controller of a name has no gains kept here for the vehicle, and none given."""
-    kept = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
-    return kept is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in kept)
-
-
-def lag_lead(actuator: Actuator) -> tuple[float, float]:
-    """Lead and its filter, s, for a brake: the lead cancels the lag, the filter is a tenth of it.
-
-    Without a lag there is nothing to cancel, and no lead: 0, 0.
-    """
-    return actuator.lag, actuator.lag / 10.0
+    """Whether the controller of a name has no gains stored here for the vehicle, and none given."""
+    stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
+    return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
 
 
 def lead_of(vehicle: Vehicle) -> tuple[float, float]:
-    """Lead and its filter, s, of `recommended_pi_lead` for a vehicle: `lag_lead` of its brake.
+    """Lead and its filter, s, of `recommended_pi_lead`: the lead cancels the brake's lag, the filter is a tenth of it.
 
-    The published one keeps its controller where its brake is made to differ.
+    The published vehicle keeps its controller where its brake is made to differ. Without a lag there is no lead: 0, 0.
     """
-    return (LEAD, LEAD_FILTER) if is_published(vehicle) else lag_lead(vehicle.actuator)
+    lag = vehicle.actuator.lag
+    return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
 
 
 def full_brake_torque(vehicle: Vehicle) -> float:
@@ -355,20 +344,16 @@ def full_brake_torque(vehicle: Vehicle) -> float:
     return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
 
 
-def design_points(vehicle: Vehicle, laws: tuple[str, ...] = ("curve", "bristle")) -> list[LinearPlant]:
-    """The linear plants the designs are tuned for: laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
+def design_points(vehicle: Vehicle) -> list[LinearPlant]:
+    """The linear plants the designs are tuned for: both published laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
     from railslip_ctrl.model.linearization import linearize, operating_point
 
     plants = []
-    for name in laws:
-        for rail in Rail:
-            for loaded in (vehicle, vehicle.loaded()):
-                law = named_law(name, loaded).on(rail)
-                slip = law.reference_slip(rail)
-                assert slip is not None, "both laws have a published reference"
-                plants += [
-                    linearize(operating_point(law, loaded, speed * KMH, slip, rail=rail)) for speed in SPEEDS_KMH
-                ]
+    for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
+        law = named_law(name, car).on(rail)
+        slip = law.reference_slip(rail)
+        assert slip is not None, "both laws have a published reference"
+        plants += [linearize(operating_point(law, car, speed * KMH, slip, rail=rail)) for speed in SPEEDS_KMH]
     return plants
 
 
@@ -385,7 +370,7 @@ def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehi
 
 
 def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
-    """The gains of `recommended_pi_lead`: kept with the package, or tuned now (`is_tuned_when_asked`).
+    """The gains of `recommended_pi_lead`: stored, or tuned now (`is_tuned_when_asked`).
 
     InfeasibleDesignError where no gains keep Ms <= `MS_MAX` over the plants, or, where none are given,
     `design_points`.
@@ -407,9 +392,16 @@ def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PI
     return PIGains(kp=design.kp, ki=design.ki)
 
 
-def _schedule(
-    dry: tuple[tuple[int, int], ...], wet: tuple[tuple[int, int], ...], lowest: float, ms: float
-) -> GainSchedule:
+def _schedule(vehicle: Vehicle) -> GainSchedule:
+    """The gains of `recommended_schedule`: stored, or tuned now."""
+    if is_tuned_when_asked("scheduled", vehicle):
+        from railslip_ctrl.design.schedule import schedule_gains
+
+        lead, lead_filter = lead_of(vehicle)
+        return schedule_gains(
+            _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
+        )
+    dry, wet, lowest, ms = _SCHEDULES[vehicle.inertia_scale]
     entries = tuple(
         ScheduleEntry(rail, speed, PIGains(kp=kp, ki=ki), MS_MAX)
         for rail, gains in ((Rail.DRY, dry), (Rail.WET, wet))
@@ -418,16 +410,7 @@ def _schedule(
     return GainSchedule(entries, LEAD, LEAD_FILTER, lowest, ms)
 
 
-def _tuned_schedule(vehicle: Vehicle) -> GainSchedule:
-    from railslip_ctrl.design.schedule import schedule_gains
-
-    lead, lead_filter = lead_of(vehicle)
-    return schedule_gains(
-        _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
-    )
-
-
-# --- controllers by name, for a vehicle ------------------------------------------------------------------------------
+# --- by name ----------------------------------------------------------------------------------------------------------
 
 
 NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection")
@@ -496,11 +479,9 @@ def controller_named(
         return recommended_schedule(vehicle, reference=held, period=period)
     if name == "slide-protection":
         return slide_protection(vehicle, reference=held, period=period)
-    if name == "asmc":
-        return published_controller(
-            "asmc", column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period
-        )
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
-    published = published_pi(column, reference=held, period=period)
-    return published if gains is None else replace(published, design=PIController(gains))
+    if gains is not None:
+        return LinearControl(PIController(gains), held, period=period)
+    kind: Kind = "asmc" if name == "asmc" else "pi"
+    return published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)

@@ -291,9 +291,12 @@ class Simulator:
         none = np.zeros(1), np.zeros((0, 2))
         if seed is None:
             return *none, 0.0
-        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(_checked_seed(seed))
+        if not isinstance(seed, np.random.SeedSequence):
+            if not 0 <= seed < 2**63:
+                raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
+            seed = np.random.SeedSequence(seed)
         of_force, of_noise = (
-            np.random.default_rng(np.random.SeedSequence(sequence.entropy, spawn_key=(*sequence.spawn_key, i)))
+            np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)))
             for i in range(2)
         )
         forces, noise, hold = *none, 0.0
@@ -341,36 +344,32 @@ class Simulator:
         )
 
 
+_COLUMNS = {
+    "time": layout.TIME,
+    "distance": layout.DISTANCE,
+    "speed": layout.V,
+    "slip_velocity": layout.SIGMA,
+    "adhesion_state": layout.Z,
+    "adhesion_force": layout.FORCE,
+    "random_force": layout.RANDOM,
+    "command": layout.COMMAND,
+    "torque": layout.TORQUE,
+    "disturbance": layout.DISTURBANCE,
+    "mass": layout.MASS,
+    "reference": layout.REFERENCE,
+    "locked": layout.LOCKED,
+    "measured_speed": layout.MEASURED_V,
+    "measured_wheel_speed": layout.MEASURED_OMEGA,
+}
+
+
 def _signals(log: Floats, scenario: Scenario) -> Signals:
     v, sigma = log[:, layout.V], log[:, layout.SIGMA]
-    return Signals(
-        time=log[:, layout.TIME],
-        distance=log[:, layout.DISTANCE],
-        speed=v,
-        slip_velocity=sigma,
-        slip=sigma / v,
-        wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius,
-        adhesion_state=log[:, layout.Z],
-        adhesion_force=log[:, layout.FORCE],
-        random_force=log[:, layout.RANDOM],
-        command=log[:, layout.COMMAND],
-        torque=log[:, layout.TORQUE],
-        disturbance=log[:, layout.DISTURBANCE],
-        mass=log[:, layout.MASS],
-        reference=log[:, layout.REFERENCE],
-        locked=log[:, layout.LOCKED],
-        measured_speed=log[:, layout.MEASURED_V],
-        measured_wheel_speed=log[:, layout.MEASURED_OMEGA],
-    )
+    logged = {name: log[:, column] for name, column in _COLUMNS.items()}
+    return Signals(**logged, slip=sigma / v, wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius)
 
 
-def _checked_seed(seed: int) -> int:
-    if not 0 <= seed < 2**63:
-        raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
-    return seed
-
-
-# --- what the kernel is given ---
+# --- what the kernel is given ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -493,7 +492,7 @@ def _settings(scenario: Scenario, period: float) -> dict[str, float]:
     }
 
 
-# --- the events log ---
+# --- the events log --------------------------------------------------------------------------------------------------
 
 
 class LoggedEvent(NamedTuple):
@@ -534,14 +533,9 @@ def _time(event: Event, run: Run) -> float:
     assert event.distance is not None, "an event has a time or a distance"
     if not event.distance < run.braking_distance:
         return math.nan
-    return _time_at(event.distance, run)
-
-
-def _time_at(distance: float, run: Run) -> float:
-    """Time at which a distance was passed, s: between rows the cubic that keeps both distances and speeds."""
     from scipy.interpolate import CubicHermiteSpline  # here, as most runs start without it
 
     assert run.signals is not None, "the run was recorded"
     on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # a run that breaks off may have its last row twice
-    signals = [series[on] for series in (run.signals.distance, run.signals.time, run.signals.speed)]
-    return float(CubicHermiteSpline(signals[0], signals[1], 1.0 / signals[2])(distance))
+    distance, time, speed = (series[on] for series in (run.signals.distance, run.signals.time, run.signals.speed))
+    return float(CubicHermiteSpline(distance, time, 1.0 / speed)(event.distance))

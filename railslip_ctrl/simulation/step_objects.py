@@ -161,15 +161,12 @@ class StepControl:
         return own(point)
 
     def source(self) -> str:
-        """Text of its `command`."""
         return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Room for the address, which each run has its own of."""
-        return (math.nan,)
+        return (math.nan,)  # room for the address, which each run has its own of
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """The numbers of a function."""
         return self.start_numbers
 
     def opened(self, v: float, omega: float) -> Call:
