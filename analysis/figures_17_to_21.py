@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.paper import AdhesionCurve, published_runs
-from railslip_ctrl.paper.curves import wet_and_dry
+from railslip_ctrl.paper.tables import AdhesionCurve, published_runs, wet_and_dry
 from railslip_ctrl.simulation import Run
 
 SEED = 0

@@ -20,8 +20,9 @@ from multiprocessing import get_context
 import numpy as np
 
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import Parameter
-from railslip_ctrl.identification.identify import Options, curve_of, identify_curve
+from railslip_ctrl.identification.identify import identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 

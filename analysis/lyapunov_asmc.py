@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.verification.conditions import Verification, verify
-from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate
-from railslip_ctrl.verification.reaching_conditions import STEP_TIME
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate_ideal
+from railslip_ctrl.verification.joint_verification import verify
+from railslip_ctrl.verification.published_law import STEP_TIME
+from railslip_ctrl.verification.verdict import Verification
 
 DURATION = 80.0  # s, longer than either stop
 SEED = 2008
@@ -59,14 +60,14 @@ class LyapunovCheck:
 def check(vehicle: Vehicle) -> LyapunovCheck:
     """One reading."""
     ideal, disturbed = (
-        simulate(
+        simulate_ideal(
             vehicle.loaded(), PUBLISHED_LAW, nominal=vehicle, duration=DURATION, disturbances=acting, seeds=(SEED,)
         )
         for acting in (UNDISTURBED, PUBLISHED)
     )
     stepped = None
     if ideal.time[-1] > STEP_TIME:  # the loaded stop is the longer one
-        stepped = simulate(vehicle, PUBLISHED_LAW, duration=DURATION, change=(STEP_TIME, vehicle.loaded()))
+        stepped = simulate_ideal(vehicle, PUBLISHED_LAW, duration=DURATION, change=(STEP_TIME, vehicle.loaded()))
     return LyapunovCheck(verify(vehicle=vehicle, seed=SEED), ideal, disturbed, stepped)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl.paper import AdhesionCurve, Table3, model_curves, table3
+from railslip_ctrl.paper.tables import AdhesionCurve, Table3, model_curves, table3
 
 
 @dataclass(frozen=True)

@@ -18,24 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
+from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
-    AdhesionObserver,
-    BrakeCourse,
     Encoder,
     FilterObserver,
     Form,
     KalmanObserver,
     ObserverResponses,
+    TorqueObserver,
     TorqueSensor,
-    TradeOff,
-    Trial,
     adhesion_coefficient,
-    brake_trial,
-    measured,
     observer_responses,
-    statement,
-    trade_off,
 )
+from railslip_ctrl.identification.observer_study import BrakeCourse, TradeOff, Trial, brake_trial, measured, trade_off
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
@@ -85,7 +80,7 @@ class ObserverComparison:
     by_interval: dict[float, dict[str, tuple[float, float]]]
 
 
-def makers(interval: float) -> dict[str, Callable[[float], AdhesionObserver]]:
+def makers(interval: float) -> dict[str, Callable[[float], TorqueObserver]]:
     """The observers as functions of their setting: tau, or the intensity of the walk."""
     return {
         NAMES[0]: lambda tau: FilterObserver.of(VEHICLE, tau, Form.PRINTED),

@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.identify import Campaign, Identification, Options, curve_of, identify_curve
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.polynomials import over_initial_speed
+from railslip_ctrl.identification.results import over_initial_speed
 from railslip_ctrl.identification.virtual_rig import RigLog, RigTest, published_tests, run_tests
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.vehicle import PARK2008

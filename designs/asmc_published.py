@@ -17,8 +17,8 @@ from pathlib import Path
 from railslip_ctrl import PARK2008
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.verification.reaching_bound import (
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification.reaching import (
     holding_torque,
     least_gain,
     operating_set,

@@ -19,31 +19,31 @@ from pathlib import Path
 from railslip_ctrl import PARK2008, Rail
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
-from railslip_ctrl.verification.sliding_verification.layered import (
+from railslip_ctrl.verification.actuator_effects import (
+    POINTS,
+    ActuatorEffect,
+    actuator_effect,
+    conclusion,
+    cycle_table,
+    published_loop,
+    stop_loops,
+)
+from railslip_ctrl.verification.fine_simulation import FineRun, holding_torque, simulate_fine
+from railslip_ctrl.verification.layered import (
     DURATION,
     OFFSET,
     STEP,
+    LayeredDesign,
+    LayeredLaw,
     RailBounds,
     bounded_errors,
     bounded_torques,
     layered_design,
     rail_bounds,
+    torque_impulse,
 )
-from railslip_ctrl.verification.sliding_verification.published import POINTS, stop_loops
-from railslip_ctrl.verification.switching import (
-    TABLE4_SLIDING,
-    ActuatorEffect,
-    JointAdvice,
-    LayeredDesign,
-    actuator_effect,
-    conclusion,
-    cycle_table,
-    joint_advice,
-    published_loop,
-)
-from railslip_ctrl.verification.switching.layered import torque_impulse
-from railslip_ctrl.verification.switching.simulate import Run, holding_torque, simulate
-from railslip_ctrl.verification.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
+from railslip_ctrl.verification.surviving_gains import JointAdvice, joint_advice
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"
@@ -65,7 +65,7 @@ class RobustDesign:
     design: LayeredDesign
     bounds: dict[Rail, RailBounds]
     simulated: dict[Rail, dict[str, tuple[float, float]]]
-    worst: dict[Rail, Run]
+    worst: dict[Rail, FineRun]
 
 
 def design_for(inertia_scale: float) -> RobustDesign:
@@ -87,13 +87,13 @@ def design_for(inertia_scale: float) -> RobustDesign:
     )
 
 
-def worst_run(design: LayeredDesign, bounds: RailBounds) -> Run:
+def worst_run(design: LayeredDesign, bounds: RailBounds) -> FineRun:
     """The nonlinear wheel from rest under the worst disturbance of the linear loop."""
     point, actuator = bounds.plant.point, bounds.plant.point.vehicle.actuator
     impulse = torque_impulse(design, bounds.plant, actuator)
     torque = bounded_torques(bounds.at_rest.disturbance, impulse)[WORST]
     law = LayeredLaw(point.slip, holding_torque(point), design=design)
-    return simulate(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
+    return simulate_fine(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
 
 
 def run() -> dict[str, RobustDesign]:

@@ -39,8 +39,9 @@ from railslip_ctrl import (
 )
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design.tuning import PIDesign
+from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.identification.fits import CONFIDENCE, Fit
-from railslip_ctrl.identification.identify import Identification, Options, identify
+from railslip_ctrl.identification.identify import Identification, identify
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests, write_log
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 from railslip_ctrl.model.numeric import adhesion_coefficient, peak

@@ -17,17 +17,16 @@ import sympy as sp
 
 from railslip_ctrl.core.notation import latex_names, symbol
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.observer import statement as observer
+from railslip_ctrl.identification import observer_study as observer
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.erratum import Erratum
-from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.surface import UNCERTAIN
-from railslip_ctrl.sliding.symbols import SLIDING_NOTATION, sliding_symbol
+from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.sliding.derivation import UNCERTAIN, Derivation
+from railslip_ctrl.sliding.proof import SLIDING_NOTATION, sliding_symbol
 
 SOURCE = "Park2008"
 
@@ -144,7 +143,7 @@ def beam_parts() -> BeamParts:
     mu_d = mu_max - a * slip * plant.v * length / (length - sp.Symbol("l_h", positive=True))
     locking = printed.Cx * slip * x
     sliding = printed.mu_d * printed.width * sp.Symbol("p", positive=True)
-    return BeamParts(printed.pressure(), (locking, sliding), mu_d, sticking, printed.travelling_stiffness())
+    return BeamParts(printed.pressure, (locking, sliding), mu_d, sticking, printed.travelling_stiffness)
 
 
 def beam_force_in_u() -> sp.Expr:
@@ -238,7 +237,7 @@ def bristle_equations() -> list[Equation]:
             home,
             r"The print has $\sigma$ for $|\sigma|$, with which it would diverge for $\sigma < 0$.",
         ),
-        Equation(23, "Stribeck curve, linear", (_is(r"g(\sigma)", printed.bristle_g()),), home),
+        Equation(23, "Stribeck curve, linear", (_is(r"g(\sigma)", printed.bristle_g),), home),
         Equation(
             24,
             "its inverse",
@@ -250,7 +249,7 @@ def bristle_equations() -> list[Equation]:
 
 def observer_equations() -> list[Equation]:
     """(25)-(29)."""
-    home = "railslip_ctrl.identification.observer.statement"
+    home = "railslip_ctrl.identification.observer_study"
     torque = observer.adhesion_torque()
 
     def estimate(transfers: observer.Transfers) -> sp.Expr:
@@ -311,7 +310,7 @@ def reaching_equations(d: Derivation) -> list[Equation]:
     """(38)-(43)."""
     home = "railslip_ctrl.sliding.derivation.Derivation"
     rate, no_damping = sp.factor(d.closed_rate.subs(UNCERTAIN)), {sliding_symbol("D"): 0}
-    asked = _is(r"\dot s", printed.asked_rate().subs(no_damping))
+    asked = _is(r"\dot s", printed.asked_rate.subs(no_damping))
     disturbance = tex(d.disturbance)
     return [
         Equation(

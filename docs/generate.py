@@ -20,11 +20,10 @@ from types import ModuleType
 import railslip_ctrl
 from railslip_ctrl.core.notation import NOTATION, Notation
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.model.adhesion.registry import law_classes
-from railslip_ctrl.paper.errata import errata
-from railslip_ctrl.paper.erratum import Erratum
+from railslip_ctrl.model.adhesion import law_classes
+from railslip_ctrl.paper.errata import Erratum, errata
 from railslip_ctrl.sliding.derivation import Derivation, derive
-from railslip_ctrl.sliding.symbols import SLIDING_NOTATION
+from railslip_ctrl.sliding.proof import SLIDING_NOTATION
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 

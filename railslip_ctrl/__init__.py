@@ -1,7 +1,7 @@
 """railslip_ctrl: wheel-slip control design for trains.
 
 The names below load on first use, so that importing the package, or running a command, costs only what it needs. What
-is not here is in the packages: `loop`, `design`, `sliding`, `switching`, `simulation`, `reproduction`, `campaign`,
+is not here is in the packages: `loop`, `design`, `sliding`, `simulation`, `verification`, `paper`,
 `observer`, `identification`.
 """
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from .simulation import built_in_scenario as built_in_scenario
     from .simulation import simulate as simulate
     from .simulation import stop as stop
-    from .simulation.campaign.execution import campaign as campaign
+    from .simulation.campaign.statistics import campaign as campaign
     from .simulation.catalogue import slide_protection as slide_protection
     from .simulation.controller_files import load_controller as load_controller
     from .simulation.run_comparison import compare_runs as compare_runs
@@ -97,7 +97,7 @@ _HOME = {
     "actuated_plant": ".design",
     "assess": ".design.assessment",
     "built_in_scenario": ".simulation",
-    "campaign": ".simulation.campaign.execution",
+    "campaign": ".simulation.campaign.statistics",
     "compare_runs": ".simulation.run_comparison",
     "derive": ".sliding.derivation",
     "fundamental_limits": ".design.limits",

@@ -22,10 +22,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
 LONGEST = (
-    *("test_virtual_rig.py", "html report", "test_identification_command.py", "test_campaign_execution.py"),
+    *("test_virtual_rig.py", "html report", "test_identification_command.py", "test_campaign.py"),
     *("test_scripts.py", "test_sliding_verification.py", "test_derivation.py", "test_tuning.py", "test_docs.py"),
-    *("test_limit_cycles.py", "test_switching.py", "test_verification.py", "test_limits.py", "test_readme.py"),
-    *("test_stabilizing.py", "test_loop_batch.py", "test_layered_design.py", "test_log_diagnosis.py"),
+    *("test_limit_cycles.py", "test_verification.py", "test_limits.py", "test_readme.py"),
+    *("test_stabilizing.py", "test_loop_batch.py", "test_log_checks.py"),
 )
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 

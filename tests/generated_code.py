@@ -9,7 +9,7 @@ import subprocess
 import pytest
 from sample_laws import sample_law
 
-from railslip_ctrl.sliding.code_head import KEPT
+from railslip_ctrl.sliding.law import KEPT
 from railslip_ctrl.sliding.sampled_law import LARGEST, OPTIONS
 
 COMPILER = shutil.which("cc")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from railslip_ctrl.identification.logs import Log
-from railslip_ctrl.identification.rows import Rows
+from railslip_ctrl.identification.cleaning import StampFilter
+from railslip_ctrl.identification.logs import Log, Rows
 
 HEADER = "time [s],train speed [km/h],wheel speed [km/h],brake torque [kN*m]"
 
@@ -31,9 +31,10 @@ def write(tmp_path: Path, text: str | bytes, name: str = "log.csv") -> Path:
 
 
 def read(path: Path, **options: object) -> tuple[Rows, Log]:
-    """All rows of a log as one, and the log."""
+    """All rows of a log as one, and the log with the filter of its time stamps."""
     log = Log(path, **options)
-    parts = list(log.rows())
+    log.stamps = StampFilter(log.name)
+    parts = list(log.stamps.rows(log.rows()))
     rows = parts[0]
     for part in parts[1:]:
         rows = rows.then(part)

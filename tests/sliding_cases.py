@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
 
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
-from railslip_ctrl.verification.switching import ActuatorEffect, LayeredDesign, actuator_effect, published_loop
+from railslip_ctrl.verification.actuator_effects import ActuatorEffect, actuator_effect, published_loop
+from railslip_ctrl.verification.fine_simulation import FineRun, whole_periods
+from railslip_ctrl.verification.layered import LayeredDesign
 
 ACTUATOR = PARK2008.actuator
 IDEAL = Actuator(dead_time=0.0, lag=0.0)
@@ -18,3 +23,10 @@ DESIGN = LayeredDesign(kp=312.3, ki=100.0, lead=0.6, lead_filter=0.06, K=450.0)
 def effect_on(rail: Rail) -> ActuatorEffect:
     """What the published actuator does to the published law, SI."""
     return actuator_effect(published_loop(rail))
+
+
+def measured_cycle(run: FineRun) -> SimpleNamespace:
+    """Period and amplitudes over the whole periods of s in a run."""
+    period, whole = whole_periods(run)
+    amplitudes = {f"{name}_amplitude": np.ptp(getattr(whole, name)) / 2 for name in ("surface", "sigma", "torque")}
+    return SimpleNamespace(period=period, surface_mean=whole.surface.mean(), **amplitudes)

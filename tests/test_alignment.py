@@ -11,10 +11,11 @@ import pytest
 from rig_logs import rig_rows
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.alignment import LONGEST_DELAY, Alignment
-from railslip_ctrl.identification.identify import Identification, Options, curve_of, identify_curve
-from railslip_ctrl.identification.observer.sensors import Encoder
-from railslip_ctrl.identification.rows import Rows
+from railslip_ctrl.identification.cleaning import LONGEST_DELAY, Alignment
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import Identification, identify_curve
+from railslip_ctrl.identification.logs import Rows
+from railslip_ctrl.identification.observer import Encoder
 from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests, write_log
 from railslip_ctrl.model.vehicle import PARK2008
 

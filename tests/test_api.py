@@ -18,15 +18,15 @@ import pytest
 import railslip_ctrl
 from railslip_ctrl.core import errors
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.observer import AdhesionObserver
+from railslip_ctrl.identification.observer import TorqueObserver
 from railslip_ctrl.model.vehicle import Record
-from railslip_ctrl.simulation.campaign.sampling import Distribution
+from railslip_ctrl.simulation.campaign.specification import Distribution
 from railslip_ctrl.simulation.controllers import Controller
 
 ROOT = Path(railslip_ctrl.__file__).parent
 ROOMS = (
-    *("model.adhesion", "design", "loop", "paper", "simulation", "simulation.campaign"),
-    *("identification.observer", "verification.switching"),
+    *("model.adhesion", "design", "loop", "simulation", "simulation.campaign"),
+    *("identification.observer", "identification.observer_study"),
 )
 
 ENTRIES = {
@@ -39,13 +39,12 @@ ENTRIES = {
     ),
     "model.vehicle_files": ("load_vehicle",),
     "model.linearization": ("LinearPlant", "OperatingPoint"),
-    "verification.conditions": ("verify",),
     "sliding.derivation": ("Derivation",),
-    "verification.sliding_verification": ("verify_with_actuator",),
+    "verification.joint_verification": ("verify_with_actuator",),
 }
 """What is public of the modules that do not list their names."""
 
-PROTOCOLS = (AdhesionObserver, Controller, Distribution)
+PROTOCOLS = (TorqueObserver, Controller, Distribution)
 """What public classes implement without inheriting it."""
 
 UNIT = re.compile(

@@ -24,9 +24,8 @@ from railslip_ctrl.model.adhesion import law_class, law_names, load_law, publish
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.layout import WIDTH, columns, render, table
-from railslip_ctrl.sliding.code import generate
+from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
 
 MARGINS = ("margins", "--rail", "dry", "--kp", "190", "--ki", "5")
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")

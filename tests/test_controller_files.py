@@ -24,7 +24,7 @@ from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingCont
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.catalogue import published_reference
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 S = ct.tf("s")
 HELD = ReferenceSlip(dry=0.1317, wet=0.0923)

@@ -28,8 +28,8 @@ from project import ROOT
 import railslip_ctrl
 from railslip_ctrl.cli.program import _COMMANDS
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.identification.cells import BINS
-from railslip_ctrl.identification.record import MOST_ROWS
+from railslip_ctrl.identification.curves import BINS
+from railslip_ctrl.identification.observed import MOST_ROWS
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, law_names, published_law
 from railslip_ctrl.model.adhesion.beam import integrated_force
@@ -40,8 +40,7 @@ from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.surface import UNCERTAIN
+from railslip_ctrl.sliding.derivation import UNCERTAIN, derive
 
 DOCS = ROOT / "docs"
 
@@ -322,7 +321,7 @@ def test_an_equation_shows_as_printed_only_what_is_printed_there():
     assert "**Erratum**: printed" in texts[39]
     rate = derive().closed_rate.subs(UNCERTAIN)
     assert equations.tex(sp.factor(rate)) in texts[39]
-    assert sp.expand(rate + plant.r / plant.J * -equations.printed.asked_rate()) == 0
+    assert sp.expand(rate + plant.r / plant.J * -equations.printed.asked_rate) == 0
 
 
 def test_the_beam_stated_here_integrates_to_the_package_s():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import io
 import json
 import os
 import subprocess
@@ -14,8 +16,10 @@ import pytest
 from project import ROOT, refused
 from rig_logs import HEADER, rig_rows, write_log
 
-from railslip_ctrl.identification.course import course_of
-from railslip_ctrl.identification.identify import Options, identify
+from railslip_ctrl.cli import main
+from railslip_ctrl.identification.curves import Options
+from railslip_ctrl.identification.identify import identify
+from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.plots import adhesion_figure, drift_figure
@@ -29,13 +33,22 @@ def log(tmp_path_factory):
     return write_log(tmp_path_factory.mktemp("logs") / "beam.csv", rig_rows(BEAM, seed=3)[0])
 
 
+@pytest.fixture(scope="module")
+def fitted(log, tmp_path_factory):
+    """`identify` run once with all that it writes: the folder, what was found as JSON, and standard error."""
+    folder, out, err = tmp_path_factory.mktemp("fitted"), io.StringIO(), io.StringIO()
+    files = ["--out", str(folder / "out"), "--observed", str(folder / "observed.csv")]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as caught:
+        main(["identify", str(log), "--model", "beam", "--json", *files])
+    assert caught.value.code == 0
+    return folder, json.loads(out.getvalue()), err.getvalue()
+
+
 # --- the contract --------------------------------------------------------------------------------------------------
 
 
-def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(railslip, log):
-    status, out, err = railslip("identify", log, "--model", "beam", "--json")
-    assert (status, err) == (0, "")
-    found = json.loads(out)
+def test_json_has_the_contract_s_keys_and_the_truth_in_its_intervals(fitted):
+    _, found, _ = fitted
     assert {"model", "parameters", "mean_abs_error", "points"} <= found.keys()
     assert found["model"] == "beam"
     assert found["parameters"].keys() == {"mu_max", "a", "Kx"}
@@ -64,16 +77,16 @@ def test_the_best_is_the_model_of_the_rig_and_all_are_compared(railslip, log):
         assert f"\n {model} " in out
 
 
-def test_every_command_takes_the_model_that_was_fitted(railslip, log, tmp_path):
-    out = tmp_path / "fitted"
-    status, _, err = railslip("identify", log, "--model", "beam", "--out", out)
-    assert status == 0
-    assert "wrote 9 files" in err
+def test_every_command_takes_the_model_that_was_fitted(railslip, fitted):
+    out = fitted[0] / "out"
+    assert fitted[2].startswith("railslip: wrote 9 files")
+    assert len(fitted[2].splitlines()) == 1
     names = {path.name for path in out.iterdir()}
     assert names == {"model.toml", "identification.txt", "identification.json"} | {
         f"{name}.{suffix}" for name in ("adhesion", "peak", "braking") for suffix in ("png", "svg")
     }
     found = json.loads((out / "identification.json").read_text())
+    assert found == fitted[1]
     law = load_law(out / "model.toml")
     assert law.mu_max == found["parameters"]["mu_max"]["value"]
     assert law.reference.dry == found["reference_slip"]["dry"]
@@ -85,17 +98,14 @@ def test_every_command_takes_the_model_that_was_fitted(railslip, log, tmp_path):
         assert json.loads(text)["cases"][0]["slip"] == pytest.approx(law.reference.dry)
 
 
-def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
+def test_the_observed_adhesion_is_written_row_by_row(railslip, log, fitted, tmp_path):
     """From its lines the bins of the curve come out, which are summed on another way; nothing is written by halves."""
-    file = tmp_path / "observed.csv"
-    status, out, _ = railslip("identify", log, "--model", "beam", "--observed", file, "--json")
-    assert status == 0
+    file, found = fitted[0] / "observed.csv", fitted[1]
     assert file.read_text().startswith(
         "time [s],filtered train speed [km/h],filtered slip [1],filtered wheel load [N],adhesion torque [N*m],mu [1],"
         "regime\n"
     )
     _, _, slip, load, torque, mu = np.loadtxt(file, delimiter=",", skiprows=1, usecols=range(6)).T
-    found = json.loads(out)
     assert slip.size == found["points"]
     assert mu == pytest.approx(torque / (PARK2008.wheel.radius * load), rel=1e-8)  # ten digits
     for each in found["curve"]:
@@ -114,15 +124,15 @@ def test_the_observed_adhesion_is_written_row_by_row(railslip, log, tmp_path):
     assert log.read_bytes() == before
 
 
-def test_the_course_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
+def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(log):
     """The wheel turns as brake and adhesion torque ask: omega comes out of the observed torque again."""
     found = identify(log, PARK2008, Options(model="beam"))
-    course = course_of(found.curve.record, PARK2008, found.curve.time_constant)
+    run = time_history_of(found.curve.record, PARK2008, found.curve.time_constant)
     J, B = PARK2008.effective_inertia, PARK2008.effective_viscous_friction
-    omega = course.wheel_speed / PARK2008.wheel.radius
-    seen = np.isfinite(course.adhesion_torque)
-    turning = (course.adhesion_torque - course.brake_torque - B * omega) / J
-    time, change = course.time[seen], np.zeros(seen.sum())
+    omega = run.wheel_speed / PARK2008.wheel.radius
+    seen = np.isfinite(run.adhesion_torque)
+    turning = (run.adhesion_torque - run.brake_torque - B * omega) / J
+    time, change = run.time[seen], np.zeros(seen.sum())
     change[1:] = np.cumsum(np.diff(time) * (turning[seen][1:] + turning[seen][:-1]) / 2)
     # the filter is 0.05 s late, in which omega goes up to 3 rad/s
     assert change == pytest.approx(omega[seen] - omega[seen][0], abs=3.0)
@@ -180,7 +190,7 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
 
 
 def test_figures_show_the_record(log):
-    found = identify(log, PARK2008, Options())
+    found = identify(log, PARK2008, Options(model="beam"))
     (ax,) = adhesion_figure([found]).axes
     mean = next(line for line in ax.lines if line.get_label() == "mean")
     assert np.array_equal(mean.get_ydata(), found.curve.bins.mean)
@@ -193,8 +203,7 @@ def test_figures_show_the_record(log):
 # --- options -------------------------------------------------------------------------------------------------------
 
 
-def test_columns_units_and_speeds_by_option(railslip, log, tmp_path):
-    expected = json.loads(railslip("identify", log, "--model", "beam", "--json")[1])
+def test_columns_units_and_speeds_by_option(railslip, log, fitted, tmp_path):
     text = log.read_text().replace(HEADER, "a,b,c,d")
     other = tmp_path / "other.csv"
     other.write_text(text)
@@ -205,7 +214,7 @@ def test_columns_units_and_speeds_by_option(railslip, log, tmp_path):
     units = ["--unit=train_speed=km/h", "--unit=brake_torque=kNm"]
     status, out, err = railslip("identify", other, "--model", "beam", "--json", *columns, *units)
     assert status == 0
-    assert json.loads(out)["parameters"] == expected["parameters"]
+    assert json.loads(out)["parameters"] == fitted[1]["parameters"]
     assert "column 'a' names no unit: s is taken for time" in err
 
 
@@ -218,13 +227,6 @@ def test_fixed_and_bounded_parameters(railslip, log):
     assert found["parameters"]["a"]["status"] == "at upper bound"
     assert found["parameters"]["a"]["stderr"] is None
     assert any("rests on its upper bound" in note for note in found["notes"])
-
-
-def test_wet_log_gives_a_wet_model(railslip, log, tmp_path):
-    assert railslip("identify", log, "--model", "beam", "--rail", "wet", "--out", tmp_path / "o")[0] == 0
-    law = load_law(tmp_path / "o" / "model.toml")
-    assert law.rail is Rail.WET
-    assert law.mu_max == pytest.approx(BEAM.mu_max, rel=0.05)  # not halved
 
 
 def test_the_printed_observer_is_no_use_where_torque_is_ramped(railslip, log):
@@ -362,27 +364,14 @@ def test_a_wild_time_stamp_costs_its_row(railslip, log, tmp_path):
     assert "line 401: time jumps from" in refused(railslip("identify", path, "--model", "beam"))
 
 
-def test_many_broken_lines_are_told_with_the_last(railslip, log, tmp_path):
-    lines = log.read_text().splitlines(keepends=True)
-    path = tmp_path / "broken.csv"
-    path.write_text("".join([*lines[:3000], *(line.split(",", 1)[1] for line in lines[3000:])]))
-    status, _, err = railslip("identify", path, "--model", "beam")
-    assert status == 0
-    said = f"{len(lines) - 3000} broken lines in all, the last line {len(lines)}; every other line is used"
-    assert "line 3001: 3 cells where the header has 4" in err
-    assert said in err
-
-
-def test_standard_input_is_a_log_too(railslip, log, monkeypatch, tmp_path):
-    expected = json.loads(railslip("identify", log, "--model", "beam", "--json")[1])
+def test_standard_input_is_a_log_too(railslip, log, fitted, monkeypatch):
     with log.open() as file:
         monkeypatch.setattr("sys.stdin", file)
         status, out, err = railslip("identify", "-", "--model", "beam", "--json")
     found = json.loads(out)
     assert (status, err) == (0, "")
-    assert found["log"].pop("file") == "standard input"
-    expected["log"].pop("file")
-    assert found == expected
+    assert found["log"]["file"] == "standard input"
+    assert found == fitted[1] | {"log": fitted[1]["log"] | {"file": "standard input"}}
     assert "standard input can be read once" in refused(railslip("identify", "-", "-"))
 
 

@@ -58,16 +58,13 @@ def test_an_interruption_is_one_line_and_leaves_no_process(send: Callable[[int, 
 
 
 @pytest.mark.skipif(os.name != "posix", reason="as above")
-def test_processes_end_with_the_one_that_started_them() -> None:
+def test_processes_end_with_the_one_that_started_them_and_a_report_leaves_nothing(tmp_path: Path) -> None:
     command = started("-c", WORK.format(wait=True))
     assert command.stdout is not None
     assert command.stdout.readline() == "begun\n"
     command.kill()
     command.communicate(timeout=ENDED)
 
-
-@pytest.mark.skipif(os.name != "posix", reason="as above")
-def test_a_report_interrupted_leaves_nothing(tmp_path: Path) -> None:
     command = started("-m", "railslip_ctrl", "report", "--out", "made/for/it", cwd=tmp_path)
     assert command.stderr is not None
     assert "the best design" in command.stderr.readline()

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 
 import pytest
 from project import refused
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import initial_speeds_in, is_over_initial_speed, law_in, load_law, published_law
+from railslip_ctrl.model.adhesion import (
+    initial_speeds_in,
+    is_over_initial_speed,
+    law_in,
+    load_law,
+    published_law,
+    wheel_load_in,
+)
 from railslip_ctrl.model.adhesion.burckhardt import Burckhardt
 from railslip_ctrl.model.linearization import operating_point
 from railslip_ctrl.model.vehicle import PARK2008
@@ -19,6 +26,16 @@ from railslip_ctrl.report.text import case_title
 PARAMETERS = "[parameters]\nc1 = 0.3\nc2 = 30.0\nc3 = 0.2\n"
 SLIPS = "[reference_slip]\ndry = 0.1\nwet = 0.1\n"
 OVER = 'law = "burckhardt"\ninitial_speed_range = [30, 140]\n[polynomials]\nc1 = [0.4, -1e-3]\nc2 = [30]\nc3 = [0.2]\n'
+
+BEAM = """law = "beam"
+[parameters]
+mu_max = 0.3
+a = 0.004
+Kx = "300 kN"
+[reference_slip]
+dry = 0.1
+wet = 0.07
+"""
 
 LAW = """
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
@@ -68,24 +85,19 @@ AT = {"linearize": ("--speed", "20", "--rail", "dry"), "derive": ("--format", "c
 
 
 @pytest.mark.parametrize("command", AT)
-def test_a_law_found_at_another_v0_is_told_in_every_command(railslip, file, command):
+def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file, command):
     name = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [28, 30]\n{PARAMETERS}{SLIPS}')
-    assert initial_speeds_in(name) == (28.0, 30.0)
+    assert (initial_speeds_in(name), is_over_initial_speed(name)) == ((28.0, 30.0), False)
     told = "slow.toml was found at an initial speed v0 of 28 to 30 km/h and is used at 100 km/h"
     status, _, err = railslip(command, "--adhesion", name, *AT[command])
-    assert status in (0, 1)
-    assert err.count("\n") == 1  # once, whatever the number of rails
-    assert told in err
+    assert (status in (0, 1), err.count("\n"), told in err) == (True, 1, True)  # once, whatever the number of rails
     assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "32", *AT[command])[2]  # within a tenth
 
-
-@pytest.mark.parametrize("command", AT)
-def test_a_law_over_v0_is_told_where_v0_is_the_default(railslip, file, command):
     name = file("over.toml", OVER + SLIPS)
     assert is_over_initial_speed(name)
     status, _, err = railslip(command, "--adhesion", name, *AT[command])
-    assert status in (0, 1)
     assert "over.toml changes with the initial speed v0, and is taken at 100 km/h; give --initial-speed" in err
+    assert status in (0, 1)
     assert "v0" not in railslip(command, "--adhesion", name, "--initial-speed", "100", *AT[command])[2]
     assert "outside 30 to 140" in refused(railslip(command, "--adhesion", name, "--initial-speed", "160", *AT[command]))
 
@@ -98,11 +110,8 @@ def test_a_run_takes_the_law_at_the_speed_it_begins_at(railslip, file):
     over = file("over.toml", OVER + SLIPS)
     assert "v0" not in railslip(*run, "--adhesion", over, "--speed", "80")[2]
     told = "the adhesion is that of brakes applied at 80 km/h, but this run begins at 100 km/h (--speed)"
-    assert told in railslip(*run, "--adhesion", over, "--initial-speed", "80")[2]
-    assert told in railslip(*run, "--adhesion", "beam", "--initial-speed", "80")[2]
-
-
-def test_a_speed_above_v0_is_told(railslip):
+    for law in (over, "beam"):
+        assert told in railslip(*run, "--adhesion", law, "--initial-speed", "80")[2]
     err = railslip("linearize", "--rail", "dry", "--speed", "60", "--speed", "120")[2]
     assert err.startswith(
         "railslip: warning: --speed: 120 km/h is above 100 km/h, the v0 at which the brake is applied"
@@ -110,11 +119,10 @@ def test_a_speed_above_v0_is_told(railslip):
     assert railslip("linearize", "--rail", "dry", "--speed", "120", "--initial-speed", "120")[2] == ""
 
 
-@pytest.mark.parametrize("limits", ["[140, 30]", "[30]", '"30"', "[-1, 30]"])
-def test_a_range_of_v0_that_is_none_is_refused(file, limits):
-    name = file("law.toml", f'law = "burckhardt"\ninitial_speed_range = {limits}\n{PARAMETERS}')
-    with pytest.raises(InputError, match="key 'initial_speed_range': give the lowest and the highest speed"):
-        initial_speeds_in(name)
+def test_a_law_found_at_another_wheel_load_is_told(railslip, file):
+    name = file("heavy.toml", BEAM.replace("[parameters]", 'wheel_load = "50 kN"\n[parameters]'))
+    assert wheel_load_in(name) == 50e3
+    assert "was found at a wheel load of 50000 N and is used at 34500 N" in railslip("linearize", "--adhesion", name)[2]
 
 
 # --- reference slip ------------------------------------------------------------------------------------------------
@@ -123,21 +131,13 @@ def test_a_range_of_v0_that_is_none_is_refused(file, limits):
 def test_a_law_without_a_reference_slip_is_refused_alike(railslip, file):
     """The paper's slip may lie anywhere beside the peak of a law of one's own."""
     law = file("bare.toml", f'law = "burckhardt"\n{PARAMETERS}')
-    for command in (
-        ("linearize",),
-        ("margins",),
-        ("tune", "--ms-max", "2"),
-        ("verify", "--law", "layered"),
-        ("simulate",),
-    ):
-        err = refused(railslip(*command, "--adhesion", law))
-        assert err.startswith("railslip: error: --slip: adhesion ")
-        assert "has no reference slip" in err
+    for command in ("linearize", "margins", "tune --ms-max 2", "verify --law layered", "simulate"):
+        told = refused(railslip(*command.split(), "--adhesion", law))
+        assert re.search(r"--slip: adhesion '(bare.toml|burckhardt)' has no reference slip", told)
     assert "--slip: adhesion 'polach' has no reference slip" in refused(railslip("simulate", "--adhesion", "polach"))
-    status, out, _ = railslip("simulate", "--adhesion", law, "--slip", "0.1", "--no-noise", "--json")
-    assert (status, json.loads(out)["reference_slip"]) == (0, {"dry": 0.1, "wet": 0.1})
-    status, out, _ = railslip("simulate", "--adhesion", law, "--gains", "beam", "--no-noise", "--json")
-    assert (status, json.loads(out)["reference_slip"]) == (0, {"dry": 0.119, "wet": 0.059})
+    for given, slips in ((("--slip", "0.1"), (0.1, 0.1)), (("--gains", "beam"), (0.119, 0.059))):
+        status, out, _ = railslip("simulate", "--adhesion", law, *given, "--no-noise", "--json")
+        assert (status, json.loads(out)["reference_slip"]) == (0, dict(zip(("dry", "wet"), slips, strict=True)))
 
 
 def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
@@ -150,10 +150,9 @@ def test_a_campaign_asks_for_the_slip_and_holds_the_law_s(railslip, file):
     assert "campaign.toml: controller 0: slip: adhesion 'burckhardt' has no reference slip; give slip = X" in refused(
         railslip("campaign", name, "--out", "out")
     )
-    file("campaign.toml", text + "slip = 0.08\n")
-    assert load_campaign(name).controllers[0].reference.dry == 0.08
-    file("campaign.toml", text + 'gains = "beam"\n')
-    assert load_campaign(name).controllers[0].reference.dry == 0.119
+    for more, slip in (("slip = 0.08\n", 0.08), ('gains = "beam"\n', 0.119)):
+        file("campaign.toml", text + more)
+        assert load_campaign(name).controllers[0].reference.dry == slip
     file("campaign.toml", text)
     file("law.toml", f'law = "burckhardt"\n{PARAMETERS}{SLIPS}')
     assert load_campaign(name).controllers[0].reference.dry == 0.1
@@ -166,15 +165,16 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
     """Its force by hand, and its one pole, which is its slope there: 0 where it has reached mu."""
     monkeypatch.setattr(sys, "dont_write_bytecode", False)  # nor is a text taken for one of its length and second
     name = file("mine.py", LAW)
-    status, out, err = railslip("linearize", "--adhesion", name, "--rail", "dry", "--json")
-    assert (status, err) == (0, "")
-    found = json.loads(out)["cases"][0]
-    assert (found["adhesion"], found["slip"]) == ("coulomb_smoothed", 0.02)
-    assert found["adhesion_force_n"] == pytest.approx(34500 * 0.3 * 0.8701, rel=1e-4)  # tanh 4/3, from a table
-    flat = json.loads(railslip("linearize", "--adhesion", name, "--rail", "dry", "--slip", "0.5", "--json")[1])[
-        "cases"
-    ][0]
-    assert found["poles"][0][0] < 100.0 * flat["poles"][0][0] < 0.0
+    poles = []
+    for slip in ((), ("--slip", "0.5")):
+        status, out, err = railslip("linearize", "--adhesion", name, "--rail", "dry", *slip, "--json")
+        assert (status, err) == (0, "")
+        found = json.loads(out)["cases"][0]
+        poles.append(found["poles"][0][0])
+        if not slip:
+            assert (found["adhesion"], found["slip"]) == ("coulomb_smoothed", 0.02)
+            assert found["adhesion_force_n"] == pytest.approx(34500 * 0.3 * 0.8701, rel=1e-4)  # tanh 4/3, from a table
+    assert poles[0] < 100.0 * poles[1] < 0.0
     assert "a Python file is not derived with" in refused(railslip("derive", "--adhesion", name))
     assert "no such file" in refused(railslip("linearize", "--adhesion", "none.py"))
     for text, told in (
@@ -184,9 +184,6 @@ def test_a_law_of_one_s_own_in_a_python_file(railslip, file, monkeypatch):
         (f"{LAW}LAW = Coulomb\n", ": LAW is no adhesion law with its parameters"),
     ):
         assert f"--adhesion: other.py{told}" in refused(railslip("linearize", "--adhesion", file("other.py", text)))
-
-
-def test_a_python_file_may_hold_a_law_of_the_package(file):
     text = "from railslip_ctrl.model.adhesion.burckhardt import Burckhardt\nLAW = Burckhardt(c1=0.3, c2=30.0, c3=0.2)\n"
     assert law_in(file("set.py", text)) == Burckhardt(c1=0.3, c2=30.0, c3=0.2)
     assert law_in("set.py") == load_law(file("set.toml", f'law = "burckhardt"\n{PARAMETERS}'))
@@ -194,15 +191,6 @@ def test_a_python_file_may_hold_a_law_of_the_package(file):
 
 # --- which law it was ----------------------------------------------------------------------------------------------
 
-BEAM = """law = "beam"
-[parameters]
-mu_max = 0.3
-a = 0.004
-Kx = "300 kN"
-[reference_slip]
-dry = 0.1
-wet = 0.07
-"""
 ASKED = {
     "linearize": ("--rail", "dry"),
     "margins": ("--rail", "dry", "--kp", "190", "--ki", "5"),
@@ -249,19 +237,12 @@ def test_a_law_of_python_and_a_table_are_told_with_all_their_numbers(railslip, f
 
 def test_a_published_law_is_told_as_such_at_its_v0_in_the_reading_of_the_run_and_from_a_scenario_s_file(railslip, file):
     run = ("simulate", "--no-noise", "--json")
-    for more in (
-        ("--adhesion", "bristle", "--initial-speed", "80"),  # scaled, as the default scenario's inertia is
-        ("--adhesion", "beam", "--speed", "80"),
-        (),
-    ):
-        (law,) = laws_in(railslip(*run, *more)[1])
-        assert law["source"] == "published"
+    scaled = ("--adhesion", "bristle", "--initial-speed", "80")  # as the default scenario's inertia is
+    for more in (scaled, ("--adhesion", "beam", "--speed", "80"), ()):
+        assert laws_in(railslip(*run, *more)[1])[0]["source"] == "published"
     file("model.toml", BEAM)
-    own = file("own.toml", 'extends = "park2008"\nadhesion = "model.toml"\n')
-    assert laws_in(railslip(*run, "--scenario", own)[1])[0]["source"] == "model.toml"
-
-
-def test_a_law_made_in_python_with_numbers_of_its_own_is_no_published_one():
+    scenario = file("own.toml", 'extends = "park2008"\nadhesion = "model.toml"\n')
+    assert laws_in(railslip(*run, "--scenario", scenario)[1])[0]["source"] == "model.toml"
     own = published_law("beam", "dry").model_copy(update={"mu_max": 0.3})
     points = [operating_point(law, PARK2008, 20.0, 0.05) for law in (own, published_law("beam", "dry"))]
     assert [source_at(point) for point in points] == ["given", "published"]
@@ -292,29 +273,23 @@ def test_a_wet_log_s_law_asks_for_wet_rail_by_its_option(railslip, file, command
 # --- options given twice -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("arguments", "option"),
-    [
-        (("margins", "--kp", "1", "--ki", "1", "--kp", "2"), "--kp"),
-        (("simulate", "--seed", "1", "--seed=1"), "--seed"),
-        (("report", "--html", "--no-html"), "--html"),
-        (("identify", "log.csv", "--tau", "0.1", "--tau", "0.2"), "--tau"),
-    ],
-)
-def test_an_option_with_one_value_is_given_once(railslip, file, arguments, option):
+def test_an_option_with_one_value_is_given_once(railslip, file):
     file("log.csv", "")
-    assert refused(railslip(*arguments)) == f"railslip: error: {option}: is given 2 times; give it once\n"
-
-
-def test_what_may_be_given_again_is_counted_once(railslip):
-    once = railslip("linearize", "--speed", "100", "--rail", "dry", "--json")
-    assert once[0] == 0
-    assert railslip("linearize", "--speed", "100", "--speed", "100", "--rail", "dry", "--json", "--json") == once
+    for command, option in (
+        ("margins --kp 1 --ki 1 --kp 2", "--kp"),
+        ("simulate --seed 1 --seed=1", "--seed"),
+        ("report --html --no-html", "--html"),
+        ("identify log.csv --tau 0.1 --tau 0.2", "--tau"),
+    ):
+        told = f"railslip: error: {option}: is given 2 times; give it once\n"
+        assert refused(railslip(*command.split())) == told
     for option in ("--delay", "--zero", "--column", "--unit"):
         twice = (option, "train_speed=1", option, "train_speed=2")
-        assert refused(railslip("identify", "log.csv", *twice)) == (
-            f"railslip: error: {option}: train_speed is given twice; give it once\n"
-        )
+        told = f"railslip: error: {option}: train_speed is given twice; give it once\n"
+        assert refused(railslip("identify", "log.csv", *twice)) == told
+    once = railslip("linearize", "--speed", "100", "--rail", "dry", "--json")  # what may be given again counts once
+    assert once[0] == 0
+    assert railslip("linearize", "--speed", "100", "--speed", "100", "--rail", "dry", "--json", "--json") == once
 
 
 def test_a_lead_s_filter_is_the_same_in_margins_and_tune(railslip):

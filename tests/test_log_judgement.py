@@ -14,20 +14,18 @@ from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.identification import candidates
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification import plausibility
-from railslip_ctrl.identification.curves import curve_of, read_curve
+from railslip_ctrl.identification.candidates import IMPOSSIBLE_MU, Lag, check_fit, fit_doubts
+from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
+from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify_curve
+from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
+from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.outliers import BESIDE, OutlierFilter
-from railslip_ctrl.identification.plausibility import IMPOSSIBLE_MU, check_fit, fit_doubts, mu_warning, unit_hint
-from railslip_ctrl.identification.polynomials import over_initial_speed
-from railslip_ctrl.identification.reference import peak_notes, peak_of_law
-from railslip_ctrl.identification.regimes import Regimes, regimes_of
-from railslip_ctrl.identification.rows import Rows
-from railslip_ctrl.identification.timing import Lag, train_lag
+from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law, regimes_of
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -80,7 +78,7 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, rows
 def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
     """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
     monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
-    monkeypatch.setattr(plausibility, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
+    monkeypatch.setattr(candidates, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
     found = identified(rows, "best")
     assert found.chosen.fit.model.name == "beam"
     assert (
@@ -156,7 +154,7 @@ def test_units_that_would_do_are_named_and_no_others():
     assert "or wheel_load seems to be in kN (--unit wheel_load=kN), which would make it 0.26" in both
     assert unit_hint(260.0, {"brake_torque": 1.0}) == ""
     assert unit_hint(0.26, {"brake_torque": 1.0, "wheel_load": 1.0}) == ""
-    assert "--unit brake_torque=kN*m" in mu_warning(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})
+    assert "--unit brake_torque=kN*m" in next(mu_findings(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})).text
 
 
 # --- by rule, extrapolated -----------------------------------------------------------------------------------------
@@ -260,7 +258,7 @@ def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest(sp
     assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
     assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
     assert found.regimes.boundary != found.curve.peak_slip
-    assert sum(found.curve.slip_counts.parted_at(found.regimes.boundary)) == found.curve.survey.used
+    assert sum(found.curve.parted_at(found.regimes.boundary)) == found.curve.survey.used
     assert found.train_lag.peak_slip == found.regimes.boundary
 
 
@@ -284,8 +282,8 @@ def test_without_a_peak_in_the_log_the_data_part_the_regimes(rows):
 
 
 def test_the_help_says_what_the_observer_affects(railslip):
-    text = " ".join(railslip("identify", "--help")[1].split())
-    assert "models fitted along the motion (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
+    text = " ".join(railslip("identify", "--help")[1].split()).replace("prediction- error", "prediction-error")
+    assert "prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
 
 
 # --- a lag of the train's speed ------------------------------------------------------------------------------------
@@ -345,9 +343,9 @@ def test_the_lag_is_in_text_and_json(dry):
 
 
 def false_alarm(sides: int) -> float:
-    """Of a normal deviate beside the median absolute one of `BESIDE` others, the larger of so many sides."""
+    """Of a normal deviate beside the median absolute one of `NOISE_ROWS` others, the larger of so many sides."""
     x = np.linspace(1e-4, 3.0, 6001)
-    below = stats.binom.sf(BESIDE // 2, BESIDE, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
+    below = stats.binom.sf(NOISE_ROWS // 2, NOISE_ROWS, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
     beyond = 2.0 * stats.norm.sf(8.0 * 1.4826 * x)
     return float(np.sum((beyond[1:] + beyond[:-1]) / 2.0 * np.diff(below)))
 
@@ -369,8 +367,7 @@ def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
         omega = columns["wheel_angular_speed"].copy()
         omega[at] += 8.0
         outliers = OutlierFilter()
-        outliers.add(Rows(np.arange(count), {**columns, "wheel_angular_speed": omega}))
-        outliers.finish()
+        list(outliers.rows(iter([Rows(np.arange(count), {**columns, "wheel_angular_speed": omega})])))
         assert outliers.count == expected
 
 

@@ -11,10 +11,10 @@ import pytest
 from analysis import lyapunov_along_runs
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PARK2008
-from railslip_ctrl.report.lyapunov_runs import lyapunov_runs_text
 from railslip_ctrl.report.plots import adaptation_figure, lyapunov_runs_figure, save_figure
+from railslip_ctrl.report.verification import lyapunov_runs_text
 from railslip_ctrl.simulation import SlidingControl, published_scenario
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun, judge_run
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)

@@ -10,9 +10,8 @@ import pytest
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.observed import AdhesionStream, Observer
+from railslip_ctrl.identification.observed import AdhesionStream, Observer, Record, Recorder
 from railslip_ctrl.identification.prediction import Intervals
-from railslip_ctrl.identification.record import Record, Recorder
 from railslip_ctrl.model.vehicle import PARK2008
 
 LOAD = PARK2008.wheel_load

@@ -10,19 +10,21 @@ from scipy.integrate import trapezoid
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.identification.observer import (
-    BrakeCourse,
     Encoder,
     FilterObserver,
     Form,
     KalmanObserver,
     TorqueSensor,
-    brake_trial,
-    measured,
     noise_deviation,
+)
+from railslip_ctrl.identification.observer_study import (
+    BrakeCourse,
+    brake_trial,
+    estimated,
+    measured,
     observer_errors,
     trade_off,
 )
-from railslip_ctrl.identification.observer.tradeoff import estimated
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 

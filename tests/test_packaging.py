@@ -23,7 +23,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     data = (
         "py.typed",
         "report/html/templates/report.html",
-        "model/_generated/scalar/curve.py",
+        "model/_generated/curve.py",
         "simulation/steps.py",
     )
     assert {f"railslip_ctrl/{name}" for name in data} <= files

@@ -289,7 +289,7 @@ def test_a_speed_outside_the_published_range_names_where_it_came_from(railslip, 
 
 
 def test_the_references_stand_last_in_figs_14_and_15():
-    from railslip_ctrl.paper import model_curves
+    from railslip_ctrl.paper.tables import model_curves
     from railslip_ctrl.report.plots.reproduction import model_figures
 
     for axes in model_figures(model_curves())["figs_14_15"].axes:

@@ -18,8 +18,7 @@ from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.tuning import tune_pi
 from railslip_ctrl.identification.virtual_rig import RigProcedure
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
-from railslip_ctrl.model.scalar_code import adhesion_table
+from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
 from railslip_ctrl.simulation import (
     LinearControl,
@@ -48,9 +47,8 @@ from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.steps import kernel
 from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
-from railslip_ctrl.sliding.code_head import KEPT
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import gain_parameters
+from railslip_ctrl.sliding.law import KEPT, gain_parameters
 from railslip_ctrl.sliding.sampled_law import LARGEST
 
 SCENARIO = built_in_scenario("park2008")

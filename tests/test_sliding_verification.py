@@ -3,43 +3,57 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from project import ROOT
+from project import ROOT, script, show
+from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
 
-from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.adhesion import load_law, published_law
-from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl.model.adhesion import load_law
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
-from railslip_ctrl.sliding.code_head import NOT_HOLDING
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW
-from railslip_ctrl.verification.sliding_verification import PUBLISHED_ADHESION, RailAdhesion, verify_with_actuator
-from railslip_ctrl.verification.sliding_verification.layered import (
+from railslip_ctrl.report import plots
+from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.law import PUBLISHED_LAW
+from railslip_ctrl.verification.actuator_effects import (
+    SPEEDS_KMH,
+    published_behind_actuator,
+    published_loop,
+    stop_loops,
+    variants_behind_actuator,
+)
+from railslip_ctrl.verification.fine_simulation import holding_torque, simulate_fine
+from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+from railslip_ctrl.verification.layered import (
     HOLD_ERROR,
+    PUBLISHED_ADHESION,
+    LayeredDesign,
+    LayeredLaw,
+    RailAdhesion,
+    bounded_disturbance,
+    induced_gains,
+    layer_bound,
+    layer_loop,
     layered_design,
     least_authority,
+    published_torque,
     rail_bounds,
+    random_torque,
 )
-from railslip_ctrl.verification.sliding_verification.layered_conditions import bounds_kept, layered_stability
-from railslip_ctrl.verification.sliding_verification.layered_stops import (
-    cut_out_condition,
-    held_under_published_disturbances,
-    held_while_the_speed_falls,
+from railslip_ctrl.verification.layered_conditions import (
+    bounds_kept,
     hold_known,
-    published_uncertainties,
+    layered_stability,
+    open_loop_slip,
+    range_left,
     stop,
     tolerated,
-    uncertainties,
 )
-from railslip_ctrl.verification.sliding_verification.published import SPEEDS_KMH, published_behind_actuator, stop_loops
-from railslip_ctrl.verification.sliding_verification.rail_adhesion import load_cases
-from railslip_ctrl.verification.sliding_verification.variants import variants_behind_actuator
-from railslip_ctrl.verification.switching import SlidingGains, largest_adaptation, layer_bound, published_loop
-from railslip_ctrl.verification.switching.simulate import simulate
-from railslip_ctrl.verification.switching.stepped import LayeredLaw
+from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
+from railslip_ctrl.verification.surviving_gains import largest_adaptation, survivors
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
@@ -66,109 +80,75 @@ LAYERED = [
 
 @pytest.fixture(scope="module")
 def published():
-    """Conditions by name, effects and conclusion of the published law; the conditions without actuator are tested in
-    test_verification."""
-    conditions, effects, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
-    return {one.name: one for one in conditions}, effects, told
+    """Conditions by name and conclusion of the published law; those without actuator: test_verification."""
+    conditions, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
+    return {one.name: one for one in conditions}, told
 
 
 def test_published_law_fails_behind_its_actuator_in_si(published):
-    conditions, (dry, wet), _ = published
+    conditions, told = published
     # the relay's cycle alone takes the slip to 0.233 on dry rail, less than twice the reference; the law does not stop
     assert [conditions[name].holds for name in ACTUATOR_CONDITIONS] == [False, True, False, False]
     assert {name for name in NOT_HOLDING if "actuator" in name} == {SLIDING, WHOLE, ADAPTIVE}
     assert [conditions[name].claimed for name in ACTUATOR_CONDITIONS] == [True, False, True, True]
-    assert "Without adaptation, at frozen speed" in conditions[CYCLE].statement
-    assert "k = 2.1e-08" in conditions[WHOLE].evidence
     assert "100 km/h frozen: slip -0.0" in conditions[WHOLE].evidence
     assert "2 unstable poles (ideal actuator: 0)" in conditions[ADAPTIVE].evidence
+    dry, wet = (effect_on(rail) for rail in Rail)
     assert dry.cycles[0].linear.period == pytest.approx(4.12, abs=5.1e-3)
     assert (dry.cycles[0].linear_holds, wet.cycles[0].linear_holds) == (False, True)
-
-
-def test_conclusion_speaks_of_what_was_found(published):
-    _, (dry, _), told = published
-    for number in (dry.cycle_text, f"{dry.survivors.k:.3g}", f"{dry.survivors.rho:.3g} 1/s"):
-        assert number in told
-    assert "So, over 28 points together" in told
-    assert len(stop_loops(70.0, 5.5, PARK2008)) == 4 * len(SPEEDS_KMH) == 28
+    assert f"{dry.survivors.rho:.3g} 1/s" in told
 
 
 def test_what_the_conclusion_advises_is_stable_at_every_point(published):
     """The numbers are read out of the sentence, as an engineer would."""
-    _, _, told = published
+    told = published[1]
     advice = told[told.index("So, over 28 points") :]
     gain = float(re.search(r"K/layer = ([\d.]+) N", advice)[1])
     k = float(re.search(r"with it k <= ([\d.e-]+),", advice)[1])
-    for loop in stop_loops(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008).values():
+    loops = stop_loops(PUBLISHED_LAW.K, PUBLISHED_LAW.D, PARK2008)
+    assert len(loops) == 4 * len(SPEEDS_KMH) == 28
+    for loop in loops.values():
         assert loop.is_stable(relay_gain=gain)
         assert loop.is_stable(relay_gain=gain, adaptation=k)
-    assert "k <= 1.03e-08" not in advice
 
 
 @pytest.mark.parametrize(
-    ("K", "D", "holds"),
+    ("scale", "K", "D", "holds"),
     [
-        (70.0, 30.0, [False, False, False, False]),  # dry is unstable, wet is not
-        (70.0, 200.0, [False, False, False, False]),
-        (
-            0.0,
-            PUBLISHED_LAW.D,
-            [False, True, False, False],
-        ),  # no relay, no cycle; the adaptation is unstable without it
+        (1.0, 70.0, 30.0, [False, False, False, False]),  # dry is unstable, wet is not
+        (1.0, 0.0, PUBLISHED_LAW.D, [False, True, False, False]),  # no relay, no cycle; the adaptation needs it
+        (3.6, PUBLISHED_LAW.K, PUBLISHED_LAW.D, [False, True, True, True]),  # spared, but no sliding
     ],
 )
-def test_gains_that_leave_no_cycle_are_decided_all_the_same(K, D, holds, monkeypatch):
-    monkeypatch.setattr(
-        "railslip_ctrl.verification.switching.effects.COMPARED_RELAYS", ()
-    )  # only of interest for the table
-    conditions, effects, told = published_behind_actuator(K, D, PARK2008)
-    assert [one.name for one in conditions] == ACTUATOR_CONDITIONS
-    assert [one.holds for one in conditions] == holds
-    assert len(effects) == len(Rail)
-    assert "dry" in conditions[3].evidence
-    assert "2 unstable poles" in conditions[3].evidence
-    assert "So, over 28 points together" in told
-    if D > 21.2:  # what dry rail bears
-        assert "do not use these gains" in told
-        assert "K/layer =" not in told
-
-
-def test_as_published_the_wheel_is_spared_but_sliding_does_not_exist(monkeypatch):
-    monkeypatch.setattr(
-        "railslip_ctrl.verification.switching.effects.COMPARED_RELAYS", ()
-    )  # only of interest for the table
-    vehicle = PARK2008.model_copy(update={"inertia_scale": 3.6})
-    found, _effects, _told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, vehicle)
-    assert [one.name for one in found] == ACTUATOR_CONDITIONS
-    assert [one.holds for one in found] == [False, True, True, True]
+def test_other_gains_and_the_other_reading_are_decided(scale, K, D, holds, monkeypatch):
+    monkeypatch.setattr("railslip_ctrl.verification.actuator_effects.COMPARED_RELAYS", ())  # for the table alone
+    vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
+    conditions, told = published_behind_actuator(K, D, vehicle)
+    assert [(one.name, one.holds) for one in conditions] == list(zip(ACTUATOR_CONDITIONS, holds, strict=True))
+    assert ("do not use these gains" in told) == (D > 21.2)  # what dry rail bears
 
 
 def test_the_published_law_with_the_actuator_of_its_own_proof():
     """s'' + (r/J) D s' + k |phi|^2 s = 0: stable for every k, and the relay's switch acts on s' at once."""
-    ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
-    conditions, effects, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, ideal)
+    ideal = PARK2008.model_copy(update={"actuator": IDEAL})
+    conditions, told = published_behind_actuator(PUBLISHED_LAW.K, PUBLISHED_LAW.D, ideal)
     assert [(one.name, one.holds) for one in conditions] == [(name, True) for name in ACTUATOR_CONDITIONS]
-    for effect in effects:
-        assert effect.ideal.damping > 0.0
-        left = effect.survivors
-        assert (left.K, left.k, left.k_any_relay, left.rho, left.D, left.layer) == (*5 * (np.inf,), 0.0)
-        assert effect.loop.is_stable(adaptation=1e3 * effect.loop.gains.k)
+    for rail in Rail:
+        loop = published_loop(rail, vehicle=ideal)
+        left = survivors(loop)
+        assert (left.K, left.k, left.rho, left.D, left.layer) == (*4 * (np.inf,), 0.0)
+        assert loop.is_stable(adaptation=1e3 * loop.gains.k)
     assert "nothing cycles" in told
     assert "inf" not in told + " ".join(one.evidence for one in conditions)
 
 
 def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch, published):
-    conditions, effects, told = published
+    conditions, told = published
     ideal = Verification("paper", 1.0, 70.0, 5.5, 2008, (Condition("first", "What.", True, "symbolic", "Why."),))
-    monkeypatch.setattr("railslip_ctrl.verification.sliding_verification.together.verify", lambda **_: ideal)
-    monkeypatch.setattr(
-        "railslip_ctrl.verification.sliding_verification.together.published_behind_actuator",
-        lambda *_: (tuple(conditions.values()), effects, told),
-    )
+    both = replace(ideal, conditions=(*ideal.conditions, *conditions.values()))
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: FullVerification(both, told))
     status, out, _ = railslip("verify")
-    assert status == 1
-    assert "Conclusion for the brake with its actuator" in out
+    assert (status, "Conclusion for the brake with its actuator" in out) == (1, True)
     status, out, _ = railslip("verify", "--json")
     content = json.loads(out)
     assert (status, content["all_hold"]) == (1, False)
@@ -176,7 +156,7 @@ def test_command_prints_the_conditions_and_the_conclusion(railslip, monkeypatch,
 
 
 def test_the_conclusion_tells_how_near_the_as_published_adaptation_is_to_unstable(published):
-    told = published[2]
+    told = published[1]
     for rail, adhesion in ((rail, adhesion) for rail in Rail for adhesion in ("bristle", "curve")):
         loop = published_loop(rail, inertia_scale=3.6, adhesion=adhesion)
         ratio = largest_adaptation(loop) / 2.1e-8
@@ -184,7 +164,6 @@ def test_the_conclusion_tells_how_near_the_as_published_adaptation_is_to_unstabl
         # the number itself, by the exact root count on either side
         assert loop.is_stable(adaptation=0.99 * ratio * 2.1e-8)
         assert not loop.is_stable(adaptation=1.01 * ratio * 2.1e-8)
-    assert "bristle dry 1.05" in told
 
 
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
@@ -201,20 +180,6 @@ def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, mo
     assert layer.holds
     assert "3.121 N m" in told
     assert "1517 N m" in told
-
-
-def test_the_largest_k_of_the_layer_is_the_edge_of_stability():
-    loop = published_loop(Rail.DRY)
-    bare = replace(loop, gains=SlidingGains(K=0.0, D=5.508, rho=1.54))
-    assert bare.is_stable(relay_gain=0.99 * 3.121 / 0.2)
-    assert not bare.is_stable(relay_gain=1.01 * 3.121 / 0.2)
-
-
-def test_without_actuator_the_variants_keep_their_promise():
-    ideal = PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})
-    conditions, told = variants_behind_actuator(1100.0, PUBLISHED_LAW.D, ideal)
-    assert [one.holds for one in conditions] == [True, True]
-    assert told == "With this actuator the layer carries the gain that the reaching condition asks for."
 
 
 # --- the layered law ------------------------------------------------------------------------------------------------
@@ -257,7 +222,7 @@ def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(l
     assert found.time == pytest.approx(8.5, abs=0.06)
     # holding on to the torque of 100 km/h, as it was, the slip is lost about 10 km/h
     law = LayeredLaw(plant.point.slip, plant.point.brake_torque, design=design)
-    run = simulate(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
+    run = simulate_fine(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
     slow = run.speed[np.argmax(run.sigma <= 0.0)]
     assert 2.0 < slow < 4.0
 
@@ -280,29 +245,6 @@ def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
     assert min(edges[Rail.DRY]) < HOLD_ERROR
     assert not hold_known(weak, edges, PARK2008).holds
     assert stop(weak, point, share=1.1).lost is not None
-
-
-def test_rail_is_the_uncertainty_that_the_holding_torque_does_not_bear(layered):
-    evidence = layered.verification[UNCERTAIN].evidence
-    assert "loaded taken for empty, dry: +2.7 %" in evidence
-    assert "wet rail taken for dry: +94 %, the wheel is lost at" in evidence
-    design, plants = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)
-    for rail, plant in PUBLISHED_ADHESION.plants(PARK2008.loaded()).items():
-        assert stop(design, plant.point, known=plants[rail].point).held
-    assert stop(design, plants[Rail.WET].point, known=plants[Rail.DRY].point).lost is not None
-    assert stop(design, plants[Rail.DRY].point, known=plants[Rail.WET].point).lost is None
-
-
-def test_numbers_of_the_layered_law_are_those_of_the_bound(layered):
-    design = layered_design(PARK2008)
-    for rail, plant in PUBLISHED_ADHESION.plants(PARK2008).items():
-        bound = layer_bound(design, plant, PARK2008.actuator, 20.0)
-        assert (
-            f"{rail}: |sigma error| <= {bound.error:.3f} m/s"
-            in layered.verification["bound with the actuator"].evidence
-        )
-    assert pytest.approx(design.K) == layered.verification.K
-    assert layered.verification.D is None
 
 
 def test_too_little_authority_fails_and_says_how_much_is_needed(railslip):
@@ -328,20 +270,6 @@ def test_a_light_train_has_no_bound_and_verify_says_so(railslip):
         assert f"{name}: NOT DECIDED" in words
     assert "no K makes up for it" in words
     assert "leave K out" not in words
-
-
-def test_a_loop_that_is_unstable_in_the_layer_is_found():
-    design = replace(layered_design(PARK2008), kp=5000.0)
-    found = layered_stability(design, PARK2008)
-    assert not found.holds
-    assert "dry, 100 km/h, empty" in found.evidence
-
-
-def test_simulations_that_leave_the_domain_fail_their_conditions():
-    design = replace(layered_design(PARK2008), K=1.0, kp=5.0)
-    disturbed, cut_out = held_under_published_disturbances(design, PARK2008, 1)
-    found = (disturbed, held_while_the_speed_falls(design, PARK2008), cut_out_condition(cut_out, PARK2008, 1))
-    assert [one.holds for one in found] == [False, False, None]
 
 
 def test_bounds_that_a_simulation_breaks_are_not_kept():
@@ -393,42 +321,6 @@ def desiro():
     return load_vehicle(ROOT / "designs/vehicles/desiro_classic.toml")
 
 
-def _same_plants(first, second):
-    for rail in Rail:
-        for name in ("A", "B"):
-            assert np.array_equal(getattr(first[rail], name), getattr(second[rail], name))
-        assert first[rail].point.brake_torque == second[rail].point.brake_torque
-
-
-def test_a_file_with_the_published_bristle_is_the_default(file):
-    """Every condition takes the adhesion from these plants and their points alone."""
-    law = published_law("bristle", Rail.DRY)
-    numbers = "\n".join(
-        f"{name} = {value!r}" for name, value in zip(law.parameter_names(), law.parameters(), strict=True)
-    )
-    slips = "\n".join(f"{rail} = {law.reference_slip(rail)!r}" for rail in Rail)
-    text = f'law = "bristle"\n[parameters]\n{numbers}\n[reference_slip]\n{slips}\n'
-    given = RailAdhesion(load_law(file(text)))
-    for speed_kmh in (20.0, 100.0):
-        for vehicle in load_cases(PARK2008).values():
-            _same_plants(
-                given.plants(vehicle, speed_kmh=speed_kmh), PUBLISHED_ADHESION.plants(vehicle, speed_kmh=speed_kmh)
-            )
-    assert layered_stability(layered_design(PARK2008, given, K=1e3), PARK2008, given).evidence == layered_stability(
-        layered_design(PARK2008, K=1e3), PARK2008
-    ).evidence.replace("bristle model", "bristle law as given")
-
-
-@pytest.mark.parametrize("adhesion", ["bristle", "curve", "beam"])
-def test_published_laws_follow_the_wheel_load_and_the_inertia_scale(adhesion, desiro):
-    for vehicle in (desiro, desiro.loaded(), PARK2008.model_copy(update={"inertia_scale": 3.6})):
-        scale = vehicle.inertia_scale
-        loops = {
-            rail: published_loop(rail, adhesion=adhesion, vehicle=vehicle, inertia_scale=scale).plant for rail in Rail
-        }
-        _same_plants(RailAdhesion(adhesion).plants(vehicle), loops)
-
-
 def test_plants_of_a_law_in_a_file_are_those_of_its_formula(burckhardt, desiro):
     M, J, r, B = desiro.mass, desiro.wheel.inertia, desiro.wheel.radius, desiro.wheel.viscous_friction
     v = 60 / 3.6
@@ -438,32 +330,6 @@ def test_plants_of_a_law_in_a_file_are_those_of_its_formula(burckhardt, desiro):
         # sigma' = -(Fa + Fr)/M - (r/J)(r Fa - B omega - Tb), omega = (v - sigma)/r
         assert plant.A[0, 0] == pytest.approx(-(1 / M + r * r / J) * slope - B / J, rel=1e-12)
         assert plant.point.slip == 0.1235
-
-
-def test_texts_name_the_law_the_loads_and_the_changes_of_the_vehicle_verified(burckhardt, desiro):
-    design = layered_design(desiro, burckhardt, K=1500.0)
-    edges = dict.fromkeys(Rail, (0.2, 0.1))
-    unknown = uncertainties(design, edges, desiro, burckhardt)
-    found = (
-        layered_stability(design, desiro, burckhardt),
-        published_uncertainties(unknown, desiro, burckhardt),
-    )
-    for one in found:
-        assert "bristle" not in one.statement + one.evidence
-        assert "published" not in one.name + one.statement + one.evidence
-    assert "burckhardt law as given" in found[0].evidence
-    # the brake torque goes with the mass and the wheel load that goes with it: beyond a fifth
-    loaded = [one for one in unknown.errors if one.name == "loaded taken for empty"]
-    for one in loaded:
-        assert one.error == pytest.approx(desiro.wheel_load / desiro.wheel_load_loaded - 1.0, abs=0.01)
-        assert not one.tolerated
-    assert not found[1].holds
-    # what is not verified is not spoken of
-    wet = replace(burckhardt, rails=(Rail.WET,))
-    unknown = uncertainties(design, edges, desiro, wet)
-    assert not unknown.mistaken
-    assert "the rails verified are wet alone" in published_uncertainties(unknown, desiro, wet).evidence
-    assert list(load_cases(desiro.loaded())) == [f"{desiro.mass_loaded:g} kg"]
 
 
 def test_more_integral_gain_bears_a_holding_torque_that_is_wrong(burckhardt, desiro):
@@ -484,17 +350,6 @@ def test_a_law_that_falls_hard_is_unstable_where_the_train_is_slow(file):
     assert "unstable at dry, 5 km/h, empty; wet, 5 km/h, empty" in found.evidence
     # no wonder: the wheel's unstable pole, times the dead time, is above what any PI with a lead bears
     assert falling.plants(PARK2008, speed_kmh=5.0)[Rail.DRY].poles.real.max() * PARK2008.actuator.dead_time > 2.0
-
-
-def test_a_stop_on_ice_is_waited_for(file):
-    text = BURCKHARDT.replace("0.31", "0.02").replace("0.11", "0.0")
-    icy = RailAdhesion(load_law(file(text)), slip=0.1)
-    point = icy.plants(PARK2008)[Rail.DRY].point
-    found = stop(layered_design(PARK2008, icy, K=100.0), point)
-    # m v'/m = mu g with mu = c1 (1 - exp(-2.4)), and the travelling resistance besides
-    ideal = (100 - 5) / 3.6 * PARK2008.mass / (0.02 * (1 - np.exp(-2.4)) * PARK2008.wheel_load)
-    assert found.held
-    assert 60.0 < 0.7 * ideal < found.time < ideal
 
 
 def test_a_wheel_that_nothing_stabilises_fails_the_first_condition_and_leaves_the_others_open(railslip, file):
@@ -547,32 +402,111 @@ def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, 
         assert word in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"law": "layered", "D": 3.0}, "D: 3 is not allowed"),
-        ({"law": "theirs"}, "'theirs' is not known"),
-        ({"law": "layered", "K": -1.0}, "K: -1 is not allowed"),
-        ({"law": "layered", "ki_min": 0.0}, "ki_min: 0 N\\*m/m is not allowed"),
-        ({"law": "robust", "ki_min": 5.0}, "ki_min: 5 is not allowed; the law 'robust' is not tuned"),
-        ({"law": "layered", "K": 0.0}, r"K: 0 is not allowed; the layered law takes a value > 0 up to 10000 \(N\*m\)"),
-    ],
-)
-def test_arguments_are_checked(arguments, words):
-    with pytest.raises(InputError, match=words):
-        verify_with_actuator(**arguments)
+# --- bounds, runs and the script of the layered law -------------------------------------------------------------------
 
 
-def test_an_adhesion_needs_a_rail():
-    with pytest.raises(InputError, match="rail: none is given"):
-        RailAdhesion(rails=())
-    assert RailAdhesion(rails=(Rail.WET, Rail.DRY)) == PUBLISHED_ADHESION
+def test_induced_gain_of_a_first_order_loop_in_closed_form():
+    # P control, lead = its own filter, ideal actuator, static law: y = b exp(-(kp b - p) t)
+    plant = published_loop(Rail.DRY, adhesion="curve").plant
+    design = LayeredDesign(kp=300.0, ki=0.0, lead=0.1, lead_filter=0.1, K=100.0)
+    rate = 300.0 * plant.gain - float(plant.A[0, 0])
+    gains = induced_gains(design, plant, IDEAL)
+    assert gains.error == pytest.approx(plant.gain / rate, rel=1e-4)  # quadrature
+    assert gains.surface == pytest.approx(gains.error, rel=1e-12)
+    assert gains.command == pytest.approx(300.0 * plant.gain / rate, rel=1e-4)
 
 
-def test_plain_text_of_errata_keeps_tildes_fractions_and_no_latex():
-    from railslip_ctrl.paper.errata import errata
-    from railslip_ctrl.sliding.derivation import derive
+def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
+    module = script("designs/asmc_robust.py")
+    # the table's cycles and limits have tests of their own: one case a reading is enough here
+    monkeypatch.setattr(module, "ADHESIONS", ("bristle",))
+    result = module.run()
+    drawn, save = [], plots.save_figure
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
+    for found in result.values():
+        for rail in Rail:
+            bound, offset = found.bounds[rail].at_rest, found.bounds[rail].from_offset
+            assert bound.layer_kept
+            assert offset.layer_kept
+            assert offset.command <= found.design.K / 1.05 * (1 + 1e-12)  # the margin of K; rounding
+            plant = found.bounds[rail].plant
+            assert bound.margins.ms == pytest.approx(layer_loop(found.design, plant, ACTUATOR).margins().ms)
+            assert bound.margins.ms < 1.7
+            # every simulated disturbance stays within the bound, and the worst shows that it is not idle
+            for error, command in found.simulated[rail].values():
+                assert error <= bound.error
+                assert command <= bound.command
+            assert found.simulated[rail]["worst case"][0] > 0.8 * bound.error
+            assert np.abs(found.worst[rail].sigma - plant.point.sigma).max() == found.simulated[rail]["worst case"][0]
+            assert bound.slip_error(plant.point.speed) < 0.008
+    si = {effect.name: effect for effect in result["SI"].published}
+    assert si["bristle dry, inertia x 1"].adaptation_hopeless
+    assert not si["bristle dry, inertia x 1"].cycles[0].linear_holds
+    # beside the published law: its own cycle, without any disturbance, against the bound with one
+    assert (
+        si["bristle wet, inertia x 1"].cycles[0].actual.sigma_amplitude
+        > 4 * result["SI"].bounds[Rail.WET].at_rest.error
+    )
+    show(module, result, tmp_path, monkeypatch)
+    out = capsys.readouterr().out
+    assert "THE LAYERED LAW" in out
+    assert f"{result['SI'].bounds[Rail.DRY].at_rest.error:.3f}" in out
+    assert out.count("worst case") == 2
+    assert (tmp_path / "asmc_robust.png").exists()
+    for axes in drawn[0].axes[:2]:
+        assert "100 km/h frozen, 3517 kg, from the reference slip at rest" in axes.get_title()
+    # what it advises is stable at every point of the stop, checked together
+    advice = result["SI"].advice
+    for loop in stop_loops(70.0, TABLE4_SLIDING["bristle"].D, PARK2008).values():
+        assert loop.is_stable(relay_gain=advice.relay_gain, adaptation=advice.k)
 
-    for row in errata(derive()):
-        for text in (row.printed, row.derived):
-            assert not set(text) & set("{}\\"), text
+
+@pytest.mark.parametrize("offset", [-0.1, 0.1])
+@pytest.mark.parametrize("rail", Rail)
+def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
+    plant = published_loop(rail).plant
+    bound = layer_bound(DESIGN, plant, ACTUATOR, 20.0, offset=0.1)
+    point, hold = plant.point, holding_torque(plant.point)
+    run = simulate_fine(
+        point,
+        LayeredLaw(point.slip, hold, design=DESIGN),
+        ACTUATOR,
+        duration=20.0,
+        step=2e-3,
+        disturbance=lambda t: math.copysign(20.0, math.sin(1.7 * t)),
+        offset=offset,
+    )
+    error = np.abs(run.sigma - point.sigma)
+    assert error.max() <= bound.largest_error
+    assert error[run.time >= bound.reaching_time].max() <= bound.error + 0.01 * 0.1
+    assert np.abs(run.command - hold).max() <= bound.command <= DESIGN.K
+
+
+@pytest.mark.long
+def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
+    """Other seeds than those of `verify`; the wet rail loaded is the worst of the four."""
+    design, loaded = layered_design(PARK2008), PARK2008.loaded()
+    point = PUBLISHED_ADHESION.plants(loaded)[Rail.WET].point
+    left = [range_left(design, point, seed) for seed in range(3000, 3010)]
+    assert sum(speed > 5.0 for speed in left) >= 5
+    assert max(left) < 20.0
+    # the speed frozen: the slip velocity's error does not fall with the speed, its reference does
+    slow = PUBLISHED_ADHESION.plants(loaded, speed_kmh=10.0)[Rail.WET].point
+    law = LayeredLaw(slow.slip, holding_torque(slow), design=design)
+    torque = published_torque(design, slow, 3000, 15.0)
+    run = simulate_fine(slow, law, loaded.actuator, duration=15.0, step=5e-3, disturbance=torque)
+    assert np.abs(run.sigma - slow.sigma).max() > slow.sigma
+    # what takes the law's place
+    point = PUBLISHED_ADHESION.plants(loaded, speed_kmh=20.0)[Rail.WET].point
+    assert max(open_loop_slip(point, seed) for seed in range(3000, 3005)) < 1.0
+
+
+def test_disturbances_grow_with_the_wheel_load():
+    desiro = load_vehicle(ROOT / "designs/vehicles/desiro_classic.toml")
+    for vehicle in (PARK2008, desiro.loaded()):
+        point = PUBLISHED_ADHESION.plants(vehicle)[Rail.DRY].point
+        J, r, M, N = vehicle.wheel.inertia, vehicle.wheel.radius, vehicle.mass, vehicle.wheel_load
+        force = 431 / 34_500 * N * np.clip(np.random.default_rng(7).standard_normal(), -3, 3)
+        # Tr adds to sigma' what -(r/J) Tr and -Tr/(r M) make of it, and (r/J) of a torque at the wheel is the same
+        assert random_torque(point, 7, 1.0)(0.0) == pytest.approx(-(r + J / (r * M)) * force, rel=1e-9)
+        assert bounded_disturbance(vehicle) == pytest.approx(20.0 * N * r / (34_500 * 0.43), rel=1e-12)

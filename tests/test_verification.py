@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -11,41 +12,63 @@ import pytest
 from project import script, show
 from sliding_cases import AS_PUBLISHED
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report import plots
 from railslip_ctrl.report.verification import verification_text
-from railslip_ctrl.sliding.code_head import NOT_HOLDING
+from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import PUBLISHED_LAW, LawGains
-from railslip_ctrl.verification.conditions import verify
-from railslip_ctrl.verification.ideal_loop import Disturbances, simulate, true_theta
-from railslip_ctrl.verification.reaching_conditions import ultimate_bound
-from railslip_ctrl.verification.reaching_search import AXES, approach, points_of
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
+from railslip_ctrl.verification import reaching, robust
+from railslip_ctrl.verification.ideal_loop import IdealDisturbances, simulate_ideal
+from railslip_ctrl.verification.joint_verification import verify
+from railslip_ctrl.verification.published_law import (
+    AXES,
+    measured_drift,
+    operating_box,
+    parameter_step,
+    surface_rate,
+    worst_point,
+)
+from railslip_ctrl.verification.reaching import (
+    SEARCHED,
+    approach,
+    holding_torque,
+    least_gain,
+    operating_set,
+    points_of,
+    reaching_time,
+    reference_set,
+    reference_slip,
+    rest_adhesion_torque,
+    search,
+    surface_needed,
+    tolerated_error,
+    true_theta,
+)
 from railslip_ctrl.verification.robust import (
+    ESTIMATE_ERROR,
     boundary_layer,
+    boundary_layer_bound,
+    boundary_layer_runs,
     dead_zone,
+    design_gain,
+    effective_disturbance,
     effective_torque,
     gain_units,
+    largest_cross_term,
     layered_design,
     leak,
+    leak_bound,
     leaking_design,
     matrix_gain,
     parameter_box,
+    projected,
     projection,
     robust_set,
 )
-from railslip_ctrl.verification.robust_conditions import (
-    boundary_layer_bound,
-    boundary_layer_runs,
-    dead_zone_condition,
-    largest_cross_term,
-    layer_bound,
-    leak_bound,
-    projected,
-)
-from railslip_ctrl.verification.sliding_verification import FullVerification
 
 VERDICTS = {
     "derivation": True,
@@ -166,13 +189,6 @@ def test_without_a_bound_the_runs_do_not_keep_it():
     assert "K + D Phi is less" in boundary_layer_bound(gains, effective_torque(PARK2008)).evidence
 
 
-def test_dead_zone_needs_the_box_its_bound_is_over():
-    gains, largest = layered_design(PARK2008), effective_torque(PARK2008)
-    found = dead_zone_condition(gains, largest)
-    assert found.holds
-    assert not dead_zone_condition(replace(gains, box=None), largest).holds
-
-
 # --- robust variants ------------------------------------------------------------------------------------------------
 
 
@@ -180,21 +196,6 @@ def test_robust_derivations_are_proved():
     for variant in (boundary_layer(), dead_zone(), projection(), leak(), matrix_gain()):
         assert variant.proved, variant.name
     assert gain_units() == ("kg^-2 m^-4 s^2", "1")
-
-
-def test_layer_bound_is_reached_by_a_constant_disturbance():
-    gains = layered_design(PARK2008)
-    largest = effective_torque(PARK2008)
-    J, r = PARK2008.wheel.inertia, PARK2008.wheel.radius
-    s, h = 2.0, 1e-4
-    for _ in range(100_000):
-        s += h * r / J * (largest - gains.D * s - gains.K * np.clip(s / gains.layer, -1, 1))
-    assert s == pytest.approx(layer_bound(gains, largest), rel=1e-6)
-    assert ultimate_bound(largest, gains, gains.layer) == pytest.approx(s, rel=1e-6)
-
-
-def test_without_the_gain_the_layer_bound_is_that_of_D_alone():
-    assert ultimate_bound(461.3, PUBLISHED_LAW, 0.2) == pytest.approx((461.3 - 70.0) / PUBLISHED_LAW.D)
 
 
 def test_projection_is_needed_and_never_raises_V():
@@ -208,13 +209,13 @@ def test_projection_is_needed_and_never_raises_V():
 
 def test_projection_and_leak_hold_the_estimate_where_the_published_law_does_not():
     # an estimate far outside: with noise it stays where s does not see it, projected or leaking it comes back
-    noise = Disturbances(slip_noise=0.1)
+    noise = IdealDisturbances(slip_noise=0.1)
     far = (0.0, 0.05)
     common = {"duration": 4.0, "held_speed": 100 / 3.6, "disturbances": noise, "start_estimate": far}
     box = parameter_box(PARK2008)
-    free = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
-    boxed = simulate(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
-    leaking = simulate(PARK2008, leaking_design(PARK2008), **common)
+    free = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
+    boxed = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
+    leaking = simulate_ideal(PARK2008, leaking_design(PARK2008), **common)
     assert abs(free.theta_hat[-1, 0, 1] - 0.05) < 1e-3
     assert boxed.theta_hat[-1, 0, 1] <= box[1][1]
     assert leaking.theta_hat[-1, 0, 1] < 0.05 * math.exp(-0.9 * leaking_design(PARK2008).leak * 4.0)
@@ -235,7 +236,7 @@ def test_the_set_of_the_leak_is_invariant():
     on_sphere *= np.sqrt(2 * start) / np.linalg.norm(on_sphere, axis=0)
     s, tilde = on_sphere[0], on_sphere[1:] * np.sqrt(k)
     hat = theta[:, None] - tilde
-    shares = generator.integers(0, 2, (len(AXES), s.size)).astype(float)
+    shares = generator.integers(0, 2, (len(SEARCHED), s.size)).astype(float)
     shares[3] = 1.0
     points = points_of(robust_set(PARK2008), shares)
     points[6:8], points[-1] = hat, s
@@ -244,35 +245,12 @@ def test_the_set_of_the_leak_is_invariant():
     assert np.max(rate) < 0.0
 
 
-def test_leak_bound():
-    bound = leak_bound(PARK2008, leaking_design(PARK2008))
-    theta = (1 / 5276 - 1 / 3517) / 0.43
-    assert bound.level == pytest.approx(theta**2 / (2 * 2.1e-8), rel=1e-9)  # ell = c
-    assert bound.surface == pytest.approx(math.sqrt(2 * bound.level))
-
-
 @pytest.mark.parametrize(
     ("change", "word"), [({"K": -1.0}, "K"), ({"D": 0.0}, "D"), ({"rho": math.nan}, "rho"), ({"leak": -1.0}, "leak")]
 )
 def test_gains_are_checked(change, word):
     with pytest.raises(InputError, match=f"^{word}: "):
         LawGains(**{"K": 1.0, "D": 1.0, "rho": 1.0, **change})
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ({"K": -1.0}, "K: -1 is not allowed"),
-        ({"K": 1e9}, "K: 1e\\+09"),
-        ({"D": 0.0}, "D: 0 "),
-        ({"seed": -1}, "seed: -1"),
-        ({"vehicle": PARK2008.model_copy(update={"inertia_scale": 100.0})}, "inertia scale: 100"),
-        ({"law": "theirs"}, "law: 'theirs'"),
-    ],
-)
-def test_verify_checks_its_arguments(arguments, word):
-    with pytest.raises(InputError, match=word):
-        verify(**arguments)
 
 
 # --- command --------------------------------------------------------------------------------------------------------
@@ -293,23 +271,10 @@ def test_json_of_the_robust_law(railslip):
     assert gain["tolerated_errors"]["Ta_hat"] > 0.1
 
 
-def test_the_published_law_exits_with_1(railslip, monkeypatch, paper):
-    full = FullVerification(paper, (), "")
-    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: full)
-    status, out, err = railslip("verify", "--json")
-    assert (status, err) == (1, "")
-    content = json.loads(out)
-    assert {one["name"]: one["holds"] for one in content["conditions"]} == VERDICTS
-    assert content["all_hold"] is False
-    status, out, _err = railslip("verify")
-    assert status == 1
-    assert out.startswith("Conditions of the sliding-mode law")
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--law", "theirs"), ("--law", "theirs", "paper, robust, layered")),
+        (("--law", "theirs"), ("--law", "theirs", "'paper' or 'robust' or 'layered'")),
         (("--K", "-3"), ("--K", "-3", ">= 0")),
         (("--K", "1e6"), ("--K", "1e+06", "10000")),
         (("--K", "5 kg"), ("--K",)),
@@ -332,21 +297,6 @@ def test_bad_options_are_one_line_and_exit_2(railslip, arguments, words):
         assert word in err
 
 
-def test_help_says_what_is_allowed(railslip):
-    status, out, _ = railslip("verify", "--help")
-    words = " ".join(out.split())
-    assert status == 0
-    for text in ("N*m, 0 to 10000; of the layered law > 0", "N*m/(m/s), 0.1 to 10000", "M, J and B, 0.5 to 10"):
-        assert text in words
-
-
-def test_layered_law_without_K_is_refused_before_any_work(railslip, monkeypatch):
-    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", None)
-    status, out, err = railslip("verify", "--law", "layered", "--K", "0")
-    assert (status, out) == (2, "")
-    assert err.startswith("railslip: --K: 0") or "--K: 0" in err
-
-
 # --- scripts --------------------------------------------------------------------------------------------------------
 
 
@@ -357,9 +307,6 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     for result in (si, published):
         assert result.largest_rise(result.ideal) < 1e-4
         assert result.largest_rise(result.disturbed) > 1e-2
-    drawn = []
-    save = plots.save_figure
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
     show(module, (si, published), tmp_path, monkeypatch)
     assert (tmp_path / "lyapunov_asmc.png").exists()
     out = capsys.readouterr().out
@@ -373,11 +320,255 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     hat, theta = published.stepped.theta_hat[i, 0, 0], published.stepped.theta[0]
     # theta2 does not change; theta1 was 0
     assert published.jump() == pytest.approx(((theta - hat) ** 2 - hat**2) / (2 * 2.1e-8), rel=1e-2)  # s moves on too
-    assert "0.08929" in paper["theta constant"].evidence
-    told = f"V jumps by {published.jump():+.4f} m^2/s^2 (with theta_hat = theta before it: +0.0893)"
-    assert told in " ".join(out.split())
     assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
-    labels = [text.get_text() for axes in drawn[0].axes for text in axes.get_legend().get_texts()]
-    assert "3517 kg, 5276 kg from 25 s on, undisturbed" in labels
-    assert all("law's mass 3517 kg, theta_hat from 0" in axes.get_title() for axes in drawn[0].axes)
-    assert all("plateau" in axes.texts[0].get_text() for axes in drawn[0].axes)
+
+
+# --- reaching ---------------------------------------------------------------------------------------------------------
+
+
+SAME_LOAD = {"wheel_load_loaded": 120_000.0}
+COACH = PARK2008.model_copy(
+    update={"mass": 12_200.0, "mass_loaded": 17_400.0, "wheel_load": 120_000.0, "wheel_load_loaded": 171_000.0}
+)
+PARK_ADHESION = 4857.6 / (0.43 * 34_500)  # of the bristle model on dry rail, 100 km/h, at no slip
+
+# --- the bound on K -------------------------------------------------------------------------------------------------
+
+
+def test_least_gain_by_hand():
+    # [Tr (1 + J/(r^2 M)) + J Fr/(r M) + c Ueq]/(1 - c), published numbers, 1 sigma; Ueq (36) at e = 0
+    J, r, M, c, v = 60.35, 0.43, 3517.0, 0.05, 100 / 3.6
+    Tr, Fr, sigma = 0.43 * 431, 0.63 * v**2, 0.132 * v
+    box = reference_set(PARK2008, sigmas=1.0)
+    Ta = box.adhesion_torque[0]
+    v_rate = -(Ta / r + Fr + Tr / r) / M
+    Ueq = J / r * (0.132 * v_rate + (1 / (r * M) + r / J) * Ta) - 0.25 * (v - sigma) / r
+    without = Tr * (1 + J / (r**2 * M)) + J / (r * M) * Fr
+    assert least_gain(PARK2008, reference_set(PARK2008, sigmas=1.0, with_torque=False)) == pytest.approx(
+        without, rel=1e-12
+    )
+    assert least_gain(PARK2008, box) == pytest.approx((without + c * Ueq) / (1 - c), rel=1e-12)
+    # D |s| helps in full, eta costs J/r over 1 - c
+    moved = least_gain(PARK2008, box, D=5.0, surface=2.0, eta=0.3)
+    assert moved == pytest.approx((without + c * Ueq + 0.3 * J / r) / (1 - c) - 5.0 * 2.0, rel=1e-12)
+    assert least_gain(PARK2008, box, D=100.0, surface=50.0) == 0.0
+    assert surface_needed(PARK2008, box, K=70.0, D=5.0) == pytest.approx(((without + c * Ueq) / (1 - c) - 70.0) / 5.0)
+    assert surface_needed(PARK2008, box, K=900.0, D=5.0) == 0.0
+
+
+def rate_by_hand(vehicle, K, *, slip=0.0, Ta, Tr, q, a=0.0):
+    """s' of (3), (4) under (45) at s = 0+, 100 km/h, theta_hat = theta, Ta_hat = (1 + a) Ta, v' known; m/s^2."""
+    v, M, J, r, B = 100 / 3.6, vehicle.mass, vehicle.wheel.inertia, vehicle.wheel.radius, vehicle.wheel.viscous_friction
+    Fr = vehicle.resistance.constant + vehicle.resistance.linear * v + vehicle.resistance.quadratic * v**2
+    v_rate, omega, e = -(Ta / r + Fr + Tr / r) / M, (1 - slip) * v / r, (0.132 - slip) * v
+    Tb = J / r * (0.132 * v_rate + (1 / (r * M) + r / J) * (1 + a) * Ta - r * B / J * omega + 1.54 * e) + K
+    omega_rate = (Ta + Tr - (1 + q) * Tb - B * omega) / J
+    return 0.132 * v_rate - (v_rate - r * omega_rate) + 1.54 * e
+
+
+def test_an_error_of_the_estimated_adhesion_torque_costs_gain():
+    # K = 1077 N m, 1.1 times what (40) asks with exact estimates, does not bear 2 % of Ta
+    exact, K = operating_set(PARK2008, sigmas=3.0), 1077.2
+    worst = {"Ta": exact.adhesion_torque[1], "Tr": 3 * 0.43 * 431, "q": -0.05}
+    found = [rate_by_hand(PARK2008, K, a=-share, **worst) for share in (0.0, 0.02, 0.1)]
+    assert found == pytest.approx([-0.681, 0.038, 2.912], abs=1e-3)
+    tolerated = tolerated_error(PARK2008, exact, "torque_error", K=K)
+    assert rate_by_hand(PARK2008, K, a=-tolerated, **worst) == pytest.approx(0.0, abs=1e-9)
+    assert 0.018 < tolerated < 0.02
+    assert tolerated_error(PARK2008, exact, "torque_error", K=0.9 * K) == 0.0
+    wrong = replace(exact, torque_error=(-tolerated, tolerated))
+    assert least_gain(PARK2008, wrong) == pytest.approx(K, rel=1e-12)
+    # the design's K bears its stated error
+    assert rate_by_hand(PARK2008, design_gain(PARK2008), a=-ESTIMATE_ERROR, **worst) < 0.0
+
+
+def test_the_loaded_vehicle_has_its_own_wheel_load():
+    """At the loaded mass and wheel load the gain that the empty wheel load's adhesion asks for is too small."""
+    light, box = (operating_set(one, sigmas=3.0) for one in (COACH.model_copy(update=SAME_LOAD), COACH))
+    loaded = COACH.loaded()
+    Ta = PARK_ADHESION * loaded.wheel_load * loaded.wheel.radius
+    worst = {"Ta": Ta, "Tr": 3 * 431 / 34_500 * loaded.wheel_load * loaded.wheel.radius, "q": -0.05}
+    assert rate_by_hand(loaded, least_gain(COACH, light), **worst) > 0.0
+    assert rate_by_hand(loaded, least_gain(COACH, box), **worst) < 0.0
+    assert max(operating_box(COACH).bounds[2]) == loaded.mass
+    strong = replace(PUBLISHED_LAW, K=least_gain(COACH, box))
+    at = np.array([[100.0, 1e-6, loaded.mass, 3 * 431 / 34_500 * COACH.wheel_load, -0.05, 1e-9]]).T
+    assert surface_rate(at, COACH, strong)[0] == pytest.approx(rate_by_hand(loaded, strong.K, **worst), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "surface", "box"),
+    [
+        (PARK2008, 0.0, robust_set),
+        (PARK2008, 2.0, lambda vehicle: operating_set(vehicle, sigmas=1.0)),
+        (AS_PUBLISHED, 2.0, robust_set),
+        (COACH, 0.0, robust_set),
+    ],
+)
+def test_the_bound_is_tight_for_the_nonlinear_plant(vehicle, surface, box):
+    """A K just below it has a counterexample, one just above none: searched, and at random points."""
+    asked = box(vehicle)
+    least = least_gain(vehicle, asked, D=PUBLISHED_LAW.D, surface=surface)
+    below, above = (replace(PUBLISHED_LAW, K=factor * least) for factor in (0.999, 1.001))
+    assert search(asked, vehicle, below, seed=3, surface=surface).excess > 0
+    assert search(asked, vehicle, above, seed=3, surface=surface).excess < 0
+    shares = np.random.default_rng(0).random((len(SEARCHED), 100_000))
+    assert np.max(approach(points_of(asked, shares), vehicle, above, surface)) < 0
+
+
+def test_the_effective_disturbance_is_what_the_bound_is_over():
+    # d solved from s' against the bound's own formula: K_min is (J/r) d where s > 0 and q = -c
+    expression = effective_disturbance()
+    assert not {"s", "D", "K"} & {str(symbol) for symbol in expression.free_symbols}
+    assert effective_torque(PARK2008) == pytest.approx(1516.9, abs=0.05)
+    assert design_gain(PARK2008) == pytest.approx(1.1 * effective_torque(PARK2008))
+    assert effective_torque(PARK2008) > least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0))  # theta_hat
+
+
+def test_a_plant_for_which_the_bound_is_no_bound_is_refused(monkeypatch):
+    made = derive()
+    for module, function, term, words in (
+        (reaching, reaching.required_gain, plant.Tr**2, "not affine"),
+        (robust, robust.effective_disturbance, robust.s * plant.Tr, "depends on s, D or K"),
+    ):
+        changed = replace(made, error_dynamics=made.error_dynamics + term)
+        monkeypatch.setattr(module, "derive", lambda changed=changed: changed)
+        with pytest.raises(ArithmeticError, match=words):
+            function.__wrapped__()
+
+
+def test_holding_torque_is_the_adhesion_torque_less_what_slows_the_wheel():
+    v = 100 / 3.6
+    Ta = rest_adhesion_torque(PARK2008, v, reference_slip())
+    a = (Ta / 0.43 + 0.63 * v**2) / 3517
+    omega = (1 - 0.132) * v / 0.43
+    # J omega' with lambda' = 0
+    assert holding_torque(PARK2008, v) == pytest.approx(Ta - 0.25 * omega + 60.35 * (1 - 0.132) * a / 0.43, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"random_torque": -1.0}, "random_torque"),
+        ({"torque_fraction": 1.0}, "torque_fraction: 1 is not allowed"),
+        ({"slip": (0.2, 0.1)}, "slip"),
+        ({"mass": (math.nan, 1.0)}, "mass"),
+    ],
+)
+def test_sets_are_checked(change, word):
+    with pytest.raises(InputError, match=f"^{word}"):
+        replace(operating_set(PARK2008, sigmas=1.0), **change)
+
+
+def test_reaching_time_is_the_simulated_one():
+    exact = replace(PUBLISHED_LAW, k1=0.0, k2=0.0, K=400.0)
+    run = simulate_ideal(PARK2008, exact, duration=5.0)
+    expected = reaching_time(PARK2008, K=400.0, D=exact.D, start=float(run.s[0, 0]))
+    crossed = run.time[np.argmax(run.s[:, 0] <= 0.0)]
+    assert crossed == pytest.approx(expected, abs=0.01)  # five steps
+    assert math.isinf(reaching_time(PARK2008, K=0.0, D=1.0, start=1.0))
+
+
+# --- counterexample -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("estimated", [True, False])
+def test_the_worst_point_really_violates_and_no_random_point_is_worse(estimated):
+    box = operating_box(PARK2008)
+    worst = worst_point(box, PARK2008, PUBLISHED_LAW, seed=3, estimated=estimated)
+    low, high = np.array(box.bounds).T
+    point = np.array(worst.point)
+    assert np.all((point >= low) & (point <= high))
+    s = point[-1]
+    rate = surface_rate(point[:, None], PARK2008, PUBLISHED_LAW, estimated=estimated)[0]
+    assert s * rate > 0
+    assert np.sign(s) * rate == pytest.approx(worst.excess)
+    others = low + (high - low) * np.random.default_rng(0).random((50_000, len(AXES)))
+    others = np.vstack((others, list(itertools.product(*box.bounds)))).T
+    values = np.sign(others[-1]) * surface_rate(others, PARK2008, PUBLISHED_LAW, estimated=estimated)
+    assert np.max(values) <= worst.excess * 1.01  # the search stops within 1 % of the supremum
+
+
+# --- simulation of the ideal loop -----------------------------------------------------------------------------------
+
+
+def test_an_estimate_rests_off_theta_only_while_the_speed_is_held():
+    """theta_tilde = c (omega, -Ta) is a rest at constant omega and Ta; in a stop it moves, and does not vanish."""
+    speed, c = 100 / 3.6, 1e-7
+    Ta = rest_adhesion_torque(PARK2008, speed, reference_slip())
+    start = (-c * (1 - 0.132) * speed / 0.43, c * Ta)
+    held = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=5.0, held_speed=speed, start_estimate=start)
+    stop = simulate_ideal(PARK2008, PUBLISHED_LAW, duration=20.0, start_estimate=start)
+    assert np.ptp(held.V) < 1e-9 * held.V[0, 0]
+    alive = stop.theta_hat[np.isfinite(stop.V[:, 0]), 0]
+    assert np.linalg.norm((alive[-1] - alive[0]) / start) > 0.1
+    assert np.linalg.norm(alive[-1] / start) > 0.1  # theta is 0
+
+
+def test_V_falls_in_the_ideal_loop_and_theta_need_not_converge():
+    run = simulate_ideal(PARK2008.loaded(), PUBLISHED_LAW, nominal=PARK2008, duration=20.0)
+    V = run.V[np.isfinite(run.V[:, 0]), 0]
+    assert np.max(np.diff(V)) < 1e-4 * V[0]  # chatter of the sampled relay
+    assert V[-1] < 1e-3 * V[0]
+    alive = np.isfinite(run.theta_hat[:, 0, 1])
+    left = run.theta - run.theta_hat[alive][-1, 0]
+    assert abs(left[1]) > 1e-6  # theta2 = 0 was the initial estimate: it has been moved away from it, and stays away
+
+
+def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
+    gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
+    errors = []
+    for step in (0.002, 0.0005):  # the torque is held over a step, so the error is of first order in it
+        monkeypatch.setattr("railslip_ctrl.verification.ideal_loop.STEP", step)
+        run = simulate_ideal(PARK2008, gains, duration=3.0)
+        rate = np.gradient(run.V[:, 0], run.time)
+        expected = -PARK2008.wheel.radius / PARK2008.wheel.inertia * gains.D * run.s[:, 0] ** 2
+        errors.append(np.max(np.abs(rate - expected)[5:-5]))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_drift_is_the_predicted_one_and_needs_noise():
+    found = measured_drift(PARK2008, PUBLISHED_LAW, tuple(range(16)))
+    assert found.mean == pytest.approx(found.predicted, rel=0.05)
+    assert abs(found.mean) > 10 * found.standard_error
+    assert abs(found.noiseless) < 1e-3 * abs(found.mean)
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.6])
+def test_step_of_V_at_25_s(scale):
+    vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
+    step = parameter_step(vehicle, PUBLISHED_LAW)
+    theta = (1 / 5276 - 1 / 3517) / scale / 0.43
+    assert step.theta_step == pytest.approx(theta, rel=1e-12)
+    assert step.jump == pytest.approx(theta**2 / (2 * 2.1e-8), rel=1e-12)
+    assert (step.speed is None) == (scale == 1.0)
+
+
+def test_a_diverging_run_leaves_the_domain():
+    with pytest.raises(DomainError, match=r"^slip velocity: .* smaller gains$"):
+        simulate_ideal(PARK2008, replace(PUBLISHED_LAW, D=1e8), duration=5.0)
+
+
+# --- the published law's script ---------------------------------------------------------------------------------------
+
+
+def test_asmc_published(tmp_path, capsys, monkeypatch):
+    module = script("designs/asmc_published.py")
+    si, published = module.run()
+    assert si.from_surface == pytest.approx(60.35 / 0.43 * 1.54)
+    assert published.proportional_gain == pytest.approx(783.6, abs=0.05)
+    for reading in (si, published):
+        assert reading.least_K[0] > 6.5 * reading.K
+        assert reading.feed_forward > 60 * reading.K
+        assert reading.integral_gain < 10
+    assert si.reaching_time == pytest.approx(6.5, abs=0.05)
+    assert published.reaching_time == pytest.approx(3.6 * si.reaching_time)
+    for reading in (si, published):
+        assert reading.least_K_run[0] > reading.least_K[0]
+    drawn, save = [], plots.save_figure
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
+    show(module, (si, published), tmp_path, monkeypatch)
+    assert "far too small to make it slide" in capsys.readouterr().out
+    assert (tmp_path / "asmc_published.png").exists()
+    # D is no longer than a line beside the PI's gain: the number stands at the bar
+    assert "5.508" in [text.get_text() for text in drawn[0].axes[1].texts]

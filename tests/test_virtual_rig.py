@@ -13,21 +13,15 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import plausibility
+from railslip_ctrl.identification import candidates
+from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import Fit, Parameter, fit
-from railslip_ctrl.identification.identify import (
-    Identification,
-    Options,
-    curve_of,
-    identify,
-    identify_curve,
-    setting_of,
-)
+from railslip_ctrl.identification.identify import Identification, identify, identify_curve, setting_of
 from railslip_ctrl.identification.logs import Log, Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
-from railslip_ctrl.identification.motion import along_the_motion, is_followed, slip_ramp
-from railslip_ctrl.identification.record import Record
-from railslip_ctrl.identification.reference import peak_of_fit
+from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.prediction import is_followed, prediction_error_fit, slip_ramp
+from railslip_ctrl.identification.results import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
@@ -64,7 +58,7 @@ def fit_of(test: RigTest, *, tests: int = 6, seed: int = 0) -> Fit:
     setting = setting_of(curve, test.vehicle, options)
     model = fit_model(test.law.name, curve.cells, shape_of(curve.cells, curve.peak_slip), setting)
     known = (curve.cells, curve.stretches, setting, curve.peak_slip, curve.time_constant)
-    return along_the_motion(fit(model, *known, profiles=False), curve.record, test.vehicle, curve.cells, setting)
+    return prediction_error_fit(fit(model, *known, profiles=False), curve.record, test.vehicle, curve.cells, setting)
 
 
 # --- the course of a test ------------------------------------------------------------------------------------------
@@ -191,6 +185,7 @@ def test_a_release_beyond_the_law_s_domain_is_refused():
 # --- what is identified --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", [BEAM, CURVE], ids=lambda law: law.name)
 def test_intervals_hold_the_truth_in_95_of_100_logs(law):
     """The rig's random force, 431 N, a noisy pickup and a noisy torque sensor."""
@@ -229,6 +224,7 @@ def test_bristles_are_recovered_from_a_rig_that_has_them():
     assert hits >= 14  # of 15; 99 % each
 
 
+@pytest.mark.long
 def test_bristles_at_30_km_h_have_honest_intervals():
     """Up to half slip the force falls by 7 %, less than some logs show: then beta and gamma have no upper end."""
     test, count, spreads = published_tests("bristle")[0], 13, []
@@ -274,7 +270,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
 
     Columns altered in their last digits stand for another processor. A limit of friction that cannot be is let pass.
     """
-    monkeypatch.setattr(plausibility, "IMPOSSIBLE_MU", math.inf)
+    monkeypatch.setattr(candidates, "IMPOSSIBLE_MU", math.inf)
     test, options = published_tests("bristle")[0], Options(model=model, initial_speed=V30)
     log = rows_of(run_tests(test, tests=1, seed=1))
     few = Rows(log.line[60:200:2], {name: column[60:200:2] for name, column in log.columns.items()})
@@ -293,6 +289,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
         assert same.interval == pytest.approx(p.interval, rel=1e-2)
 
 
+@pytest.mark.long
 def test_the_coverage_of_intervals_is_counted(capsys, monkeypatch):
     """One log each; the counts of a hundred are what the script is for."""
     module = script("analysis/interval_coverage.py")
@@ -464,6 +461,7 @@ def test_the_rig_s_own_law_is_chosen():
     assert found.chosen.fit.model.name == "burckhardt"
 
 
+@pytest.mark.long
 def test_figures_12_and_13_from_the_virtual_rig(tmp_path, capsys, monkeypatch):
     """The model that is in the rig fits better than the other at every speed, and its polynomials come back."""
     module = script("analysis/virtual_rig.py")

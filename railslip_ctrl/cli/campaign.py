@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import click
@@ -13,10 +14,11 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
-from railslip_ctrl.simulation.campaign.execution import Replay, execute, replay
+from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
+from railslip_ctrl.simulation.run import Run
 
 from .output import print_json, print_text, progress
 from .settings import HELP
@@ -101,13 +103,8 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
     if not 0 <= number < campaign.runs:
         raise InputError(f"--replay: {number} is not allowed; the campaign has runs 0 to {campaign.runs - 1}")
     again = replay(campaign, number, out)
-    writers: dict[str, Callable[[Path], None]] = {
-        f"run-{number}-{name}.csv": lambda path, name=name: _write_csv(again, name, path)  # type: ignore[misc]
-        for name in again.runs
-    }
-    figure = replay_figure(again)
-    writers[f"run-{number}.png"] = lambda path: save_figure(figure, path)
-    files = write_files(out, writers)
+    logs = {f"run-{number}-{name}.csv": partial(_write_csv, run) for name, run in again.runs.items()}
+    files = write_files(out, {**logs, f"run-{number}.png": partial(save_figure, replay_figure(again))})
     if as_json:
         print_json(replay_json(again))
     else:
@@ -115,33 +112,25 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
     progress(f"wrote {', '.join(str(file) for file in files)}")
 
 
-def _write_csv(again: Replay, controller: str, path: Path) -> None:
+def _write_csv(run: Run, path: Path) -> None:
     """Time series, SI, with every digit."""
     import pandas as pd
 
-    run = again.runs[controller]
     assert run.signals is not None, "a replay records them"
     columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
     pd.DataFrame(columns).to_csv(path, index=False)
 
 
-def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], None]]:
+def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], object]]:
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
 
-    writers: dict[str, Callable[[Path], None]] = {
-        "report.txt": lambda path: _write_text(path, text),
-        "report.json": lambda path: _write_text(path, content),
+    figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
+    return {
+        "report.txt": lambda path: path.write_text(text, encoding="utf-8"),
+        "report.json": lambda path: path.write_text(content, encoding="utf-8"),
+        **{name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None},
     }
-    figures = {"distributions": distributions_figure(summary), "scatter": scatter_figure(summary)}
-    for name, figure in figures.items():
-        if figure is not None:
-            writers[f"{name}.png"] = lambda path, figure=figure: save_figure(figure, path)  # type: ignore[misc]
-    return writers
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -14,10 +14,8 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
 from railslip_ctrl.report.files import check_directory, write_files
-from railslip_ctrl.sliding.code import generate
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.numbers import law_numbers, with_numbers
-from railslip_ctrl.sliding.surface import Reference
+from railslip_ctrl.sliding.code import generate, law_numbers, with_numbers
+from railslip_ctrl.sliding.derivation import Reference, derive
 
 from .options import Quantity, law_from_file
 from .output import print_text, progress

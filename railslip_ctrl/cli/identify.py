@@ -13,8 +13,9 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown, to_unit
 from railslip_ctrl.identification.columns import UNITS
-from railslip_ctrl.identification.identify import Campaign, Identification, Options, identify, identify_several
-from railslip_ctrl.identification.log_files import STANDARD_INPUT
+from railslip_ctrl.identification.curves import Options
+from railslip_ctrl.identification.identify import Campaign, Identification, identify, identify_several
+from railslip_ctrl.identification.logs import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
@@ -68,7 +69,7 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     show_default=True,
     metavar="|".join(Observer),
     help="Its form, or a Kalman filter. It makes the observed curve, and what is fitted to that (lugre, bristle_rest, "
-    "table); models fitted along the motion (beam, polach, burckhardt, curve, bristle) it hardly affects.",
+    "table); prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects.",
 )
 @click.option(
     "--column",
@@ -87,14 +88,14 @@ _BAR_FROM_BYTES = 8 << 20  # a smaller log is read before a bar can be seen
     "--delay",
     multiple=True,
     metavar="NAME=S",
-    help="By how much a quantity's column is late, s; half its interval for an encoder's difference of counts; "
-    "repeatable.  [default: none is]",
+    help="Column delay of a quantity, s; half its interval for an encoder's difference of counts; "
+    "repeatable.  [default: 0]",
 )
 @click.option(
     "--zero",
     multiple=True,
     metavar="NAME=VALUE",
-    help="What a quantity's column reads where it should read nought, SI or with a unit; repeatable.  [default: 0]",
+    help="Sensor offset of a quantity's column, SI or with a unit; repeatable.  [default: 0]",
 )
 @click.option(
     "--fix",

@@ -17,10 +17,10 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
-from railslip_ctrl.paper import Fact, Table5, published_facts, sensitivity, table3, table5
-from railslip_ctrl.paper.runs import MOST_SEEDS, checked_seeds
-from railslip_ctrl.paper.sensitivity import DEFAULT_SEEDS as SENSITIVITY_SEEDS
-from railslip_ctrl.paper.table5 import DEFAULT_SEEDS
+from railslip_ctrl.paper.facts import Fact, published_facts
+from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
+from railslip_ctrl.paper.reading import sensitivity
+from railslip_ctrl.paper.tables import DEFAULT_SEEDS, MOST_SEEDS, Table5, checked_seeds, table3, table5
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.provenance import Provenance
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
@@ -95,11 +95,10 @@ def _writers(
     text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
 ) -> dict[str, Callable[[Path], None]]:
     """What writes each file."""
-    from railslip_ctrl.core.cache import kept
+    from railslip_ctrl.core.cache import cached
     from railslip_ctrl.design.design_check import published_groups
-    from railslip_ctrl.paper import model_curves, published_runs
-    from railslip_ctrl.paper.curves import wet_and_dry
     from railslip_ctrl.paper.errata import errata
+    from railslip_ctrl.paper.tables import model_curves, published_runs, wet_and_dry
     from railslip_ctrl.report.html.page import page
     from railslip_ctrl.report.html.reproduction_page import reproduction_first_page, reproduction_sections
     from railslip_ctrl.report.plots.loops import bode_figure, nyquist_figure
@@ -114,7 +113,7 @@ def _writers(
 
     started = time.perf_counter()
     progress("errata, and Table 4's gains in both readings")
-    wrong = kept("errata", lambda: errata(derive()))
+    wrong = cached("errata", lambda: errata(derive()))
     groups = published_groups(published_points())
     progress("pictures")
     figures = {

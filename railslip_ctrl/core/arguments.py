@@ -1,6 +1,6 @@
-"""Checks of arguments at the public edge: their kinds, from the annotations, and the ranges of numbers.
+"""Checks of arguments where a call enters: their kinds, from the annotations, and the ranges of numbers.
 
-A kind is checked once, where a call enters; the functions behind take what they are given.
+Not pydantic's `validate_call`: it knows neither arrays nor NumPy's numbers, and its messages are several lines.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ Check = Callable[[object], Any]
 
 
 class _Refused(Exception):
-    """A value is not of the kind asked for, which the message names with its article."""
+    """A value of another kind; the message names the wanted one with its article."""
 
 
 def checked(function: F) -> F:
-    """Have a function refuse arguments that are not of the kinds it is annotated with: InputError in one line.
+    """Check a function's arguments against its annotations: InputError in one line for one of another kind.
 
-    An enumeration's value will do for its member. Ranges are the function's own to check, for example by `number`.
+    An enumeration's value counts as its member. The function itself checks ranges, for example by `number`.
     """
     text: Any = unwrap(function)  # what a cache holds
     names = text.__code__.co_varnames[: text.__code__.co_argcount]
@@ -147,7 +147,7 @@ def _shown(value: object) -> str:
 
 @cache
 def _checks_of(thing: Any) -> dict[str, Check]:
-    """The checks of a function's arguments, or a dataclass's fields; those of what is known to type checkers alone."""
+    """The checks of a function's arguments or a dataclass's fields, by name."""
     known = vars(sys.modules[thing.__module__])
     found = {}
     for name, annotation in thing.__annotations__.items():
@@ -162,7 +162,7 @@ def _checks_of(thing: Any) -> dict[str, Check]:
 
 
 def _check_of(annotation: Any) -> Check | None:
-    """The check of an annotation; None where anything goes, or nothing can be said."""
+    """The check of an annotation; None where anything is taken."""
     if annotation in _PLAIN:
         return _PLAIN[annotation]
     origin, inner = get_origin(annotation), get_args(annotation)
@@ -182,7 +182,7 @@ def _check_of(annotation: Any) -> Check | None:
         return None
     kind: Any = origin or annotation
     if kind is Callable:
-        return _function
+        return _that(callable, "a function")
     return _instance_of(kind) if isinstance(kind, type) else None
 
 
@@ -214,22 +214,15 @@ def _flag(value: Any) -> Any:
     return bool(value)
 
 
-def _text(value: Any) -> Any:
-    if not isinstance(value, str):
-        raise _Refused("text")
-    return value
+def _that(holds: Callable[[Any], bool], wanted: str) -> Check:
+    """A check of a value as it is."""
 
+    def check(value: object) -> object:
+        if not holds(value):
+            raise _Refused(wanted)
+        return value
 
-def _nothing(value: Any) -> Any:
-    if value is not None:
-        raise _Refused("None")
-    return value
-
-
-def _function(value: Any) -> Any:
-    if not callable(value):
-        raise _Refused("a function")
-    return value
+    return check
 
 
 def _array(value: Any) -> Any:
@@ -262,41 +255,36 @@ _PLAIN: dict[Any, Check | None] = {
     float: _real,
     int: _integer,
     bool: _flag,
-    str: _text,
-    None: _nothing,
-    NoneType: _nothing,
+    str: _that(lambda value: isinstance(value, str), "text"),
+    **dict.fromkeys((None, NoneType), _that(lambda value: value is None, "None")),
 }
 
 
 def _instance_of(kind: type) -> Check | None:
     if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
         return None
-    wanted = "a mapping" if kind is Mapping else _with_article(kind.__name__)
+    if issubclass(kind, Enum):
+        return _member_of(kind)
+    article = "an" if kind.__name__[0] in "AEIO" else "a"
+    wanted = "a mapping" if kind is Mapping else f"{article} {kind.__name__}"
+    return _that(lambda value: isinstance(value, kind), wanted)
 
-    def check(value: object) -> object:
-        if isinstance(value, kind):
-            return value
-        if issubclass(kind, Enum):
-            return _member(kind, value)
-        raise _Refused(wanted)
+
+def _member_of(kind: type[Enum]) -> Check:
+    def check(value: object) -> Enum:
+        try:
+            return kind(value)
+        except ValueError:
+            raise _Refused(" or ".join(str(member.value) for member in kind)) from None
 
     return check
-
-
-def _member(kind: type[Enum], value: object) -> Enum:
-    try:
-        return kind(value)
-    except ValueError:
-        raise _Refused(" or ".join(str(member.value) for member in kind)) from None
 
 
 def _one_of(allowed: tuple[object, ...]) -> Check:
-    def check(value: object) -> object:
-        if not any(value is one or (type(value) is type(one) and value == one) for one in allowed):
-            raise _Refused(" or ".join(map(repr, allowed)))
-        return value
+    def is_one(value: object) -> bool:
+        return any(value is one or (type(value) is type(one) and value == one) for one in allowed)
 
-    return check
+    return _that(is_one, " or ".join(map(repr, allowed)))
 
 
 def _any_of(members: list[Check | None]) -> Check | None:
@@ -344,7 +332,3 @@ def _within(check: Check, value: object) -> object:
         return check(value)
     except _Refused as wanted:
         raise _Refused(f"{wanted} in place of {_shown(value)}") from None
-
-
-def _with_article(name: str) -> str:
-    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"

@@ -1,8 +1,7 @@
-"""Results that are the same from report to report, kept in the user's cache folder beside the compiled kernels.
+"""Results cached from report to report, in the user's cache folder beside the compiled kernels.
 
-A report by the same version finds them there; what depends on the vehicle, only if it is of the same one. What a result
-is kept under is a hash of all source of this package, of the versions of what it computes with, and of what it was
-computed for: nothing stale can be found.
+A result is cached under a hash of all source of this package, of the versions of what it computes with, and of what it
+was computed for: nothing stale can be found.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import hashlib
 import os
 import pickle
 import sys
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -19,7 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .folders import cache_folder
+from .folders import cache_folder, staged
 
 T = TypeVar("T")
 
@@ -31,32 +29,27 @@ _MOST = 600
 _COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")
 
 
-def kept(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
-    """The result of `compute`, as found, or computed and kept.
+def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
+    """The result of `compute` by its `name`, a word, from the cache or computed now and put there.
 
-    Parameters
-    ----------
-    name : str
-        Of the result, a word.
-    compute : callable
-        Deterministic, of what `given` says and this package's source alone; not None.
-    given : str
-        What it is computed for.
-    fresh : bool
-        Compute it whatever is kept.
+    `compute` is deterministic, of what `given` says and this package's source alone; its result is not None. `fresh`:
+    compute it whatever is cached.
     """
-    result: T | None = None if fresh else found(name, given)
+    result: T | None = None if fresh else look_up(name, given)
     if result is None:
         result = compute()
-        _keep(_path(name, given), pickle.dumps(result))
+        _write(_path(name, given), pickle.dumps(result))
     return result
 
 
-def found(name: str, given: str = "") -> Any:
-    """What `kept` keeps under a name for what is given; None if nothing is."""
+def look_up(name: str, given: str = "") -> Any:
+    """What `cached` has put there under a name for what is given; None if nothing."""
     path = _path(name, given)
-    content = _content(path)
-    if content is None:
+    try:
+        digest, content = path.read_bytes().split(b"\n", 1)
+    except (OSError, ValueError):
+        return None
+    if hashlib.sha256(content).hexdigest().encode() != digest:  # not all of it is there
         return None
     with suppress(OSError):
         os.utime(path)  # asked for now
@@ -64,31 +57,18 @@ def found(name: str, given: str = "") -> Any:
 
 
 def _path(name: str, given: str) -> Path:
-    return cache_folder("results") / f"{name}-{_hash(given)}.pickle"
+    key = hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
+    return cache_folder("results") / f"{name}-{key}.pickle"
 
 
-def _content(path: Path) -> bytes | None:
-    """What is kept at a path; None if nothing, or not all of it, is there."""
-    try:
-        digest, content = path.read_bytes().split(b"\n", 1)
-    except (OSError, ValueError):
-        return None
-    return content if hashlib.sha256(content).hexdigest().encode() == digest else None
-
-
-def _keep(path: Path, content: bytes) -> None:
+def _write(path: Path, content: bytes) -> None:
     """Write in one step; a folder that cannot be written to costs the next report some time, and this one nothing."""
     content = hashlib.sha256(content).hexdigest().encode() + b"\n" + content
     with suppress(OSError):
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-            file.write(content)
-        os.replace(file.name, path)
+        with staged(path.parent) as new:
+            (new / path.name).write_bytes(content)
         for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
             old.unlink()
-
-
-def _hash(given: str) -> str:
-    return hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
 
 
 @cache

@@ -39,11 +39,7 @@ class UnstableLoopError(RailslipError, ArithmeticError):
     """
 
     def __init__(
-        self,
-        message: str,
-        *,
-        unstable_poles: float,
-        stabilizing_gain_range: tuple[float, float] | None,
+        self, message: str, *, unstable_poles: float, stabilizing_gain_range: tuple[float, float] | None
     ) -> None:
         super().__init__(message)
         self.unstable_poles = unstable_poles

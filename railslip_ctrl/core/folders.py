@@ -1,4 +1,4 @@
-"""Folders: the cache, and those to write into, by one process at a time."""
+"""Folders: the cache, and those to write into, whole files alone and by one process at a time."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ from functools import cache
 from pathlib import Path
 
 from .errors import InputError
+from .processes import undisturbed
 
 LOCK = ".lock"
 
+INCOMPLETE = ".incomplete-"
+"""What the name of a folder of unfinished files begins with."""
+
 CACHE_VARIABLE = "RAILSLIP_CACHE"
-"""Environment variable that names another folder for compiled kernels, and for results that are kept."""
+"""Environment variable that names another folder for compiled kernels and cached results."""
 
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """A folder, made if missing, for this process alone; one that was made and stays empty goes again.
+    """Lock a folder, made if missing, for this process alone; one that was made and stays empty is removed.
 
     The lock is the operating system's, and ends with the process. InputError where another process has it or the folder
     cannot be written to.
@@ -51,15 +55,28 @@ def claimed(folder: Path) -> Iterator[None]:
                 one.rmdir()
 
 
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder inside `folder` to write files to: they are moved out of it, each in one step, at the end.
+
+    After an error none is moved; an interruption waits until all are.
+    """
+    with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=folder) as staging:
+        yield Path(staging)
+        with undisturbed():
+            for path in sorted(Path(staging).iterdir()):
+                os.replace(path, folder / path.name)
+
+
 def unwritable(folder: Path, error: OSError) -> InputError:
-    """What to raise where a folder cannot be written to."""
+    """The error of a folder that cannot be written to."""
     return InputError(
         f"--out: {str(folder)!r} cannot be written to ({error.strerror or error}); make room or choose another folder"
     )
 
 
 def cache_folder(kind: str = "kernels") -> Path:
-    """Where a kind of thing is kept: `RAILSLIP_CACHE`, or the user's cache folder; one for this run if it is shut."""
+    """Cache folder of a kind: in `RAILSLIP_CACHE`, or the user's; a temporary one if that cannot be written to."""
     from platformdirs import user_cache_path
 
     given = os.environ.get(CACHE_VARIABLE)
@@ -76,7 +93,7 @@ def cache_folder(kind: str = "kernels") -> Path:
 
 @cache
 def _temporary() -> Path:
-    """A folder for this process and those that it starts from now on, which goes with it."""
+    """A folder for this process and those that it starts from now on; removed at its end."""
     folder = tempfile.mkdtemp(prefix="railslip-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ[CACHE_VARIABLE] = folder

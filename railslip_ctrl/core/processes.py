@@ -1,4 +1,4 @@
-"""What this machine gives to compute with, and what it interrupts."""
+"""Processes, how many the machine has room for, and interruptions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Submit: TypeAlias = "Callable[..., Future[Any]]"
 """Takes a function and its arguments."""
 
 
-def cores() -> int:
+def cpu_count() -> int:
     """Cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
@@ -24,10 +24,10 @@ def cores() -> int:
 
 @contextmanager
 def processes(count: int) -> Iterator[Submit]:
-    """What submits work to at most so many processes, each of which is started when there is work for it.
+    """Pool of at most `count` processes, each started when there is work for it; yields what submits work.
 
-    Interruptions are for this process, with which they end, however it ends; what they work at when an exception leaves
-    the context is given up.
+    Only this process is interrupted; the others end with it, however it ends. Their work is given up when an exception
+    leaves the context.
     """
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import active_children, get_context
@@ -54,7 +54,7 @@ def processes(count: int) -> Iterator[Submit]:
 
 
 def _follow() -> None:
-    """End with the process that started this one: killed, it cannot say so."""
+    """End with the parent process, also if that is killed."""
     from multiprocessing import parent_process
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it is not blocked by now, as on Windows
@@ -70,7 +70,7 @@ def _follow() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """An interruption (Ctrl-C) waits until this is done, and is never heard of by processes that are started in it."""
+    """Delay an interruption (Ctrl-C) until this is done; processes that are started in it never get it."""
     if threading.current_thread() is not threading.main_thread():  # which alone hears it
         yield
         return

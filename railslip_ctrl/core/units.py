@@ -1,10 +1,8 @@
 """Numbers with units: the one place where text becomes SI.
 
-Inside the package every number is SI. At its edges (command line, TOML) a plain number is in the unit the
-option or key states, and a string may carry its own unit ("65 N*m/(km/h)"); it is converted here and
-refused when its dimension is wrong. A number in quotes without a unit is taken on the command line, where all is
-text, and refused in records and files, where the quotes say that a unit was meant. Pint is imported only when a
-string carries a unit.
+Inside the package every number is SI. At its edges a plain number is in the unit that the option or key states, and
+text may carry its own ("65 N*m/(km/h)"). A number in quotes without a unit is taken on the command line, where all is
+text, and refused in records and files. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
@@ -61,25 +59,11 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
-    """Return `value` as a finite number of `unit`.
+    """Return `value` as a finite number of `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
-    Parameters
-    ----------
-    value : real number or str
-        A number is taken to be in `unit` already; a string is a number with a unit of the same dimension, or,
-        unless `text_needs_unit`, a number alone. A unit is names, products, quotients, parentheses and powers of 1
-        to 4.
-    unit : str
-        Unit of the result, in Pint's spelling: "kg", "N*m/(m/s)", "km/h", "1" for a pure number.
-    name : str
-        What to call the quantity in an error; left out, the error begins with the value.
-    text_needs_unit : bool
-        Refuse a string that is a number alone: for values that are numbers without quotes.
-
-    Raises
-    ------
-    InputError
-        Not a number, not finite, of another dimension, or text without the unit that it needs.
+    A number is taken to be in `unit` already; text is a number with a unit of the same dimension (names, products,
+    quotients, parentheses and powers of 1 to 4) or, unless `text_needs_unit`, a number alone. InputError, which begins
+    with `name` if given, for what is no finite number, or has another dimension.
     """
     try:
         number = _number(value, unit, text_needs_unit=text_needs_unit)
@@ -167,7 +151,7 @@ def _not_a_unit(given: str, unit: str, text: str) -> InputError:
 
 
 def _unit_words(given: str) -> str | None:
-    """Return `given` in the few words Pint is shown, a product for every space, or None if it holds others."""
+    """`given` in the words that Pint may see, a product for every space; None if it holds others."""
     words: list[str] = []
     previous = ""
     position = 0
@@ -196,7 +180,7 @@ def quantity(
     lt: float | None = None,
     le: float | None = None,
 ) -> Any:
-    """A field of a parameter record (`parameters.Record`): a float in `unit` that may be given as a string with a unit.
+    """A field of a parameter record (`vehicle.Record`): a float in `unit` that may be given as a string with a unit.
 
     Written `mass: float = quantity("kg", "quarter-car mass M", gt=0)`; without `default` the field is required.
     """

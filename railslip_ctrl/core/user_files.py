@@ -57,19 +57,9 @@ def given_path(value: object, name: str = "path") -> Path:
 
 
 def read_text(path: Path, *, where: str = "") -> str:
-    """Return the text of a parameter file.
+    """The text of a parameter file: regular, UTF-8 with or without a byte-order mark, at most `LARGEST_FILE` bytes.
 
-    Parameters
-    ----------
-    path : Path
-        A regular file, UTF-8 with or without a byte-order mark, at most `LARGEST_FILE` bytes.
-    where : str
-        What an error begins with; left out, the path.
-
-    Raises
-    ------
-    InputError
-        Missing, a directory or device, unreadable, too large, empty, or not UTF-8.
+    InputError for any other; it begins with `where`, or else the path.
     """
     where = where or file_name(path)
     content = _read_bytes(path, where)
@@ -85,13 +75,7 @@ def read_text(path: Path, *, where: str = "") -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the keys of a TOML file; an `InputError` names the line of a syntax error.
-
-    Raises
-    ------
-    InputError
-        As `read_text`, or the text is not TOML.
-    """
+    """The keys of a TOML file; InputError as of `read_text`, or with the line of a syntax error."""
     import tomllib
 
     text = read_text(path)
@@ -104,21 +88,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """Return the record that `values` make.
+    """The record that `values`, a mapping of its keys or a record of the class, make.
 
-    Parameters
-    ----------
-    model : type of BaseModel
-        The record's class.
-    values : mapping
-        Its keys, or a record of the class.
-    where : str
-        What an error begins with: the file (and, in a file of several things, the thing).
-
-    Raises
-    ------
-    InputError
-        What the record refuses, as `one_line` says it.
+    InputError of what the record refuses, as `one_line` says it of `where`.
     """
     try:
         # not model_validate, in which a record calls itself by the name of its class
@@ -128,19 +100,14 @@ def validated(model: type[_M], values: object, where: str) -> _M:
 
 
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
-    """Return a pydantic error as one line for the user: `where: key: value is not allowed; remedy`.
+    """A pydantic error as one line for the user: `where: key: value is not allowed; remedy`.
 
-    Parameters
-    ----------
-    error : ValidationError
-        Its first complaint is told, with the number of further ones.
-    where : str
-        The file (and, in a file of several things, the thing).
-    model : type of BaseModel, optional
-        The record that refused; with it the line gives the unit of a number and the allowed keys.
+    One complaint is told, with the number of further ones. `where` is the file (and, in a file of several things,
+    the thing). With `model`, the record that refused, the line gives the unit of a number and the allowed keys.
     """
     complaints = error.errors(include_url=False)
-    first = complaints[0]
+    # a misspelt key is why another is missing
+    first = min(complaints, key=lambda complaint: complaint["type"] != "extra_forbidden")
     owner, field = _locate(model, first["loc"])
     key = ".".join(_key(part) for part in first["loc"])
     start = f"{where}: {key}: " if key else f"{where}: "
@@ -173,19 +140,18 @@ def file_name(path: Path) -> str:
 def _read_bytes(path: Path, where: str) -> bytes:
     try:
         if path.is_dir():
-            remedy = "is a directory; give a file"
-        elif path.exists() and not path.is_file():  # a pipe or device may never end
-            remedy = "is not a regular file; give a file"
-        else:
-            with path.open("rb") as file:
-                return file.read(LARGEST_FILE + 1)
+            raise InputError(f"{where}: is a directory; give a file")
+        if path.exists() and not path.is_file():  # a pipe or device may never end
+            raise InputError(f"{where}: is not a regular file; give a file")
+        with path.open("rb") as file:
+            return file.read(LARGEST_FILE + 1)
     except FileNotFoundError:
-        remedy = "no such file; check the path"
-    except PermissionError:
-        remedy = "cannot be read; check the file's permissions"
+        raise InputError(f"{where}: no such file; check the path") from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        remedy = f"cannot be read ({getattr(error, 'strerror', None) or _flat(error)}); check the path"
-    raise InputError(f"{where}: {remedy}")
+        told = getattr(error, "strerror", None) or _flat(error)
+        raise InputError(f"{where}: cannot be read ({told}); check the path and its permissions") from None
 
 
 def _reason(complaint: ErrorDetails, owner: type[BaseModel] | None, field: Any) -> str:
@@ -216,22 +182,15 @@ def _number(value: object) -> str:
 
 
 def _locate(model: type[BaseModel] | None, loc: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, Any]:
-    """Return the record that holds the last key of `loc`, and its field there, each None where there is none."""
+    """The record that holds the last key of `loc`, and its field there, each None where there is none."""
     owner, field = model, None
     names = [part for part in loc if isinstance(part, str)]  # a number is a place in a list of records
     for depth, part in enumerate(names):
         field = owner.model_fields.get(part) if owner is not None else None
         if depth < len(names) - 1:
-            owner = _record_of(field.annotation) if field is not None else None
+            inner = (field.annotation, *get_args(field.annotation)) if field is not None else ()  # `Wheel | None`
+            owner = next((one for one in inner if isinstance(one, type) and issubclass(one, BaseModel)), None)
     return owner, field
-
-
-def _record_of(annotation: Any) -> type[BaseModel] | None:
-    """The record in an annotation: Wheel of `Wheel`, and of `Wheel | None`."""
-    for candidate in (annotation, *get_args(annotation)):
-        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-            return candidate
-    return None
 
 
 def _key(part: int | str) -> str:
@@ -247,20 +206,19 @@ def _flat(error: object) -> str:
 
 
 def place(file: str, line: int | None) -> str:
-    """A line of a user's file, named from where we are."""
+    """A line of a user's file, its path relative to the working directory."""
     path = Path(file)
     near = path.is_relative_to(Path.cwd())
     return f"{file_name(path.relative_to(Path.cwd()) if near else path)}, line {line}"
 
 
 def failure(error: BaseException, what: str) -> str:
-    """File and line of the user's code in which `what` failed, how, and what to do; one line."""
+    """One line: file and line of the user's code in which `what` failed, the error, and the remedy."""
     frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, SyntaxError):
         frames.append((error.filename or "", error.lineno))
     file, line = (_own(frames) or frames)[-1]
-    message = " ".join(str(error).split())
-    told = f": {message}" if message else ""
+    told = f": {_flat(error)}" if str(error) else ""
     return f"{place(file, line)}: {what} fails with {type(error).__name__}{told}; mend the file"
 
 
@@ -281,17 +239,11 @@ def call_failure(error: BaseException, function: Any, name: str, arguments: str,
     frames: list[tuple[str, int | None]] = [(f.filename, f.lineno) for f in traceback.extract_tb(error.__traceback__)]
     if _own(frames[1:]) or not isinstance(error, TypeError):  # the first is of the call itself
         return failure(error, name + when)
-    return f"{place_of(function)}{name} cannot be called with ({arguments}): {' '.join(str(error).split())}; mend it"
+    return f"{place_of(function)}{name} cannot be called with ({arguments}): {_flat(error)}; mend it"
 
 
 def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
-    """Run a Python file and take what it calls `name`.
-
-    Raises
-    ------
-    InputError
-        One line: the file cannot be read or run, or has no `name` with the attributes `needed`.
-    """
+    """Run a Python file and take what it calls `name`; InputError where that lacks an attribute `needed`."""
     where = file_name(path)
     text = read_text(path)
     module = ModuleType(f"railslip_{name.lower()}_{path.stem}")

@@ -1,36 +1,330 @@
-"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted."""
+"""From a log to its adhesion curve, and all that is to be said of the log before anything is fitted.
+
+Of the samples are kept sums by cell of slip and speed, bins of the curve, and sums of stretches of time: of bounded
+size, and all that least squares over every sample needs. With n, the mean and the scatter of mu in a cell, and the
+moments of the slips that it is the mean over, the model's mean there is a two-point Gauss rule, exact for a cubic;
+cells are 1/800 of the range wide or less. The noise of neighbouring samples is correlated: by the observer's filter, by
+the rig, by the run. So its long-run variance, that of means over long times, is taken from stretches of time, their
+number halved whenever they, or their entries by cell, grow beyond bounds, by adding neighbours.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.vehicle import Vehicle
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.vehicle import Rail, Vehicle
 
-from .alignment import Alignment, corrections_told
-from .cells import Accumulator, Bins, Cells, SlipCounts, Stretches
+from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
 from .columns import Column
-from .logs import Broken, Log
-from .observed import LEAST_PULL, SLIP_RANGE, AdhesionStream, Observed
-from .options import Options
-from .outliers import OutlierFilter
-from .plausibility import HIGHEST_MU, deceleration_ratio, deceleration_warning, mu_warning, unit_hint
-from .record import MOST_ROWS, Record
-from .regimes import peak_slip
-from .resolution import ColumnStep, column_steps, step_warnings
-from .rolling import Known, Rolling, rolling_fault, rolling_warnings
-from .rows import BothSpeeds, Rows
-from .stamps import StampFilter
-from .survey import Survey, load_warning, vehicle_load_warning, wheel_speeds_warning
-from .timing import time_fault
+from .log_checks import (
+    HIGHEST_MU,
+    ColumnStep,
+    Finding,
+    FreeRolling,
+    Known,
+    Rolling,
+    WheelSpeeds,
+    column_steps,
+    deceleration_findings,
+    deceleration_ratio,
+    load_findings,
+    mu_findings,
+    rolling_fault,
+    rolling_findings,
+    step_findings,
+    survey_findings,
+    time_fault,
+    unit_hint,
+)
+from .logs import BLOCK_BYTES, Broken, Log, Rows
+from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, Observed, Observer, Record, Survey
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify; None takes it from the log. See `railslip identify --help`.
+
+    Parameters
+    ----------
+    model : str
+        A model's name, or "best": of those with a formula the one with the lowest BIC.
+    rail : Rail
+    initial_speed, slip_acceleration, time_constant : float or None
+        v0, m/s; R of the ramps, m/s^2; tau of the `observer`, s.
+    columns, units : mapping
+        Header and unit of a quantity's column, by quantity.
+    delays, zeros : mapping
+        Column delay, s, and sensor offset, SI, by quantity.
+    fixed, bounds : mapping
+        Value (SI), or lowest and highest, of a parameter, by name.
+    block_bytes : int
+        How much of a log is read at a time.
+    """
+
+    model: str = "best"
+    rail: Rail = Rail.DRY
+    initial_speed: float | None = None
+    slip_acceleration: float | None = None
+    time_constant: float | None = None
+    observer: Observer = Observer.CORRECTED
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    delays: Mapping[str, float] = field(default_factory=dict)
+    zeros: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    block_bytes: int = BLOCK_BYTES
+
+
+# --- sums over the samples -----------------------------------------------------------------------------------------
+
+
+SLIP_CELLS = 400
+"""Cells over the slip ratio, of equal width in its square root: narrow where the curve rises."""
+
+SPEED_CELL = 10.0 * KMH
+_SPEED_CELLS = 80
+
+STRETCH = 5.0
+"""Length of the shortest stretches, in time constants of the observer."""
+
+_MOST_STRETCHES = 8192
+_MOST_ENTRIES = 1 << 18  # of stretch and cell: 6 MB, and where a log fills many cells, some hundred stretches still
+
+BINS = 50
+"""Bins of the curve over slip ratios 0 to 1, as in [Park2008] Fig. 13: to be shown. Fits take the cells, finer ones."""
+
+
+@dataclass(frozen=True)
+class Bins:
+    """mu over slip ratio, by bins that hold a sample: arrays of one length, as [Park2008] Fig. 13."""
+
+    low: Floats
+    high: Floats
+    slip: Floats
+    count: Integers
+    mean: Floats
+    deviation: Floats
+    least: Floats
+    most: Floats
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells that hold samples, arrays of one length: their count and means, SI.
+
+    `squares` is the sum of the squared deviations from mu; `time` and `slip_gain` are seconds and the slip gained in
+    them. `nodes`, `node_speeds` and `weights`, (2, cells), give the mean of a function over a cell.
+    """
+
+    count: Floats
+    slip: Floats
+    speed: Floats
+    load: Floats
+    mu: Floats
+    squares: Floats
+    nodes: Floats
+    node_speeds: Floats
+    weights: Floats
+    time: Floats
+    slip_gain: Floats
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Sums by stretch of time, of a `length` in s, and cell, by its place in `Cells`: samples and total of mu."""
+
+    length: float
+    stretch: Integers
+    cell: Integers
+    count: Floats
+    total: Floats
+
+
+_FINE = 1_000_000
+_SUMS = ("count", "slip", "slip2", "slip3", "speed", "slip_speed", "mu", "mu2", "load", "step", "slip_step")
+
+
+class Accumulator:
+    """Sums over samples that come in blocks of any size; the result does not depend on how they come."""
+
+    def __init__(self, time_constant: float) -> None:
+        self._length = STRETCH * time_constant
+        self._sums = np.zeros((len(_SUMS), SLIP_CELLS * _SPEED_CELLS))
+        self._centre = 0.0  # mu is summed about it, so that squares do not cancel
+        self._bins = np.zeros((4, BINS))
+        self._slips = np.zeros(_FINE, dtype=np.int64)
+        self._least, self._most = np.full(BINS, np.inf), np.full(BINS, -np.inf)
+        self._keys = np.empty(0, dtype=np.int64)
+        self._entries = np.empty((2, 0))
+        self._origin: float | None = None
+
+    def add(self, samples: Observed) -> None:
+        """Take samples in."""
+        if not len(samples):
+            return
+        if self._origin is None:
+            self._origin, self._centre = float(samples.time[0]), float(samples.mu[0])
+        cell = _cell(samples)
+        mu = samples.mu - self._centre
+        values = (
+            samples.slip,
+            samples.slip2,
+            samples.slip3,
+            samples.speed,
+            samples.slip_speed,
+            mu,
+            mu**2,
+            samples.load,
+        )
+        for row, weights in enumerate((None, *values, samples.step, samples.slip_step)):
+            self._sums[row] += np.bincount(cell, weights, minlength=self._sums.shape[1])
+        self._slips += np.bincount((samples.slip * _FINE).astype(np.int64), minlength=_FINE)
+        self._add_to_bins(samples, mu)
+        self._add_stretches(samples, cell, mu)
+
+    def _add_to_bins(self, samples: Observed, mu: Floats) -> None:
+        at = np.minimum((samples.slip * BINS).astype(np.int64), BINS - 1)
+        for row, weights in enumerate((None, samples.slip, mu, mu**2)):
+            self._bins[row] += np.bincount(at, weights, minlength=BINS)
+        np.minimum.at(self._least, at, samples.mu)
+        np.maximum.at(self._most, at, samples.mu)
+
+    def _add_stretches(self, samples: Observed, cell: Integers, mu: Floats) -> None:
+        assert self._origin is not None
+        stretch = ((samples.time - self._origin) / self._length).astype(np.int64)
+        keys, entries = _summed(stretch * _CELLS + cell, np.stack([np.ones(len(mu)), mu]))
+        self._keys, self._entries = _summed(
+            np.concatenate([self._keys, keys]), np.concatenate([self._entries, entries], axis=1)
+        )
+        while len(self._keys) > _MOST_ENTRIES or len(np.unique(self._keys // _CELLS)) > _MOST_STRETCHES:
+            stretch, cell = self._keys // _CELLS, self._keys % _CELLS
+            self._length *= 2.0
+            self._keys, self._entries = _summed(stretch // 2 * _CELLS + cell, self._entries)
+
+    def bins(self) -> Bins:
+        """The curve so far."""
+        full = self._bins[0] > 0
+        count, slip, total, squares = self._bins[:, full]
+        edges = np.arange(BINS + 1) / BINS
+        mean = total / count
+        variance = np.maximum(squares / count - mean**2, 0.0) * count / np.maximum(count - 1.0, 1.0)
+        return Bins(
+            low=edges[:-1][full],
+            high=edges[1:][full],
+            slip=slip / count,
+            count=count.astype(np.int64),
+            mean=mean + self._centre,
+            deviation=np.sqrt(variance),
+            least=self._least[full],
+            most=self._most[full],
+        )
+
+    def slip_counts(self) -> Integers:
+        """How many samples there are by slip, in steps of a millionth, so that any slip may part them."""
+        return self._slips
+
+    def cells(self) -> Cells:
+        """The cells so far."""
+        s = dict(zip(_SUMS, self._sums[:, self._sums[0] > 0], strict=True))
+        n = s["count"]
+        mean = {name: s[name] / n for name in _SUMS[1:9]}
+        nodes, weights = _gauss_rule(mean["slip"], mean["slip2"], mean["slip3"])
+        variance = mean["slip2"] - mean["slip"] ** 2
+        covariance = mean["slip_speed"] - mean["slip"] * mean["speed"]
+        tilt = np.divide(covariance, variance, out=np.zeros_like(n), where=variance > _NO_SPREAD)
+        return Cells(
+            count=n,
+            slip=mean["slip"],
+            speed=mean["speed"],
+            load=mean["load"],
+            mu=mean["mu"] + self._centre,
+            squares=np.maximum(s["mu2"] - n * mean["mu"] ** 2, 0.0),
+            nodes=nodes,
+            node_speeds=np.maximum(mean["speed"] + tilt * (nodes - mean["slip"]), 0.5 * mean["speed"]),
+            weights=weights,
+            time=s["step"],
+            slip_gain=s["slip_step"],
+        )
+
+    def stretches(self) -> Stretches:
+        """The stretches so far."""
+        place = np.cumsum(self._sums[0] > 0) - 1
+        count, total = self._entries
+        return Stretches(
+            length=self._length,
+            stretch=self._keys // _CELLS,
+            cell=place[self._keys % _CELLS],
+            count=count,
+            total=total + self._centre * count,
+        )
+
+
+_CELLS = SLIP_CELLS * _SPEED_CELLS
+
+# Spread of slip, squared, that is rounding of moments of slips up to 1, not spread.
+_NO_SPREAD = 1e-13
+
+
+def _cell(samples: Observed) -> Integers:
+    slip = np.clip((np.sqrt(samples.slip) * SLIP_CELLS).astype(np.int64), 0, SLIP_CELLS - 1)
+    speed = np.clip((samples.speed / SPEED_CELL).astype(np.int64), 0, _SPEED_CELLS - 1)
+    return slip * _SPEED_CELLS + speed
+
+
+def _summed(keys: Integers, values: Floats) -> tuple[Integers, Floats]:
+    """The distinct keys in order, and the sums of their columns."""
+    distinct, place = np.unique(keys, return_inverse=True)
+    return distinct, np.stack([np.bincount(place, row, minlength=len(distinct)) for row in values])
+
+
+def _gauss_rule(m1: Floats, m2: Floats, m3: Floats) -> tuple[Floats, Floats]:
+    """Nodes and weights, (2, n) each, of the two-point rule with the moments 1, m1, m2, m3.
+
+    About the mean, with variance V and third moment T, the nodes solve x^2 - (T/V) x - V = 0.
+    """
+    variance = np.maximum(m2 - m1**2, 0.0)
+    spread = variance > _NO_SPREAD
+    third = m3 - 3.0 * m1 * m2 + 2.0 * m1**3
+    skew = np.divide(third, 2.0 * variance, out=np.zeros_like(m1), where=spread)
+    # a node may not leave the curve's rise for slips below 0: rounding and noise of the moments, not slip
+    skew = np.clip(skew, -np.sqrt(variance), np.sqrt(variance))
+    root = np.sqrt(skew**2 + variance)
+    low, high = skew - root, skew + root
+    share = np.divide(high, high - low, out=np.full_like(m1, 0.5), where=spread)
+    nodes = np.where(spread, m1 + np.stack([low, high]), m1)
+    return np.clip(nodes, 0.0, 1.0), np.stack([share, 1.0 - share])
+
+
+_PEAK_WINDOW = 0.15  # half width, relative, of the window in which mu is averaged to find its peak
+_LEAST_SHARE = 0.002  # of all samples that such a window must hold
+
+
+def peak_slip(cells: Cells) -> float:
+    """The slip ratio at which the data's mu, averaged over neighbouring cells, is highest."""
+    order = np.argsort(cells.slip)
+    slip, n, total = cells.slip[order], cells.count[order], (cells.count * cells.mu)[order]
+    counts, totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (n, total))
+    low = np.searchsorted(slip, slip * (1.0 - _PEAK_WINDOW))
+    high = np.searchsorted(slip, slip * (1.0 + _PEAK_WINDOW), side="right")
+    held = counts[high] - counts[low]
+    mean = np.where(held >= _LEAST_SHARE * counts[-1], (totals[high] - totals[low]) / held, -math.inf)
+    return float(slip[np.argmax(mean)])
+
+
+# --- the curve -----------------------------------------------------------------------------------------------------
+
 
 _LEAST_SAMPLES = 20
 
@@ -39,34 +333,12 @@ _LEAST_SAMPLES = 20
 class Curve:
     """What was taken from a log before anything is fitted.
 
-    Attributes
-    ----------
-    name : str
-        The file.
-    survey : Survey
-    time_constant : float
-        tau, s.
-    bins, cells, stretches, slip_counts : Bins, Cells, Stretches, SlipCounts
-    record : Record
-        Rows for the fits along the motion.
-    record_stride : int
-        Of how many runs one is in the record.
-    peak_slip : float
-        Where the data's own mu is highest, of which noise tells a part on a flat top: searches for a fit start there.
-    wheel_column : str
-        The quantity that the wheel's speed was read from.
-    deceleration_ratio : float
-        Of the train's, to that which the wheel's adhesion and the resistance make; NaN where it is not known.
-    rolling : Rolling or None
-        What the wheel showed without brake; None where it was never so.
-    steps : tuple of ColumnStep
-        In which columns come.
-    factors : mapping
-        What one of the unit that a column was read in is in SI, by quantity.
-    broken_lines, outliers : int
-        Lines that were no rows; rows left out as outliers, those of time among them.
-    warnings, notes : tuple of str
-        What was wrong with the log; what was assumed.
+    `name` is the file, `time_constant` tau, s. `record` has rows for prediction-error fits, of one run in
+    `record_stride`. `peak_slip` is where the data's own mu is highest, of which noise tells a part on a flat top:
+    searches for a fit start there. `wheel_column` is the quantity that the wheel's speed was read from, `rolling` what
+    the wheel showed without brake. `deceleration_ratio` is the train's deceleration over that which the wheel's
+    adhesion and the resistance make, NaN where it is not known. `factors` have what one of a column's unit is in SI, by
+    quantity. `findings` are what was wrong with the log, `notes` what was assumed.
     """
 
     name: str
@@ -75,7 +347,7 @@ class Curve:
     bins: Bins
     cells: Cells
     stretches: Stretches
-    slip_counts: SlipCounts
+    slip_counts: Integers
     record: Record
     record_stride: int
     peak_slip: float
@@ -86,8 +358,18 @@ class Curve:
     factors: Mapping[str, float]
     broken_lines: int
     outliers: int
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings, a sentence each."""
+        return tuple(f"{self.name}: {finding.text}" for finding in self.findings)
+
+    def parted_at(self, slip: float) -> tuple[int, int]:
+        """How many samples lie below a slip ratio, and how many from there on."""
+        below = int(self.slip_counts[: round(slip * _FINE)].sum())
+        return below, int(self.slip_counts.sum()) - below
 
     @property
     def highest_mu(self) -> float:
@@ -96,11 +378,11 @@ class Curve:
 
     @property
     def followed_note(self) -> str:
-        """Which rows the fits along the motion are of, where that is not every row under brake; else empty."""
+        """Which rows the prediction-error fits are of, where that is not every row under brake; else empty."""
         if self.record_stride == 1:
             return ""
         return (
-            f"{len(self.record)}: fits along the motion take {MOST_ROWS} rows at most, in whole runs spread evenly "
+            f"{len(self.record)}: prediction-error fits take {MOST_ROWS} rows at most, in whole runs spread evenly "
             f"over the log, here one run of {self.record_stride}; the observed curve and the fits to it are of all rows"
         )
 
@@ -128,11 +410,14 @@ def read_curve(
         if progress is not None:
             progress(log.share)
 
+    stamps = StampFilter(log.name)
     try:
-        gathered = _Gathered(log.name, vehicle, options, told(), log.columns, observed)
+        gathered = _Gathered(log.name, vehicle, options, stamps.rows(told()), log.columns, observed)
     except InputError as error:  # what was assumed may be what is wrong
         raise InputError("; ".join([str(error), *log.notes])) from None
-    return gathered.curve(log.broken, log.stamps, log.notes)
+    finally:
+        log.close()
+    return gathered.curve(log.broken, stamps, log.notes)
 
 
 def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
@@ -152,43 +437,46 @@ class _Gathered:
         columns: Mapping[str, Column],
         observed: Callable[[Observed], None] | None = None,
     ) -> None:
-        self._name, self._vehicle, self._options = name, vehicle, options
-        self._columns = columns
+        self._name, self._vehicle, self._options, self._columns = name, vehicle, options, columns
         self._factors = {"brake_torque": 1.0, **{name: column.factor for name, column in columns.items()}}
-        self._outliers, self._speeds = OutlierFilter(), BothSpeeds()
+        self._outliers, self._speeds, self._free = OutlierFilter(), WheelSpeeds(), FreeRolling(vehicle)
         self._stream = AdhesionStream(vehicle, time_constant=options.time_constant, observer=options.observer)
-        sums: Accumulator | None = None
-        for rows in Alignment(options.delays, options.zeros, name).rows(_kept(blocks, self._outliers)):
+        self._sums: Accumulator | None = None
+        for rows in Alignment(options.delays, options.zeros, name).rows(self._outliers.rows(blocks)):
+            if not len(rows):
+                continue
             self._speeds.add(rows)
+            self._free.add(self._stream.signals(rows))
             samples = self._stream.add(rows)
             if observed is not None:
                 observed(samples)
-            sums = sums or (Accumulator(self._stream.time_constant) if len(rows) else None)
-            if sums is not None:
-                sums.add(samples)
-        self._check(sums)
-        assert sums is not None
-        self._sums = sums
+            self._sums = self._sums or Accumulator(self._stream.time_constant)
+            self._sums.add(samples)
+        resolution, radius = self._outliers.resolution, vehicle.wheel.radius
+        omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
+        self._rolling = self._free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
+        self._record = self._stream.recorder.record()
+        self._check()
 
-    def _check(self, sums: Accumulator | None) -> None:
+    def _check(self) -> None:
         survey, low_high = self._stream.survey, "{:g} and {:g}".format(*SLIP_RANGE)
-        clock = time_fault(self._stream.recorder.record(), self._vehicle, survey.highest_pull)
+        clock = time_fault(self._record, self._vehicle, survey.highest_pull)
         if clock is not None:
             raise InputError(f"{self._name}: {clock}")
         try:
             self._stream.check(self._name)
-            if sums is None or survey.used < _LEAST_SAMPLES:
+            if survey.used < _LEAST_SAMPLES:
                 raise InputError(
                     f"{self._name}: {survey.used} of {survey.rows} rows are under brake with slip between {low_high}; "
                     "give a log with braking, and check columns, units, --vehicle and the wheel's radius"
                 )
         except InputError as error:  # a wheel that does not follow its train may be the cause
             given = corrections_told(self._options.delays, self._options.zeros)
-            told = [str(error), *given, *self._torque_told(), *rolling_warnings(self._rolling(), self._known())]
-            raise InputError("; ".join(told)) from None
-        wheel = rolling_fault(self._rolling(), self._known())
-        if wheel is not None:
-            raise InputError(f"{self._name}: {wheel}")
+            wheel = [finding.text for finding in rolling_findings(self._rolling, self._known())]
+            raise InputError("; ".join([str(error), *given, *self._torque_told(), *wheel])) from None
+        fault = rolling_fault(self._rolling, self._known())
+        if fault is not None:
+            raise InputError(f"{self._name}: {fault}")
 
     def _torque_told(self) -> tuple[str, ...]:
         """What is to be said of torques that are all below what counts as braking, or of a unit that they may have."""
@@ -201,30 +489,26 @@ class _Gathered:
         text = f"the highest brake torque is {pull:.2g} of wheel load times radius, where a brake has {LEAST_PULL:g}"
         return (f"{text} or more; {hint}" if hint else f"{text} or more",)
 
-    def _rolling(self) -> Rolling | None:
-        resolution, radius = self._outliers.resolution, self._vehicle.wheel.radius
-        omega_step = max(resolution["wheel_angular_speed"], resolution["wheel_speed"] / radius)
-        return self._stream.free.found(speed_step=resolution["train_speed"], omega_step=omega_step)
-
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
         return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
     def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> Curve:
         """The curve, with what else was met."""
+        assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
-        peak, record = peak_slip(cells), self._stream.recorder.record()
-        radius, rolling = self._vehicle.wheel.radius, self._rolling()
+        peak, radius, record = peak_slip(cells), self._vehicle.wheel.radius, self._record
         steps = column_steps(self._outliers.resolution, self._columns, radius, survey.initial_speed, survey.wheel_load)
-        strange, loads = mu_warning(bins.mean, self._factors), load_warning(record)
-        far, ratio = vehicle_load_warning(record, self._vehicle.wheel_load), deceleration_ratio(record, self._vehicle)
-        speeds = wheel_speeds_warning(self._speeds.ratio(self._vehicle.wheel.radius), "wheel speed")
-        free = rolling_warnings(self._rolling(), self._known(float(bins.mean[0] / bins.slip[0]), peak))
-        slows = None if free else deceleration_warning(ratio)  # else the cause is told
-        found = (
-            *self._warnings(broken, stamps),
+        free = [*rolling_findings(self._rolling, self._known(float(bins.mean[0] / bins.slip[0]), peak))]
+        ratio = deceleration_ratio(record, self._vehicle)
+        findings = (
+            *self._left_out(broken, stamps),
+            *survey_findings(survey),
             *free,
-            *step_warnings(steps),
-            *(text for text in (loads, far, speeds, strange, slows) if text is not None),
+            *step_findings(steps),
+            *load_findings(record, self._vehicle.wheel_load),
+            *self._speeds.findings(radius),
+            *mu_findings(bins.mean, self._factors),
+            *(() if free else deceleration_findings(ratio)),  # else the cause is told
         )
         return Curve(
             name=self._name,
@@ -239,30 +523,22 @@ class _Gathered:
             peak_slip=peak,
             wheel_column=self._stream.wheel_column,
             deceleration_ratio=ratio,
-            rolling=rolling,
+            rolling=self._rolling,
             steps=steps,
             factors=self._factors,
             broken_lines=broken.count,
             outliers=self._outliers.count + stamps.count,
-            warnings=tuple(f"{self._name}: {text}" for text in found),
+            findings=findings,
             notes=notes,
         )
 
-    def _warnings(self, broken: Broken, stamps: StampFilter) -> tuple[str, ...]:
-        found, outliers = [*broken.first], self._outliers
+    def _left_out(self, broken: Broken, stamps: StampFilter) -> Iterator[Finding]:
+        """Lines that were no rows, stray time stamps, outliers."""
+        yield from (Finding("lines", text) for text in broken.first)
         if broken.count > len(broken.first):
-            found.append(f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used")
-        found += stamps.warnings
-        if outliers.count:
-            rows = "1 row" if outliers.count == 1 else f"{outliers.count} rows"
-            found.append(f"{rows} with outliers left out, the first in line {outliers.first_line}")
-        return (*found, *self._stream.survey.warnings())
-
-
-def _kept(blocks: Iterator[Rows], outliers: OutlierFilter) -> Iterator[Rows]:
-    """The rows without the outliers."""
-    for rows in blocks:
-        yield outliers.add(rows)
-    rest = outliers.finish()
-    if rest is not None:
-        yield rest
+            more = f"{broken.count} broken lines in all, the last line {broken.last}; every other line is used"
+            yield Finding("lines", more)
+        yield from (Finding("time stamps", text) for text in stamps.warnings)
+        if count := self._outliers.count:
+            rows = "1 row" if count == 1 else f"{count} rows"
+            yield Finding("outliers", f"{rows} with outliers left out, the first in line {self._outliers.first_line}")

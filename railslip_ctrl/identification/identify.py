@@ -18,27 +18,32 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
-from .alignment import check_corrections
-from .candidates import DRIFT_SPEEDS, Candidates, speeds_looked_at
-from .cells import Cells
-from .comparison import Score, compare
+from .candidates import DRIFT_SPEEDS, Candidates, fit_doubts, lag_of, lag_warning, speeds_looked_at
+from .cleaning import check_corrections
+from .curves import Cells
 from .curves import Curve as Curve
+from .curves import Options as Options
 from .curves import curve_of as curve_of
 from .curves import read_curve as read_curve
 from .fits import Fit
+from .log_checks import LOADS_DIFFER, TrainLag, deceleration_differs, is_wrong_wheel, train_lag
 from .models import CANDIDATES, Setting, check_model, check_options
-from .motion import slip_ramp
 from .observed import Observed
-from .options import Options as Options
-from .plausibility import deceleration_differs, fit_doubts
-from .polynomials import ParameterPolynomial, over_initial_speed
-from .reference import PeakSlip, drift, peak_notes
-from .regimes import Regimes, regimes_of
-from .rolling import is_wrong_wheel
-from .survey import LOADS_DIFFER
-from .timing import TrainLag, lag_of, lag_warning, train_lag
+from .prediction import slip_ramp
+from .results import (
+    ParameterPolynomial,
+    PeakSlip,
+    Regimes,
+    Score,
+    compare,
+    drift,
+    over_initial_speed,
+    peak_notes,
+    regimes_of,
+)
 
 Floats = NDArray[np.float64]
+
 
 _LINE_POINTS = 200
 _RAMP_SLIP = 0.05  # the ramp is looked at up to here at least, where the peak is lower
@@ -286,7 +291,7 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
 
 def _wheel_told(curve: Curve) -> tuple[str, ...]:
     """What was said of a wheel that does not follow its train, as the cause of what fails."""
-    return tuple(text for text in curve.warnings if "free rolling" in text)
+    return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
 def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:

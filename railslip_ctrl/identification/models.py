@@ -2,8 +2,12 @@
 
 "bristle" starts from the force that the bristles build along the log's own slip ramps, taken as steady ([Park2008]
 Fig. 17); the motion itself, the only thing that shows alpha, comes after (`prediction`). "bristle_rest" and "lugre" are
-fitted with their steady state, over the sliding regime alone, as the rise of the adhesion is none of it. What a steady
-state does not show keeps a stated value.
+fitted with their steady state, over the sliding regime alone. What a steady state does not show keeps a stated value.
+
+`Coordinates` are those in which a model's force is as good as linear. Most parameters are their own coordinate. The
+bristles' force at rest is (gamma - |sigma|)/beta: a log that hardly shows its fall leaves beta and gamma free to grow
+together without bound. Their coordinates are the level gamma/beta, which every log shows, and 1/gamma, which is 0 where
+nothing falls; beta alone, gamma being given, is looked for as 1/beta.
 """
 
 from __future__ import annotations
@@ -26,10 +30,133 @@ from railslip_ctrl.model.adhesion.polach import KALKER_C11, SEMI_AXIS, SHEAR_MOD
 from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import Rail
 
-from .cells import Cells
-from .coordinates import Coordinates
+from .curves import Cells
 
 Floats = NDArray[np.float64]
+
+
+# --- coordinates of the search ---------------------------------------------------------------------------------------
+
+
+FLAT = 1e-6
+"""Fall of the bristles' force, relative, at the least gamma, below which it is none: 1/gamma ends there."""
+
+_TINY = 1e-12  # stands for the 0 that a level and a slope must stay above
+_SMALL = 0.01  # of what is typical: a coordinate that tends to 0 is small beside it
+_SMALLEST = 1e-9
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Coordinates x of the values of free parameters, with their bounds; arrays of one length.
+
+    `least` and `most` are bounds of the values, `typical` values of an ordinary size, `lower` and `upper` bounds of the
+    coordinates. `pair` are the places of beta and gamma where both are looked for and beta has no bounds but its sign,
+    `inverse` is that of beta where gamma is given.
+    """
+
+    names: tuple[str, ...]
+    least: Floats
+    most: Floats
+    typical: Floats
+    lower: Floats
+    upper: Floats
+    pair: tuple[int, int] | None = None
+    inverse: int | None = None
+
+    @classmethod
+    def of(cls, names: tuple[str, ...], least: Floats, most: Floats, typical: Floats) -> Coordinates:
+        """For free parameters within bounds."""
+        low, high, ends = least.copy(), most.copy(), (least, most)
+        b = names.index("beta") if "beta" in names else None
+        if b is None:
+            return cls(names, *ends, typical, low, high)
+        if "gamma" not in names:
+            low[b], high[b] = max(1.0 / most[b], _TINY), 1.0 / least[b]
+            return cls(names, *ends, typical, low, high, inverse=b)
+        if least[b] > _TINY or np.isfinite(most[b]):  # bounds of beta are none of level and 1/gamma
+            return cls(names, *ends, typical, low, high)
+        g = names.index("gamma")
+        low[b], high[b] = _TINY, np.inf
+        low[g], high[g] = max(1.0 / most[g], FLAT / least[g]), 1.0 / least[g]
+        return cls(names, *ends, typical, low, high, pair=(b, g))
+
+    def without(self, index: int) -> Coordinates:
+        """Of the other parameters, where one is held."""
+        others = np.arange(len(self.names)) != index
+        names = tuple(name for i, name in enumerate(self.names) if i != index)
+        return Coordinates.of(names, self.least[others], self.most[others], self.typical[others])
+
+    def at(self, values: Floats) -> Floats:
+        """The coordinates of values."""
+        x = np.array(values, dtype=float)
+        if self.pair is not None:
+            b, g = self.pair
+            x[b], x[g] = values[g] / values[b], 1.0 / values[g]
+        elif self.inverse is not None:
+            x[self.inverse] = 1.0 / values[self.inverse]
+        return x
+
+    def values(self, x: Floats) -> Floats:
+        """The values at coordinates."""
+        values = np.array(x, dtype=float)
+        if self.pair is not None:
+            b, g = self.pair
+            values[b], values[g] = 1.0 / (x[b] * x[g]), 1.0 / x[g]
+        elif self.inverse is not None:
+            values[self.inverse] = 1.0 / x[self.inverse]
+        return values
+
+    def slopes(self, x: Floats) -> Floats:
+        """Derivatives of the values by the coordinates, (values, coordinates)."""
+        result, values = np.eye(len(x)), self.values(x)
+        if self.pair is not None:
+            b, g = self.pair
+            result[b, b], result[b, g] = -values[b] / x[b], -values[b] / x[g]
+            result[g, g] = -values[g] / x[g]
+        elif self.inverse is not None:
+            result[self.inverse, self.inverse] = -values[self.inverse] / x[self.inverse]
+        return result
+
+    def sizes(self, x: Floats) -> Floats:
+        """What is large for each coordinate."""
+        result: Floats = np.maximum(np.abs(x), _SMALL * np.abs(self.at(self.typical)))
+        return np.maximum(result, _SMALLEST)
+
+    def inside(self, x: Floats, margin: float) -> Floats:
+        """x moved off its bounds by a margin, in sizes: on a bound a search would hardly leave it."""
+        off = margin * self.sizes(x)
+        low, high = self.lower + off, self.upper - off
+        return np.where(low < high, np.clip(x, low, np.maximum(low, high)), np.clip(x, self.lower, self.upper))
+
+    # --- one parameter after the other ------------------------------------------------------------------------------
+
+    def by_inverse(self, index: int) -> bool:
+        """Whether a parameter is followed by its inverse, for which infinity is at 0."""
+        return index == self.inverse or (self.pair is not None and index in self.pair)
+
+    def followed(self, index: int, value: float) -> float:
+        """What a parameter is followed by, at a value of it: its inverse, or itself; and the value again from that."""
+        return 1.0 / value if self.by_inverse(index) else value
+
+    def range_of(self, index: int, x: Floats) -> tuple[float, float]:
+        """Bounds of a parameter, or of its inverse where it is followed by that, at coordinates x."""
+        if self.pair is not None and index == self.pair[0]:
+            return float(x[index] * self.lower[self.pair[1]]), float(1.0 / self.least[index])
+        return float(self.lower[index]), float(self.upper[index])
+
+    def moved(self, values: Floats, index: int, value: float) -> Floats:
+        """Values with one of them changed; of a pair the other follows, so that the level stays."""
+        result = values.copy()
+        if self.pair is not None and index in self.pair:
+            other = self.pair[1 - self.pair.index(index)]
+            result[other] *= value / values[index]
+        result[index] = value
+        return result
+
+
+# --- a model and what is known ---------------------------------------------------------------------------------------
+
 
 TABLE_KNOTS = 12
 """Knots of a fitted table, equally spaced in the square root of the slip ratio."""
@@ -37,28 +164,10 @@ TABLE_KNOTS = 12
 
 @dataclass(frozen=True)
 class Setting:
-    """What a fit takes as known.
+    """What a fit takes as known: wheel load, N, initial speed v0, m/s, the log's rail, and what its user says, SI.
 
-    Attributes
-    ----------
-    wheel_load : float
-        N.
-    initial_speed : float
-        v0, m/s.
-    slip_acceleration : float or None
-        R of the log's slip ramps, m/s^2; None where it has none.
-    acceleration_spread : float or None
-        Standard deviation of R from run to run, m/s^2; None where it has no ramp, or but one.
-    given_acceleration : float or None
-        R as given by the user.
-    rail : Rail
-        Which the log was taken on.
-    fixed : mapping
-        Parameters not to be fitted, SI, by name.
-    bounds : mapping
-        Lower and upper bound, SI, by name.
-    knots : tuple of float
-        Slip ratios of a table; empty: chosen from the data.
+    `slip_acceleration` is R of the log's slip ramps, m/s^2, None where it has none, with its standard deviation from
+    run to run; `given_acceleration` is R as given. `knots` are slip ratios of a table; empty: chosen from the data.
     """
 
     wheel_load: float
@@ -86,22 +195,10 @@ class Shape:
 
 @dataclass(frozen=True)
 class FitModel:
-    """One model, ready to be fitted.
+    """One model, ready to be fitted: `names` are the free parameters, `known` the others.
 
-    Attributes
-    ----------
-    name : str
-    law : type
-        The law that comes out.
-    force_law : type
-        The law whose force at rest is fitted; not `law` where a build-up is.
-    names : tuple of str
-        The free parameters.
-    starts : array, (starts, names)
-    lower, upper : array, (names,)
-    known : mapping
-        The other parameters of either law.
-    notes : tuple of str
+    `law` comes out; `force_law` is that whose force at rest is fitted, another where a build-up is. `starts` is an
+    array (starts, names).
     """
 
     name: str
@@ -181,13 +278,7 @@ def shape_of(cells: Cells, peak_slip: float) -> Shape:
 
 
 def fit_model(name: str, cells: Cells, shape: Shape, setting: Setting) -> FitModel:
-    """The model of a name, for the data of these cells.
-
-    Raises
-    ------
-    InputError
-        An unknown name; no slip ramp for a model that needs one; a fixed or bounded parameter it does not have.
-    """
+    """The model of a name, for the data of these cells; InputError for a name, a value or a bound that it has not."""
     check_model(name)
     model = _MODELS[name](cells, shape, setting)
     return _restricted(model, setting)
@@ -261,14 +352,11 @@ def _build(
         law,
         names,
         np.array([[start[n] for n in names] for start in starts]),
-        # a bound of 0 is open for most parameters: the smallest number that is not nought stands for it
+        # a bound of 0 is open for most parameters: the smallest number that is not 0 stands for it
         np.array([max(least[n], _TINY) for n in names]),
         np.array([most[n] for n in names]),
         known,
     )
-
-
-_TINY = 1e-12
 
 
 def _beam(cells: Cells, shape: Shape, setting: Setting) -> FitModel:

@@ -2,15 +2,18 @@
 
 The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip of the moment it would shift a curve by
 tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
-that an observed mu is the mean over, which is all that a fit needs (`cells`).
+that an observed mu is the mean over, which is all that a fit needs (`curves`).
+
+Beside it a `Record` of rows under brake as they came, for prediction-error fits. Whole runs are kept, from the brake's
+application to its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +22,196 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
-from .low_pass import LowPass
-from .observer.filters import FilterObserver, Form
-from .observer.kalman import KalmanObserver
-from .record import Recorder
-from .regripping import Regripping
-from .rolling import LOWEST_SPEED, FreeRolling
-from .rows import Rows
-from .survey import Survey
+from .logs import Rows
+from .observer import FilterObserver, Form, KalmanObserver, TorqueObserver
 
 Floats = NDArray[np.float64]
+
+
+# --- the observer's filter -----------------------------------------------------------------------------------------
+
+
+class Channels:
+    """Channels through an observer's filter from Ta to its estimate: each as a brake torque on a wheel that stands."""
+
+    def __init__(self, observer: TorqueObserver[Any]) -> None:
+        self._observer = observer
+        self._states: list[Any] | None = None
+
+    def run(self, time: Floats, channels: Floats) -> Floats:
+        """The next samples of the channels, an array (channels, k), filtered; the first are taken as settled."""
+        still, before = np.zeros(len(time)), self._states or [None] * len(channels)
+        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
+        self._states = [each.state for each in found]
+        return np.stack([each.adhesion_torque for each in found])
+
+
+_RELEASED = 0.1  # of the torque, that it falls by in a time constant: no brake is eased so fast while the wheel holds
+
+
+class Readhesion:
+    """Which rows are of readhesion: from where the slip falls under a torque that is let go, while it falls.
+
+    The brake is released past the peak, and the slip falls back to none within tenths of a second. The curve over slip
+    is that of a slip that grows, as in [Park2008] Fig. 13; on the way back the observer's torque is a mean over half
+    the curve. Torque and slip go through the filter twice: a value that is below its own mean falls.
+    """
+
+    def __init__(self, low_pass: TorqueObserver[Any]) -> None:
+        self._once, self._twice = Channels(low_pass), Channels(low_pass)
+        self._falls_back = False
+
+    def add(self, time: Floats, slip: Floats, torque: Floats) -> NDArray[np.bool_]:
+        """Whether the next rows are of readhesion: times in s, slip ratios and brake torques in N*m as logged."""
+        now = self._once.run(time, np.stack([slip, torque]))
+        fallen = self._twice.run(time, now) - now
+        falls = fallen[0] > 0.0
+        released = falls & (fallen[1] > _RELEASED * np.maximum(now[1], 0.0))
+        index = np.arange(len(time))
+        last_released = np.maximum.accumulate(np.where(released, index, -1 if self._falls_back else -2))
+        last_held = np.maximum.accumulate(np.where(falls, -2, index))
+        found: NDArray[np.bool_] = last_released > last_held
+        self._falls_back = bool(found[-1])
+        return found
+
+
+# --- rows kept as they came ----------------------------------------------------------------------------------------
+
+
+MOST_ROWS = 20_000
+"""Rows kept; a hundred rig tests at 100 rows a second."""
+
+_LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take all the room for ever
+
+
+@dataclass(frozen=True)
+class Record:
+    """Rows under brake: arrays of one length; s, m/s, rad/s, N*m, N, and the number of the run a row belongs to."""
+
+    time: Floats
+    speed: Floats
+    omega: Floats
+    torque: Floats
+    load: Floats
+    run: Floats
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Recorder:
+    """Takes rows that come in blocks of any size; the record does not depend on how they come."""
+
+    def __init__(self, most_rows: int = MOST_ROWS) -> None:
+        self._most = most_rows
+        self._stride = 1
+        self._kept = np.empty((6, 0))
+        self._run, self._place = -1, 0  # of the last row used: its run, and its place in it
+        self._last_used = False
+
+    def add(self, rows: Floats, used: NDArray[np.bool_], apart: NDArray[np.bool_]) -> None:
+        """Take in rows (5 by k, the columns of `Record`), which are used, and which stand after a gap."""
+        if not used.any():
+            self._last_used = bool(used[-1]) if used.size else self._last_used
+            return
+        follows = used & np.concatenate([[self._last_used], used[:-1]]) & ~apart
+        index = np.arange(used.size)
+        start = np.maximum.accumulate(np.where(used & ~follows, index, -1))
+        place = np.where(start >= 0, index - start, self._place + 1 + index)
+        begins = used & (~follows | (place % _LONGEST_RUN == 0))
+        run = self._run + np.cumsum(begins)
+        self._run, self._place, self._last_used = int(run[-1]), int(place[-1]), bool(used[-1])
+        keep = used & (run % self._stride == 0)
+        self._kept = np.concatenate([self._kept, np.vstack([rows[:, keep], run[keep]])], axis=1)
+        while self._kept.shape[1] > self._most and self._stride <= self._run:
+            self._stride *= 2
+            self._kept = self._kept[:, self._kept[5] % self._stride == 0]
+
+    @property
+    def stride(self) -> int:
+        """Of how many runs one is kept."""
+        return self._stride
+
+    def record(self) -> Record:
+        """The rows kept so far."""
+        return Record(*self._kept)
+
+
+# --- what is met on the way ----------------------------------------------------------------------------------------
+
+
+_MOST_NAMED = 5
+
+
+_MIXED = 1.25  # ratio of the speeds at which braking begins, beyond which one v0 stands for several
+
+
+@dataclass
+class Survey:
+    """What was met on the way; speeds in m/s, times in s, loads in N.
+
+    `used` are rows under brake in the range of slip and speed, in `runs` apart by the settling time; `lost` those under
+    brake within the settling time after a gap or the start; `reversed` those with slip and a torque as far below 0 as
+    braking is above; `readhesion` those of readhesion; `backward` and `forward` those with a train speed
+    below and above 0. `gaps` are the first (line, seconds), after each of which the observer starts anew; `bridged` are
+    long intervals that it runs through. `initial_speed` is the highest train speed, filtered, `slowest_start` and
+    `fastest_start` are those at which runs begin; `highest_pull` is the highest brake torque by wheel load and radius.
+    """
+
+    rows: int = 0
+    used: int = 0
+    runs: int = 0
+    gaps: list[tuple[int, float]] = field(default_factory=list)
+    gap_count: int = 0
+    implausible: int = 0
+    bridged: int = 0
+    longest_bridged: float = 0.0
+    lost: int = 0
+    reversed: int = 0
+    backward: int = 0
+    forward: int = 0
+    first_implausible: str = ""
+    initial_speed: float = 0.0
+    interval: float = math.nan
+    slowest_start: float = math.nan
+    fastest_start: float = math.nan
+    load_sum: float = 0.0
+    readhesion: int = 0
+    highest_pull: float = 0.0
+
+    @property
+    def wheel_load(self) -> float:
+        """Mean wheel load of the rows used, N."""
+        return self.load_sum / self.used
+
+    @property
+    def lost_share(self) -> float:
+        """Of the rows under brake, those lost to settling."""
+        return self.lost / max(self.lost + self.used, 1)
+
+    def note_gap(self, line: int, seconds: float) -> None:
+        """Take note of a gap before a line."""
+        self.gap_count += 1
+        if len(self.gaps) < _MOST_NAMED:
+            self.gaps.append((line, seconds))
+
+    @property
+    def is_mixed(self) -> bool:
+        """Whether the runs begin at speeds so different that one v0 stands for several."""
+        return self.slowest_start * _MIXED < self.fastest_start
+
+    def note_starts(self, speeds: Floats) -> None:
+        """Take note of the train speeds at which runs begin, m/s."""
+        if len(speeds):
+            self.slowest_start = float(np.fmin(self.slowest_start, speeds.min()))
+            self.fastest_start = float(np.fmax(self.fastest_start, speeds.max()))
+
+
+# --- adhesion over slip --------------------------------------------------------------------------------------------
+
+
+LOWEST_SPEED = 5.0 * KMH
+"""m/s, below which the slip ratio is a quotient of noises; the published stop ends there."""
 
 DEFAULT_TIME_CONSTANT = 0.05
 """tau of the observer, s, where the log is sampled fast enough."""
@@ -51,7 +234,6 @@ LEAST_PULL = 0.02  # of wheel load times radius: below it the brake is not appli
 # What no train does. A wheel far faster than its braked train is a wrong unit or a wrong column.
 _FASTEST = 200.0
 _LARGEST_TORQUE = 1e6
-_ABSURD = 1e12  # of any column in SI: whatever its unit, no measurement, and its square may leave the range of doubles
 _LEAST_SLIP = -0.5
 _LEAST_FREE_SLIP = -2.0
 _TOLERATED_SHARE = 0.01
@@ -68,25 +250,12 @@ class Observer(StrEnum):
     KALMAN = "kalman"
 
 
-class TorqueObserver(Protocol):
-    """What is asked of an observer: the estimates of a chunk, and the state to go on from (`observer.filters`)."""
-
-    def run(self, time: Any, torque: Any, omega: Any, state: Any = None) -> Any: ...
-
-
 @dataclass(frozen=True)
 class Observed:
-    """Samples of adhesion over slip, each an array of one length.
+    """Samples of adhesion over slip, SI, arrays of one length; all but the time behind the observer's filter.
 
-    Attributes
-    ----------
-    time : s
-    slip, slip2, slip3 : filtered slip ratio, its square and its cube.
-    speed : filtered train speed, m/s.
-    slip_speed : filtered product of both, m/s.
-    mu : observed adhesion coefficient.
-    load : filtered wheel load, N.
-    step, slip_step : time and change of the filtered slip since the row before; 0 after a row that is not used.
+    `slip2`, `slip3` and `slip_speed` are the filtered square, cube, and product with the train's speed; `step` and
+    `slip_step` the time and the change of slip since the row before, 0 after a row that is not used.
     """
 
     time: Floats
@@ -111,19 +280,8 @@ class Observed:
 class AdhesionStream:
     """Observed adhesion of a log that comes in blocks of rows.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Wheel, and wheel load where the log has none.
-    time_constant : float, optional
-        tau, s; left out, 0.05 s or five intervals of the log, whichever is more.
-    observer : Observer
-        Which form.
-
-    Raises
-    ------
-    InputError
-        tau not above 0; while running, a log of which more than one row in a hundred is impossible.
+    The vehicle gives the wheel, and the wheel load where the log has none; the `time_constant` tau, s, is 0.05 s or
+    five intervals of the log, whichever is more, unless it is given. InputError for a tau not above 0.
     """
 
     def __init__(
@@ -132,14 +290,12 @@ class AdhesionStream:
         self.vehicle, self.kind = vehicle, observer
         self.survey = Survey()
         self.recorder = Recorder()
-        self.free = FreeRolling(vehicle)
         self.wheel_column = ""
         self._tau = time_constant
-        self._observer: TorqueObserver | None = None
+        self._observer: TorqueObserver[Any] | None = None
         self._state: Any = None
-        self._low_pass: LowPass | None = None  # of the channels
-        self._regripping: Regripping | None = None
-        self._states: list[Any] | None = None  # of the channels, with a Kalman filter
+        self._channels: Channels | None = None
+        self._readhesion: Readhesion | None = None
         self._last = self._settled = -math.inf
         self._last_used = False
         self._last_slip = 0.0
@@ -213,15 +369,18 @@ class AdhesionStream:
                 f"{gaps} the observer settles for {_SETTLING * self.time_constant:.4g} s; give {remedy}"
             )
 
+    def signals(self, rows: Rows) -> Floats:
+        """Time, s, train speed, m/s, angular speed, rad/s, brake torque, N*m, and wheel load, N, of rows: (5, k)."""
+        radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
+        self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
+        omega = rows.columns["wheel_speed"] / radius if angular is None else angular
+        torque = rows.columns["brake_torque"]
+        return np.stack([*(rows.columns[n] for n in ("time", "train_speed")), omega, torque, self._load(rows)])
+
     def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
         """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
         radius = self.vehicle.wheel.radius
-        angular = rows.columns.get("wheel_angular_speed")
-        self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
-        omega = rows.columns["wheel_speed"] / radius if angular is None else angular
-        v, torque, load = rows.columns["train_speed"], rows.columns["brake_torque"], self._load(rows)
-        known = np.stack([rows.columns["time"], v, omega, torque, load])
-        self.free.add(known[:, np.all(np.abs(known[1:]) < _ABSURD, axis=0)])
+        _, v, omega, torque, load = self.signals(rows)
         wheel, pressed = radius * omega, load > 0.0
         pull = np.abs(torque[pressed]) / (radius * load[pressed])
         self.survey.backward += int((v < -LOWEST_SPEED).sum())
@@ -280,9 +439,11 @@ class AdhesionStream:
         """The samples of rows without a gap in them."""
         assert self._observer is not None
         time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
-        if fresh or self._low_pass is None or self._regripping is None:
-            self._state, self._states, self._last_used = None, None, False
-            self._low_pass, self._regripping = LowPass(self.time_constant), Regripping(self.time_constant)
+        if fresh or self._channels is None or self._readhesion is None:
+            self._state, self._last_used = None, False
+            low_pass = FilterObserver.of(self.vehicle, self.time_constant)
+            self._channels = Channels(self._observer if self.kind is Observer.KALMAN else low_pass)
+            self._readhesion = Readhesion(low_pass)
             self._settled = time[0] + _SETTLING * self.time_constant
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
@@ -290,12 +451,11 @@ class AdhesionStream:
         slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
         channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
-        kalman = self.kind is Observer.KALMAN
-        filtered = self._as_torques(time, channels) if kalman else self._low_pass.run(time, channels)
+        filtered = self._channels.run(time, channels)
         self._last = float(time[-1])
-        braked, regrips = self._braked(torque, load), self._regripping.add(time, slip, torque)
-        self._count_unused(time, filtered, braked, self._braked(-torque, load), regrips)
-        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~regrips)
+        braked, readhesion = self._braked(torque, load), self._readhesion.add(time, slip, torque)
+        self._count_unused(time, filtered, braked, self._braked(-torque, load), readhesion)
+        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~readhesion)
 
     def _count_unused(
         self,
@@ -303,22 +463,13 @@ class AdhesionStream:
         filtered: Floats,
         braked: NDArray[np.bool_],
         reverse: NDArray[np.bool_],
-        regrips: NDArray[np.bool_],
+        readhesion: NDArray[np.bool_],
     ) -> None:
-        """Count what the rows used do not show: braking not used, braking of the wrong sign, a wheel that regrips."""
+        """Count what the rows used do not show: braking not used, braking of the wrong sign, readhesion."""
         settled, sliding = time >= self._settled, _in_range(filtered)
         self.survey.lost += int((braked & sliding & ~settled).sum())
         self.survey.reversed += int((reverse & sliding).sum())
-        self.survey.regripping += int((braked & sliding & settled & regrips).sum())
-
-    def _as_torques(self, time: Floats, channels: Floats) -> Floats:
-        """Each channel through the filter from Ta to its estimate: that from brake torque, with a wheel that stands."""
-        assert self._observer is not None
-        before = [None] * len(channels) if self._states is None else self._states
-        still = np.zeros(len(time))
-        found = [self._observer.run(time, u, still, state) for u, state in zip(channels, before, strict=True)]
-        self._states = [each.state for each in found]
-        return np.stack([each.adhesion_torque for each in found])
+        self.survey.readhesion += int((braked & sliding & settled & readhesion).sum())
 
     def _samples(
         self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, wanted: NDArray[np.bool_]
@@ -358,3 +509,35 @@ def _joined(parts: list[Observed]) -> Observed:
     if not parts:
         return Observed(*(np.empty(0) for _ in fields(Observed)))
     return Observed(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Observed)))
+
+
+# --- one run over time ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TimeHistory:
+    """A run under brake over time from the brake's application, SI, arrays of one length, as a picture shows it.
+
+    The wheel's speed is that of its circumference; the adhesion torque is observed with every term filtered, NaN while
+    the observer settles.
+    """
+
+    time: Floats
+    train_speed: Floats
+    wheel_speed: Floats
+    brake_torque: Floats
+    adhesion_torque: Floats
+    slip: Floats
+
+
+def time_history_of(record: Record, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
+    """The longest run of a record, observed with tau in s; None for an empty record."""
+    if not len(record):
+        return None
+    runs, counts = np.unique(record.run, return_counts=True)
+    at = record.run == runs[np.argmax(counts)]
+    time, speed, omega, torque = (x[at] for x in (record.time, record.speed, record.omega, record.torque))
+    observed = FilterObserver.of(vehicle, time_constant).run(time, torque, omega).adhesion_torque
+    settled = time - time[0] >= _SETTLING * time_constant
+    rim = vehicle.wheel.radius * omega
+    return TimeHistory(time - time[0], speed, rim, torque, np.where(settled, observed, np.nan), 1.0 - rim / speed)

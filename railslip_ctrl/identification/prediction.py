@@ -1,4 +1,4 @@
-"""Fits along the motion: each row's wheel speed predicted from the row before, the errors made least.
+"""Prediction-error fits: each row's wheel speed predicted from the row before, the errors made least.
 
 A random force acts on the wheel and shows in its slip. Where the characteristic is steep it shows there more than in
 the force, and a curve laid through force over slip comes out too flat. The wheel speed one interval ahead does not
@@ -7,10 +7,9 @@ rows), n the pickup's noise and A the decay of a deviation over the interval, th
 
     r[k] = n[k+1] - A[k] n[k] + g[k] w[k],    g = (r/J) (interval, shortened by the decay),
 
-whose covariance is tridiagonal; the variances are the likeliest ones, and least squares are of the whitened errors.
-
-A force that is correlated over several rows is not white, and what it does is then in part in the slip already: on
-steep rises a bias remains. The intervals are widened by the whitened errors' long-run variance, which shows part of it.
+whose covariance is tridiagonal; the variances are the likeliest ones, and least squares are of the whitened errors. A
+force that is correlated over several rows is in part in the slip already: on steep rises a bias remains, and the
+intervals are widened by the whitened errors' long-run variance, which shows part of it.
 
 The bristles' deflection z is integrated along the measured slip, in which z' is linear; its value at the start of a
 run is unknown and is fitted with the rest, run by run.
@@ -30,14 +29,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
+from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Vehicle
 
-from .models import FitModel
-from .observer.recursion import linear_recursion
-from .record import Record
-from .search import PULL, search
+from .curves import Cells, Stretches
+from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
+from .models import FitModel, Setting
+from .observed import Record
+from .observer import linear_recursion
 
 Floats = NDArray[np.float64]
+
 
 STATIC = ("beam", "polach", "burckhardt", "curve")
 """Models whose force is a function of slip and speed that is fitted over its whole range."""
@@ -113,7 +117,7 @@ class Intervals:
         return replace(self, torque0=self.torque0 - excess, torque1=self.torque1 - excess, speed_bend=bend)
 
     def _bend(self, begin: Floats, end: Floats, *, steeper: bool) -> Floats:
-        """Second derivative by the interval squared; nought where no neighbour tells it."""
+        """Second derivative by the interval squared; 0 where no neighbour tells it."""
         slope = (end - begin) / self.step
         bend = np.full(len(self) + 1, np.nan)  # where two intervals meet; unknown at both ends of a run
         bend[1:-1] = 2.0 * np.diff(slope) / (self.step[1:] + self.step[:-1])
@@ -136,7 +140,7 @@ def enough(record: Record) -> bool:
     return int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
 
-class Along:
+class PredictionErrors:
     """The whitened errors of a model along a record."""
 
     def __init__(self, model: FitModel, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
@@ -325,11 +329,11 @@ class Along:
         self.set_variances(values(found))
         return found, self.residuals(values(found))
 
-    def deviance(self, starts: Sequence[Floats]) -> float:
-        """-2 log likelihood of the best parameters from some starts, but for a constant."""
-        self.solve(starts)  # the factor has the scale in it: the whitened errors' squares are as many as there are
+    def likeliest(self, start: Floats) -> tuple[float, Floats]:
+        """-2 log likelihood, but for a constant, of the best parameters from a start; and those parameters."""
+        found, _ = self.solve([start])  # the factor has the scale in it: as many whitened squares as there are errors
         assert self._factor is not None
-        return 2.0 * float(np.sum(np.log(self._factor[0])))
+        return 2.0 * float(np.sum(np.log(self._factor[0]))), self.coordinates.values(found)
 
     def _search(self, start: Floats) -> tuple[float, Floats]:
         coordinates = self.coordinates
@@ -387,3 +391,124 @@ def _mean_phi(q: Floats) -> Floats:
     small = np.abs(q) < 1e-4  # where the difference cancels: series to rounding of 1e-12
     result: Floats = np.where(small, 0.5 - q / 6 + q**2 / 24, (1.0 - _phi(q)) / np.where(small, 1.0, q))
     return result
+
+
+# --- a fit to the cells, fitted again to the prediction errors -----------------------------------------------------
+
+
+_STRETCH = 10.0  # intervals: the shortest stretch over which the errors are summed
+_ALPHA_FACTORS = (0.2, 1.0)  # slip that runs away lets the stiffness seem larger than it is, so the search starts below
+_FAR_BELOW = 1 / 3  # of the slip that a ramp is looked at up to
+_RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
+
+
+def is_followed(model: FitModel, record: Record) -> bool:
+    """Whether a model has a prediction-error fit: not every one has, and none to a short record."""
+    return model.name in (*STATIC, *DYNAMIC) and enough(record)
+
+
+def prediction_error_fit(
+    found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
+) -> Fit:
+    """A fit to the cells, fitted again to the prediction errors; as it was where `is_followed` says no.
+
+    `profiles` as of `fits.fit`. InputError for a log whose wheel the model cannot follow.
+    """
+    if not is_followed(found.model, record):
+        return found
+    try:
+        return _refitted(found, record, vehicle, cells, setting, profiles)
+    except RailslipError:
+        raise
+    except ValueError as error:  # SciPy's and LAPACK's word for errors that are not finite
+        raise InputError(
+            "the model cannot follow the wheel of this log; check units, the wheel's radius and inertia (--vehicle)"
+        ) from error
+
+
+def _refitted(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
+    model = found.model
+    problem = PredictionErrors(model, record, vehicle, setting.wheel_load)
+    factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
+    starts = [np.array([f if name == "alpha" else 1.0 for name in model.names]) * found.values for f in factors]
+    x, errors = problem.solve(starts)
+    slopes = slopes_of(problem, x)
+    variance, freedom = _inflation(problem.intervals, errors, len(x))
+    i, shifts = problem.intervals, problem.discretisation(x, slopes)
+    tests = whole_tests(i.time, i.step, i.run)
+    noise = (found.long_run_variance, found.degrees_of_freedom)  # over the cells
+    known = estimate(problem, x, slopes, variance, freedom, tests=tests, shifts=shifts, profiles=profiles)
+    if model.name in STATIC:
+        return fit_of(model, known, cells, setting, noise)
+    model, spread = _with_ramp(model, known.values, setting)
+    again = fit_of(model, known, cells, setting, noise, problem.followed(known.values))
+    return replace(again, known_stderrs={} if spread is None else {"R": spread})
+
+
+def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[float, int]:
+    """Long-run variance of the whitened errors, 1 or more where they are not as white as they should be."""
+    length = _STRETCH * float(np.median(intervals.step))
+    stretch = ((intervals.time - intervals.time[0]) / length).astype(np.int64)
+    none = np.zeros(len(errors), dtype=np.int64)
+    sums = Stretches(length, stretch, none, np.ones(len(errors)), errors)
+    return long_run_variance(np.zeros(1), np.ones(1, dtype=bool), sums, parameters, 0.0)
+
+
+def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
+    """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from test to test.
+
+    Of the tests that come to it from below, each until it does, by their time; of all, as far as they go, where none
+    does. Tests that begin far below go before those that are cut off there, as slip rises the faster the nearer the
+    peak. Nought for an empty record; no deviation where fewer than two tests come there.
+    """
+    slip = 1.0 - radius * record.omega / record.speed
+    test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
+    cuts = np.flatnonzero(np.diff(test)) + 1
+    ways = []
+    for time, of_test in zip(np.split(record.time, cuts), np.split(slip, cuts), strict=True):
+        if len(time) > 1 and of_test[0] < top:
+            up = of_test >= top
+            end = int(np.argmax(up)) if up.any() else -1
+            gain = initial_speed * (of_test[end] - of_test[0])
+            ways.append((time[end] - time[0], gain, float(up.any()), float(of_test[0] < _FAR_BELOW * top)))
+    if not ways:
+        return 0.0, None
+    duration, gain, arrived, whole = np.array(ways).T
+    kept = arrived > 0.0 if arrived.any() else np.ones(len(ways), dtype=bool)
+    kept = kept & (whole > 0.0) if (kept & (whole > 0.0)).any() else kept
+    duration, gain = duration[kept], gain[kept]
+    mean = float(gain.sum() / duration.sum())
+    if not arrived.any() or len(duration) < 2:
+        return mean, None
+    scatter = np.sum(duration * (gain / duration - mean) ** 2) / duration.sum() * len(duration) / (len(duration) - 1)
+    return mean, float(np.sqrt(scatter))
+
+
+def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
+    """The model whose curve over slip, and so whose peak, is that of a build-up by a ramp, said in its note.
+
+    With it the scatter of the ramp, where the log shows it.
+    """
+    R, source, spread = setting.given_acceleration, "as given", None
+    if R is None:
+        R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread
+    if R is None:
+        R, source, spread = SLIP_ACCELERATION, "the default", None
+
+    def at(ramp: float) -> tuple[FitModel, float]:
+        trial = replace(model, known={**model.known, "R": ramp})
+        law = trial.make_force_law(values, setting.rail)
+        return trial, peak(law, setting.initial_speed, setting.wheel_load).slip
+
+    chosen, slip = at(R)
+    low, high = (at(ramp)[1] for ramp in (R / _RAMP_RANGE, R * _RAMP_RANGE))
+    if spread is None:
+        counted = "beside which its standard error is of alpha, beta and gamma alone"
+    else:
+        counted = f"and its standard error counts the ramp's scatter from run to run, {spread:.2g} m/s^2"
+    note = (
+        "fitted, and compared, along the slip as it went; the peak depends on how fast the slip rises, and is that of "
+        f"a ramp of {R:.4g} m/s^2 ({source}; --slip-acceleration changes it): slip {slip:.4g}, {low:.4g} at half and "
+        f"{high:.4g} at twice that ramp, {counted}"
+    )
+    return replace(chosen, notes=(note,)), spread

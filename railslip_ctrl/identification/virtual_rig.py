@@ -1,4 +1,4 @@
-"""A brake rig of the mind: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
+"""A virtual brake rig: the adhesion test of [Park2008] pp. 49-51 simulated, and its log written as a rig writes it.
 
 The wheel rolls freely at v0; the brake torque is ramped up; past the peak of the adhesion the slip grows by itself, and
 at half slip the brake is released (Fig. 12). Flywheels with the inertia of the quarter car give way as the train would.
@@ -8,8 +8,6 @@ The random adhesion force and the sensors scatter the results; the rail of a tes
 from __future__ import annotations
 
 import math
-import os
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -17,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
@@ -24,7 +23,7 @@ from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Sc
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.steps import step_text
 
-from .observer.sensors import Encoder
+from .sensors import Encoder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -231,7 +230,6 @@ def published_tests(
 def write_log(log: RigLog, path: Path) -> None:
     """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
     columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".rig-") as scratch:
-        whole = Path(scratch) / "log.csv"
-        np.savetxt(whole, np.column_stack(columns), fmt="%.10g", delimiter=",", header=",".join(COLUMNS), comments="")
-        os.replace(whole, path)
+    header = ",".join(COLUMNS)
+    with staged(path.parent) as new:
+        np.savetxt(new / path.name, np.column_stack(columns), fmt="%.10g", delimiter=",", header=header, comments="")

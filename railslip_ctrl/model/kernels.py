@@ -1,14 +1,12 @@
-"""Texts of kernels: the scalar functions of an adhesion law and what runs them, put together into one module."""
+"""Texts of kernels: the functions of an adhesion law and what runs them, put together into one module."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
 import logging
-import os
 import re
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -17,10 +15,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from railslip_ctrl.core.folders import cache_folder
+from railslip_ctrl.core.folders import cache_folder, staged
 
 from .adhesion import AdhesionLaw
-from .scalar_code import scalar_source
+from .numeric import source
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,8 +30,14 @@ _HEAD = '''"""A simulation kernel, put together by railslip_ctrl.model.kernels: 
 import math
 from typing import NamedTuple
 
+import numpy
 import numpy as np
 {marker}
+
+
+@compiled
+def where(condition, one, other):
+    return one if condition else other
 
 
 @compiled
@@ -47,20 +51,30 @@ def table_cell(x, table):
 
 
 @compiled
-def tabulated(x, table):
-    """A function of the slip ratio, odd, by the cubic through values and slopes."""
-    u, f0, d0, d1, rise = table_cell(x, table)
+def tabulated(x, *rest):
+    """A function of the slip ratio, odd, by the cubic through values and slopes of the table, which comes last."""
+    u, f0, d0, d1, rise = table_cell(x, rest[-1])
     value = f0 + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
     return value if x >= 0.0 else -value
 
 
 @compiled
-def tabulated_slope(x, table):
+def tabulated_slope(x, *rest):
     """Its slope, even."""
-    u, _, d0, d1, rise = table_cell(x, table)
-    return table[0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
+    u, _, d0, d1, rise = table_cell(x, rest[-1])
+    return rest[-1][0] * (d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + u * 3.0 * (d0 + d1 - 2.0 * rise)))
 
 '''
+_STIFFNESS = """
+adhesion_force = force
+
+
+@compiled
+def stiffness(v, sigma, z, Tb, Td, Tr, p, table):
+    rows = jacobian(v, sigma, z, Tb, Td, Tr, p, table)
+    return rows[1][1], rows[1][2], rows[2][1], rows[2][2]
+
+"""
 # Only `run` allocates. Everything below it is put into it, without counting references to arrays at every call: three
 # times as fast, a few per cent from the same loop in C. Python calls `run` alone: wrappers for the others would take a
 # quarter of the time to compile.
@@ -75,13 +89,18 @@ _INTERPRETED = "\n\ndef compiled(function):\n    return function\n\n\nentry = co
 _IMPORTS = re.compile(r"^(from \S+ import (\([^)]*\)|.*)|import .*)\n", re.MULTILINE)
 
 
+def scalar_source(law: type[AdhesionLaw]) -> str:
+    """The functions of a law for a kernel."""
+    return re.sub(r"^def ", "@compiled\ndef ", plain(source(law)), flags=re.MULTILINE)
+
+
 def module_text(law: type[AdhesionLaw], *parts: str, compiled: bool = True) -> str:
-    """A module of the scalar functions of a law, then the parts; to be compiled or to be interpreted.
+    """A module of the functions of a law, then the parts; to be compiled or to be interpreted.
 
     Parts are texts as `plain` gives them. What Python calls is named `run` and marked `entry`.
     """
     head = _HEAD.format(law=law.name, marker=_COMPILED if compiled else _INTERPRETED)
-    return "\n".join([head, plain(scalar_source(law)), *parts])
+    return "\n".join([head, scalar_source(law), _STIFFNESS, *parts])
 
 
 def plain(text: str) -> str:
@@ -106,7 +125,7 @@ def compiled(function: F) -> F:
 
 
 def entry(function: F) -> F:
-    """Marks what Python calls: compiled, kept, and free to allocate; in interpreted use it does nothing."""
+    """Marks what Python calls: compiled, cached, and free to allocate; in interpreted use it does nothing."""
     return function
 
 
@@ -134,7 +153,7 @@ step = _filled_in("step")
 store_state = _filled_in("store_state")
 
 
-# --- kernels compiled by numba, and kept -----------------------------------------------------------------------------
+# --- kernels compiled by numba, and cached ---------------------------------------------------------------------------
 
 
 logger = logging.getLogger(__name__)
@@ -142,7 +161,7 @@ logger = logging.getLogger(__name__)
 
 @cache
 def module_of(text: str, *, compiled: bool = True) -> ModuleType:
-    """The module of a text (see `text.module_text`), ready to run; the same `compiled` as the text was made for."""
+    """The module of a text (see `module_text`), ready to run; the same `compiled` as the text was made for."""
     name = f"railslip_kernel_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     if not compiled:
         module = ModuleType(name)
@@ -162,14 +181,13 @@ def module_of(text: str, *, compiled: bool = True) -> ModuleType:
 
 @cache
 def _tell_of_compiling(folder: Path) -> None:
-    """Say it, once in a process however many pairs of law and controller it compiles."""
+    """Log it, once in a process."""
     logger.warning("compiling the simulation, some seconds for each law and controller (kept in %s)", folder)
 
 
 def _stored(name: str, text: str) -> Path:
     path = cache_folder() / f"{name}.py"
     if not path.is_file() or path.read_text("utf-8") != text:
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, path)  # another process may be doing the same: whichever comes last wins, both are equal
+        with staged(path.parent) as new:  # another process may be doing the same: the last wins, both are equal
+            (new / path.name).write_text(text, encoding="utf-8")
     return path

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from .vehicle import Rail, Vehicle
 if TYPE_CHECKING:
     import control
 
+STATES = ("v", "sigma", "z")
 INPUTS = ("brake_torque",)
 OUTPUTS = ("sigma", "lambda", "error")
 
@@ -159,9 +160,9 @@ def operating_point(
     law.check_domain(speed, sigma)
     _check_wheel_load(law, vehicle)
     if law.has_state and sigma == 0.0:
-        raise KinkError(
-            f"slip: 0 has no operating point with adhesion {law.name!r}: {_reason_at_rest(law, vehicle, speed)}"
-        )
+        reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
+        reason = reasons[0] if reasons else "its rest state is undefined there"
+        raise KinkError(f"slip: 0 has no operating point with adhesion {law.name!r}: {reason}")
     functions = numeric_plant(type(law))
     p = plant_parameters(law, vehicle)
     z = float(functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p))
@@ -187,11 +188,6 @@ def _check_wheel_load(law: AdhesionLaw, vehicle: Vehicle) -> None:
             f"adhesion {law.name!r}: its forces are for a wheel load of {of:g} N, and the vehicle has "
             f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
         )
-
-
-def _reason_at_rest(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> str:
-    reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
-    return reasons[0] if reasons else "its rest state is undefined there"
 
 
 def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
@@ -327,7 +323,6 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
         step = _NEXT_TO_ZERO * point.speed
         _check_derivative_at_zero(full, 2.0 * jacobian_at(step) - jacobian_at(2.0 * step), point)
     indices = [*([0] if speed_state else []), 1, *([2] if law.has_state else [])]
-    states = tuple(("v", "sigma", "z")[index] for index in indices)
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
     return LinearPlant(
@@ -336,7 +331,7 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
         B=full[np.ix_(indices, [3])],
         C=outputs[:, indices],
         D=np.zeros((3, 1)),
-        states=states,
+        states=tuple(STATES[index] for index in indices),
     )
 
 
@@ -379,43 +374,25 @@ def nonlinear_plant(law: AdhesionLaw, vehicle: Vehicle, *, reference_slip: float
     InputError
         An argument of another kind, or a reference slip out of its range.
     """
-    return _io_system(law, vehicle, None, reference_slip)
-
-
-@checked
-def frozen_speed_plant(
-    law: AdhesionLaw, vehicle: Vehicle, speed: float, *, reference_slip: float
-) -> control.NonlinearIOSystem:
-    """As `nonlinear_plant`, with v held at `speed` (m/s) wherever it appears: no state v."""
-    return _io_system(law, vehicle, number("speed", speed, "m/s", gt=0), reference_slip)
-
-
-def _io_system(law: AdhesionLaw, vehicle: Vehicle, speed: float | None, reference_slip: float) -> Any:
     import control
 
     reference_slip = number("reference_slip", reference_slip, ge=0, lt=1)
-    functions = numeric_plant(type(law))
-    p = plant_parameters(law, vehicle)
+    rates, p = numeric_plant(type(law)).rates, plant_parameters(law, vehicle)
     radius = vehicle.wheel.radius
-    first = 0 if speed is None else 1
-    last = 3 if law.has_state else 2
-
-    def full_state(x: NDArray[np.float64]) -> tuple[float, float, float]:
-        values = [*([] if speed is None else [speed]), *x, *([] if law.has_state else [0.0])]
-        return values[0], values[1], values[2]
+    states = STATES[: 3 if law.has_state else 2]
 
     def update(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
-        rates = functions.rates(*full_state(x), u[0], u[1], u[2], p)
-        return np.array([float(rate) for rate in rates[first:last]])
+        z = x[2] if law.has_state else 0.0
+        return np.array([float(rate) for rate in rates(x[0], x[1], z, u[0], u[1], u[2], p)[: len(states)]])
 
     def output(t: float, x: NDArray[np.float64], u: NDArray[np.float64], params: object) -> NDArray[np.float64]:
-        v, sigma, _ = full_state(x)
+        v, sigma = x[:2]
         return np.array([sigma, sigma / v, reference_slip * v - sigma, v, (v - sigma) / radius])
 
     return control.nlsys(
         update,
         output,
-        states=list(("v", "sigma", "z")[first:last]),
+        states=list(states),
         inputs=list(NONLINEAR_INPUTS),
         outputs=list(NONLINEAR_OUTPUTS),
         name=f"{law.name}_plant",

@@ -1,27 +1,24 @@
-"""Numeric functions of the plant, generated from its SymPy statement.
+"""Numeric functions of the plant, generated from its SymPy statement: one text a law, for arrays and for kernels.
 
-`make generate` writes one module a law to `_generated/`, which is committed, so that evaluating
-numbers needs no SymPy. Each carries a hash of the sources it came from (`plant.py`, `notation.py`, the law's
-file); where it does not fit, and for a law without one, the functions are generated in memory instead: an edited
-plant or a new law works at once, only slower.
+`make generate` writes it to `_generated/`, which is committed, so that evaluating numbers needs no SymPy. It carries
+a hash of the sources it came from (`plant.py`, `notation.py`, the law's file); where that does not fit, and for a law
+without one, it is generated in memory instead: an edited plant or a new law works at once, only slower.
 
-Generated functions take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m, N*m three times, and the flat tuple of
-`plant_parameters`. They are vectorised: arguments may be numbers or arrays of one shape. A static
-law ignores `z`.
+The functions are those of `plant.ClosedPlant` by name, and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m, N*m three
+times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In a kernel
+(`kernels`) they take a table after `p`, from which a force without a closed form is read.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 import sys
-import types
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,45 +27,14 @@ from .adhesion import AdhesionLaw
 from .vehicle import Vehicle
 
 PACKAGE = Path(__file__).parents[1]
-GENERATED = "railslip_ctrl.model._generated"
+GENERATED = PACKAGE / "model" / "_generated"
+
+WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance")
+"""What takes energy from train and wheel, in the order of `plant.powers`."""
 
 
-@dataclass(frozen=True)
-class NumericPlant:
-    """The plant with one adhesion law, in numbers. Arguments are those of the module's generated functions.
-
-    Attributes
-    ----------
-    law : type
-        The adhesion law.
-    generated_in_memory : bool
-        True where no committed module fits the sources.
-    force : callable
-        Adhesion force Fa, N.
-    force_gradient : callable
-        Its derivatives with respect to v, sigma and z, a tuple.
-    rest_state : callable
-        z at rest, m (0 for a static law).
-    rates : callable
-        The tuple (v', sigma', z'), m/s^2, m/s^2, m/s.
-    jacobian : callable
-        Derivatives of the rates (rows) with respect to v, sigma, z, Tb (columns), nested tuples, 3 by 4.
-    trim_torque : callable
-        Tb with lambda' = 0, N*m.
-    """
-
-    law: type[AdhesionLaw]
-    generated_in_memory: bool
-    force: Callable[..., Any]
-    force_gradient: Callable[..., Any]
-    rest_state: Callable[..., Any]
-    rates: Callable[..., Any]
-    jacobian: Callable[..., Any]
-    trim_torque: Callable[..., Any]
-
-
-FUNCTIONS = ("force", "force_gradient", "rest_state", "rates", "jacobian", "trim_torque")
-"""The generated functions: the attributes of `plant.ClosedPlant` of the same names."""
+NumericPlant: TypeAlias = ModuleType
+"""The module of these functions of a law, and `lag_rate`."""
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
@@ -89,21 +55,32 @@ def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:
 
 @cache
 def numeric_plant(law: type[AdhesionLaw]) -> NumericPlant:
-    """Numeric functions of the plant with a law: the committed ones where they fit the sources, else generated now."""
-    module = _committed(law)
-    in_memory = module is None
-    if module is None:
-        module = types.ModuleType(f"{GENERATED}.{law.name}")
-        exec(compile(generate(law), f"<generated for {law.name}>", "exec"), module.__dict__)
-    return NumericPlant(law, in_memory, **{name: getattr(module, name) for name in FUNCTIONS})
+    """The functions of a law: the committed one where it fits the sources, else generated now."""
+    if _is_committed(law):
+        return importlib.import_module(f"{__package__}._generated.{law.name}")
+    module = ModuleType(f"generated_{law.name}")
+    exec(compile(source(law), f"<generated for {law.name}>", "exec"), module.__dict__)
+    return module
 
 
-def _committed(law: type[AdhesionLaw]) -> types.ModuleType | None:
-    name = f"{GENERATED}.{law.name}"
-    if importlib.util.find_spec(name) is None:
-        return None
-    module = importlib.import_module(name)
-    return module if sources_hash(law) == module.SOURCES_SHA256 else None
+@cache
+def source(law: type[AdhesionLaw]) -> str:
+    """The text of `numeric_plant`."""
+    if _is_committed(law):
+        return (GENERATED / f"{law.name}.py").read_text(encoding="utf-8")
+    return generate(law)
+
+
+def generate(law: type[AdhesionLaw]) -> str:
+    """The text of `numeric_plant`, generated now."""
+    from .generation import module_of  # imports SymPy
+
+    return module_of(law, sources_hash(law))
+
+
+def _is_committed(law: type[AdhesionLaw]) -> bool:
+    path = GENERATED / f"{law.name}.py"
+    return path.is_file() and f'SOURCES_SHA256 = "{sources_hash(law)}"' in path.read_text(encoding="utf-8")
 
 
 def sources_hash(law: type[AdhesionLaw]) -> str:
@@ -125,11 +102,9 @@ def adhesion_coefficient(
 
     DomainError where the law does not hold.
     """
-    ratio = np.asarray(slip, dtype=float)
-    law.check_domain(speed, ratio * speed)
-    functions = numeric_plant(type(law))
-    p = (*_NO_VEHICLE, wheel_load, *law.parameters())
-    sigma = ratio * speed
+    sigma = np.asarray(slip, dtype=float) * speed
+    law.check_domain(speed, sigma)
+    functions, p = numeric_plant(type(law)), (*_NO_VEHICLE, wheel_load, *law.parameters())
     z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
     coefficient = functions.force(speed, sigma, z, 0.0, 0.0, 0.0, p) / wheel_load
     return np.asarray(coefficient, dtype=float)[()]
@@ -171,74 +146,32 @@ def peak(law: AdhesionLaw, speed: float, wheel_load: float) -> Peak:
     return Peak(float(found.x), -float(found.fun))
 
 
-# --- generation ----------------------------------------------------------------------------------------------------
+TABLE_INTERVALS = 4096
+"""Intervals of a table over the slip ratio: the cubic between nodes is then good to 1e-11 of the bristle curve."""
 
 
-def generate(law: type[AdhesionLaw]) -> str:
-    """Text of the numeric module of a law."""
-    from . import plant
+@lru_cache(maxsize=32)  # a campaign gives the same rails to many controllers, and a table costs as much as half a run
+def adhesion_table(law: AdhesionLaw, wheel_load: float) -> NDArray[np.float64]:
+    """The law's force over the slip ratio 0 to 1 at a wheel load, N, for a law with functions without a closed form.
 
-    closed = plant.close(law)
-    printer = _printer({"user_functions": {name: path.split(":")[1] for name, path in closed.functions.items()}})
-    names = [*plant.VEHICLE_PARAMETERS, *law.argument_names()]
-    imports = [f"from {path.split(':')[0]} import {path.split(':')[1]}" for path in closed.functions.values()]
-    head = [
-        f'"""Plant with the adhesion law {law.name!r}. Generated by `make generate`: do not edit."""',
-        "# mypy: ignore-errors",
-        *("", "import numpy"),
-        *(["", *imports] if imports else []),
-        *("", f'SOURCES_SHA256 = "{sources_hash(law)}"'),
-    ]
-    functions = [_function_text(name, getattr(closed, name), plant.ARGUMENTS, names, printer) for name in FUNCTIONS]
-    return "\n".join(head) + "\n" + "".join(functions)
-
-
-def _printer(settings: dict[str, Any]) -> Any:
-    """SymPy's printer for NumPy, but for what is slow there: powers beyond the square, and `select`."""
-    import sympy as sp
-    from sympy.printing.numpy import NumPyPrinter
-
-    class Printer(NumPyPrinter):  # type: ignore[misc]
-        def _print_Pow(self, expr: Any, rational: bool = False) -> str:
-            base, exponent = expr.as_base_exp()
-            if not (base.is_Symbol and exponent.is_Integer and exponent not in (-1, 2)):
-                return str(super()._print_Pow(expr, rational=rational))
-            product = "(" + "*".join([self._print(base)] * abs(int(exponent))) + ")"
-            return product if exponent > 0 else f"{product}**(-1.0)"
-
-        def _print_Piecewise(self, expr: Any) -> str:
-            *cases, (last, condition) = expr.args
-            rest = self._print(last) if condition is sp.true else self._print_case(last, condition, "numpy.nan")
-            for value, condition in reversed(cases):
-                rest = self._print_case(value, condition, rest)
-            return rest
-
-        def _print_case(self, value: Any, condition: Any, rest: str) -> str:
-            return f"numpy.where({self._print(condition)}, {self._print(value)}, {rest})"
-
-    return Printer(settings)
+    Layout: nodes per unit of slip, then value (N) and slope (N per unit slip, times the node distance) in turn. A law
+    in closed form needs none and has one of a single zero. Where the law's domain ends before slip 1, so does it.
+    """
+    if not has_table(type(law)):
+        return np.zeros(1)
+    speed = 1.0  # a function of the slip ratio alone: any speed gives the same table
+    last = min(1.0, law.domain_limit(speed)[0] * (1.0 - 1e-6))
+    slip = np.linspace(0.0, last, TABLE_INTERVALS + 1)
+    functions, p = numeric_plant(type(law)), (*_NO_VEHICLE, wheel_load, *law.parameters())
+    force = functions.force(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
+    slope = functions.force_gradient(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)[1] * speed
+    table = np.empty(2 * slip.size + 1)
+    table[0] = TABLE_INTERVALS / last
+    table[1::2], table[2::2] = force, slope / table[0]
+    table.flags.writeable = False
+    return table
 
 
-def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters: list[str], printer: Any) -> str:
-    import sympy as sp
-
-    # A function of the statement's own letters may not meet a temporary of the same name, hence the underscore.
-    temporaries, flat = sp.cse(_flatten(value), symbols=sp.numbered_symbols("_x"))
-    printed = iter([printer.doprint(expression) for expression in flat])
-    lines = [
-        f"def {name}({', '.join(arguments)}, p):",
-        f"    {', '.join(parameters)} = p",
-        *(f"    {target} = {printer.doprint(expression)}" for target, expression in temporaries),
-        f"    return {_nested_text(value, printed)}",
-    ]
-    return "\n\n" + "\n".join(lines) + "\n"
-
-
-def _flatten(value: Any) -> list[Any]:
-    return [item for part in value for item in _flatten(part)] if isinstance(value, tuple) else [value]
-
-
-def _nested_text(value: Any, printed: Any) -> str:
-    if not isinstance(value, tuple):
-        return str(next(printed))
-    return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"
+def has_table(law: type[AdhesionLaw]) -> bool:
+    """Whether kernels read a law's force from a table."""
+    return "tabulated(" in source(law)

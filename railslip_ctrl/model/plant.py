@@ -10,7 +10,6 @@ random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -92,6 +91,20 @@ def trim_torque() -> sp.Expr:
     return sp.expand(sp.solve(motion().slip_rate, Tb)[0])
 
 
+def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
+    """What each of `numeric.WORKS` takes from the kinetic energy of train and wheel, W.
+
+    d/dt (M v^2/2 + J omega^2/2) with the plant's accelerations put in is linear in Tb, Fa, B, the travelling
+    resistance, Tr and Td; each one's part, with its sign turned, is the power it takes.
+    """
+    wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
+    kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
+    takers = ((Tb,), (Fa,), (B,), (Fr0, Fr1, Fr2), (Tr,), (Td,))
+    parts = tuple(sp.factor(-sum(sp.diff(kinetic, taker) * taker for taker in group)) for group in takers)
+    assert sp.expand(kinetic + sum(parts)) == 0, "the powers are the whole rate of the kinetic energy"
+    return tuple(part.subs(Fa, force) for part in parts)
+
+
 @dataclass(frozen=True)
 class ClosedPlant:
     """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters.
@@ -105,22 +118,22 @@ class ClosedPlant:
     rest_state : Expr
         z at which z' = 0, m (0 for a static law).
     rates : tuple of Expr
-        v', sigma', z'.
+        v', sigma', z': m/s^2, m/s^2, m/s.
+    rates_and_powers : tuple of Expr
+        The rates, then the power of each of `numeric.WORKS`, W.
     jacobian : tuple of tuples of Expr, 3 by 4
-        Derivatives of `rates` with respect to `JACOBIAN_COLUMNS`.
+        Derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`.
     trim_torque : Expr
         Tb with lambda' = 0, N*m.
-    functions : mapping
-        See `adhesion.Statement`.
     """
 
     force: sp.Expr
     force_gradient: tuple[sp.Expr, ...]
     rest_state: sp.Expr
     rates: tuple[sp.Expr, ...]
+    rates_and_powers: tuple[sp.Expr, ...]
     jacobian: tuple[tuple[sp.Expr, ...], ...]
     trim_torque: sp.Expr
-    functions: Mapping[str, str]
 
 
 def close(law: type[AdhesionLaw]) -> ClosedPlant:
@@ -140,9 +153,9 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
         force_gradient=tuple(_derivative(force, symbol(name)) for name in STATES),
         rest_state=zero if statement.steady_state is None else statement.steady_state,
         rates=rates,
+        rates_and_powers=(*rates, *powers(force)),
         jacobian=tuple(tuple(_derivative(rate, column) for column in columns) for rate in rates),
         trim_torque=trim_torque().subs(Fa, force),
-        functions=statement.functions,
     )
 
 

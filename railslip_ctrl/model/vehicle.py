@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import partial
 from types import MappingProxyType, NoneType, UnionType
@@ -25,7 +24,7 @@ _BOUNDS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 
 def documented(record: type[BaseModel]) -> str:
-    """Return the docstring of a record with a section of its described fields: type, meaning, unit, range, default."""
+    """The docstring of a record with a section of its described fields: type, meaning, unit, range, default."""
     entries = [
         f"{name} : {_type_words(info.annotation)}\n    {_sentence(info)}"
         for name, info in record.model_fields.items()
@@ -36,31 +35,16 @@ def documented(record: type[BaseModel]) -> str:
 
 
 def _sentence(info: FieldInfo) -> str:
-    meaning = info.description or ""
-    extra = info.json_schema_extra
+    meaning, extra = info.description or "", info.json_schema_extra
     parts = [meaning[0].upper() + meaning[1:]]
     if isinstance(extra, dict) and "unit" in extra:
+        bounds = ((sign, getattr(each, key, None)) for key, sign in _BOUNDS for each in info.metadata)
         unit = "dimensionless" if extra["unit"] == "1" else str(extra["unit"])
-        parts.append(", ".join([unit, *_range(info)]))
-    if not info.is_required() and _default(info.default):
-        parts.append(f"default {_default(info.default)}")
+        parts.append(", ".join([unit, *(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)]))
+    if not info.is_required() and isinstance(info.default, (bool, str, int, float)) and info.default != "":
+        default = f"{info.default:g}" if type(info.default) in (int, float) else str(info.default)
+        parts.append(f"default {default}")
     return "; ".join(parts) + "."
-
-
-def _range(info: FieldInfo) -> list[str]:
-    return [
-        f"{sign} {bound:g}"
-        for key, sign in _BOUNDS
-        for constraint in info.metadata
-        if (bound := getattr(constraint, key, None)) is not None
-    ]
-
-
-def _default(value: object) -> str:
-    """A default as a word; nothing for what is absent or empty, or a record, which lists its own."""
-    if isinstance(value, (bool, str)):
-        return str(value)
-    return f"{value:g}" if isinstance(value, (int, float)) else ""
 
 
 def _type_words(annotation: Any) -> str:
@@ -82,13 +66,10 @@ _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
 class Rail(StrEnum):
-    """Rail condition: which of the two sets of adhesion parameters holds.
+    """Rail condition, a member or its name: which adhesion parameters, and which reference slip, hold.
 
-    A member is its own name as text: ``Rail.DRY == "dry"``. Where a function takes a `Rail` or its name, another text
-    is refused (InputError); `Rail.of` turns either into the member. What a wet rail changes is the adhesion law's to
-    say, see `AdhesionLaw.wet`: of those of [Park2008] the largest adhesion is about halved, for which mu_max of the
-    beam model (5)-(10) is halved and beta of the bristle model (19)-(24) doubled. The reference slip goes with the rail
-    (`ReferenceSlip`).
+    What a wet rail changes is the law's to say, see `AdhesionLaw.wet`. `Rail.of` turns a name into the member;
+    InputError for another.
 
     Attributes
     ----------
@@ -96,11 +77,6 @@ class Rail(StrEnum):
         "dry": the parameters as identified ([Park2008] Table 1, (30)-(32)).
     WET
         "wet": those parameters times the law's own factors, or a published set of their own.
-
-    Raises
-    ------
-    InputError
-        By `of`: neither a member nor "dry" or "wet".
     """
 
     DRY = "dry"
@@ -369,43 +345,19 @@ def table4_gains(adhesion: str) -> PIGains:
 _SPEED = 100.0 * KMH  # at which travelling resistance is looked at
 
 
-@dataclass(frozen=True)
-class UsualRange:
-    """Between which bounds a quantity of vehicles lies.
+class UsualRange(NamedTuple):
+    """Between which bounds a quantity of vehicles lies."""
 
-    Attributes
-    ----------
-    key : str
-        Of the vehicle's file.
-    unit : str
-        Of the quantity.
-    low, high : float
-        The bounds, as multiples of `of`.
-    why : str
-        Where they come from, in words.
-    value : callable
-        Of a vehicle, the quantity in `unit`.
-    of : callable
-        Of a vehicle, what the bounds are multiples of, in `unit`; left out, 1.
-    other_units : mapping
-        Units that a number may have been meant in, each with its size in `unit`.
-    after : tuple of str
-        Keys that `of`, or the quantity itself if left out, is computed from: nothing new is said of what follows from
-        an implausible number.
-    remedy : str
-        Where none of `other_units` gives a usual value.
-    """
-
-    key: str
+    key: str  # of the vehicle's file
     unit: str
-    low: float
+    low: float  # the bounds, as multiples of `of`
     high: float
-    why: str
-    value: Callable[[Vehicle], float]
-    of: Callable[[Vehicle], float] = lambda _: 1.0
-    other_units: Mapping[str, float] = field(default_factory=dict)
-    after: tuple[str, ...] = ()
-    remedy: str = "check the number and its unit"
+    why: str  # where they come from
+    value: Callable[[Vehicle], float]  # in `unit`
+    of: Callable[[Vehicle], float] = lambda _: 1.0  # in `unit`
+    other_units: Mapping[str, float] = MappingProxyType({})  # that may have been meant, each with its size in `unit`
+    after: tuple[str, ...] = ()  # keys that it is computed from: what follows from an implausible number is not told
+    remedy: str = "check the number and its unit"  # where none of the other units gives a usual value
 
 
 def _resistance(vehicle: Vehicle) -> float:
@@ -465,22 +417,9 @@ USUAL_RANGES = (
 
 @checked
 def doubts(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return a sentence for each number of a vehicle that is far from what vehicles have.
+    """A sentence for each number of a `vehicle` that is far from what vehicles have: key, value, usual range, remedy.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        SI; its own M, J and B are looked at, not those times `inertia_scale`.
-
-    Returns
-    -------
-    tuple of str
-        Each names the key, the value, the usual range with its reason, and the remedy; empty for a plausible vehicle.
-
-    Raises
-    ------
-    InputError
-        What is given is no vehicle.
+    Its own M, J and B are looked at, not those times `inertia_scale`. InputError for what is no vehicle.
     """
     found: dict[str, str] = {}
     for usual in USUAL_RANGES:
@@ -496,23 +435,7 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def remarks(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return all that a reader of a vehicle's numbers is told: what was assumed (`Vehicle.notes`), then `doubts`.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        SI.
-
-    Returns
-    -------
-    tuple of str
-        A sentence each.
-
-    Raises
-    ------
-    InputError
-        What is given is no vehicle.
-    """
+    """All that is told of a `vehicle`: what was assumed (`Vehicle.notes`), then `doubts`. InputError as of these."""
     return (*vehicle.notes, *doubts(vehicle))
 
 

@@ -98,15 +98,11 @@ def load_vehicle(path: str | Path) -> Vehicle:
     path = given_path(path)
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        return _from_toml(path)
+        return vehicle_from_keys(read_toml(path), path, where=file_name(path))
     if suffix in {".yaml", ".yml"}:
         stock = read_rolling_stock(path)
         return _vehicle(VehicleKeys(), stock, where=file_name(path), source=f"{path.name} [railtoolkit]")
     raise InputError(f"{file_name(path)}: the file's name must end in .toml, .yaml or .yml")
-
-
-def _from_toml(path: Path) -> Vehicle:
-    return vehicle_from_keys(read_toml(path), path, where=file_name(path))
 
 
 def vehicle_from_keys(content: dict[str, Any], path: Path, *, where: str) -> Vehicle:
@@ -217,7 +213,6 @@ def _unit(record: Record, name: str) -> str:
 
 
 def _rotation_note(rotation_mass: float, mass: float, wheel: Wheel) -> str:
-    # the factor stands for the inertia of everything that turns; the quarter car has J as a state of its own
     implied = (rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
     return (
         f"rotation_mass = {rotation_mass:g} is not applied to M, as the wheel's inertia stands by itself; it implies "
@@ -277,21 +272,9 @@ class RollingStock(Record):
 
 
 def read_rolling_stock(path: Path, *, vehicle_id: str | None = None, where: str = "") -> RollingStock:
-    """Return one vehicle of a railtoolkit file.
+    """One vehicle of a railtoolkit file (YAML, no aliases): that with `vehicle_id`, or the only one.
 
-    Parameters
-    ----------
-    path : Path
-        YAML in the railtoolkit rolling-stock schema, at most `validation.LARGEST_FILE` bytes, without aliases.
-    vehicle_id : str, optional
-        The `id` of the vehicle; needed when the file holds several.
-    where : str
-        What an error begins with; left out, the path.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not YAML, or lacks the vehicle; or a value is missing or not allowed.
+    Errors, of InputError, begin with `where`, or else the path.
     """
     where = where or file_name(path)
     vehicles = _vehicles(_parse(read_text(path, where=where), where), where)

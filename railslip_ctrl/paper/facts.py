@@ -17,11 +17,11 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, published_scenario, simulate
 from railslip_ctrl.simulation.catalogue import COLUMNS, Column, published_controller
+from railslip_ctrl.verification.actuator_effects import published_loop
 from railslip_ctrl.verification.lyapunov_runs import judge_run
-from railslip_ctrl.verification.switching import largest_adaptation
-from railslip_ctrl.verification.switching.effects import published_loop
+from railslip_ctrl.verification.surviving_gains import largest_adaptation
 
-from .runs import CASES, Progress
+from .tables import CASES, Progress
 
 SLIDING_SHARES = (0.65, 0.85)
 """Share of the time with s s' < 0 that counts as about three quarters: neither sliding (1) nor chance (1/2)."""
@@ -35,18 +35,7 @@ LATE_SHARE = 0.5
 
 @dataclass(frozen=True)
 class Fact:
-    """One finding about the published runs.
-
-    Attributes
-    ----------
-    name : str
-    statement, found : str
-        What is said, and what was found.
-    holds : bool
-        Whether the statement holds.
-    how : str
-        How that was decided.
-    """
+    """One finding about the published runs: what is said, what was found, whether it holds and how that was decided."""
 
     name: str
     statement: str
@@ -56,15 +45,7 @@ class Fact:
 
 
 def published_facts(*, seed: int = 0, progress: Progress | None = None) -> tuple[Fact, ...]:
-    """What else the published runs show; takes some seconds.
-
-    Parameters
-    ----------
-    seed : int
-        Of the runs with noise.
-    progress : callable, optional
-        Told each fact's name when it is decided.
-    """
+    """What else the published runs show; takes some seconds; `seed` is the noise's."""
     decisions: tuple[Callable[[], Fact], ...] = (
         pi_margins,
         no_sliding,

@@ -13,7 +13,7 @@ import sympy as sp
 
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam
-from railslip_ctrl.sliding.symbols import sliding_symbol as _own
+from railslip_ctrl.sliding.proof import sliding_symbol as _own
 
 _s, _e, _rho, _sigma_d_rate = _own("s"), _own("e"), _own("rho"), _own("sigma_d_rate")
 _D, _K, _k, _Mn, _Mp, _Bn, _Bp = (_own(name) for name in ("D", "K", "k", "Mn", "Mp", "Bn", "Bp"))
@@ -31,142 +31,83 @@ wheel_load = sp.Symbol("N", positive=True)
 Fs, Fc, vs = sp.symbols("F_s F_c v_s", positive=True)
 
 
-def pressure() -> Any:
-    """(5): contact pressure, Pa."""
-    return 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - length / 2) ** 2)
+pressure = 6 * wheel_load / (length**3 * width) * ((length / 2) ** 2 - (xc - length / 2) ** 2)
+"""(5): contact pressure, Pa."""
 
+force_per_length = (Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True))
+"""(6): the locking and the slipping branch; the pressure is left as the symbol p."""
 
-def force_per_length() -> tuple[Any, Any]:
-    """(6): the locking and the slipping branch; the pressure is left as the symbol p."""
-    return Cx * slip * width * xc, mu_d * sp.Symbol("p", positive=True)
+travelling_stiffness = Cx * length**2 / 2
+"""(9): Kx, N."""
 
+beam_force: Any = beam.printed_force()
+"""(10), in v, sigma, N and the beam's parameters; both factors as printed."""
 
-def travelling_stiffness() -> Any:
-    """(9): Kx, N."""
-    return Cx * length**2 / 2
+bristle_coefficients = ((1 / Fs - Fc) * vs, (sp.Mul(Fs, 1 / Fs, evaluate=False) - Fc) * vs)
+"""Below (24): beta = (1/Fs - Fc) vs and gamma = (Fs/Fs - Fc) vs."""
 
-
-def beam_force() -> Any:
-    """(10), in v, sigma, N and the beam's parameters; both factors as printed."""
-    return beam.printed_force()
-
-
-def bristle_coefficients() -> tuple[Any, Any]:
-    """Below (24): beta = (1/Fs - Fc) vs and gamma = (Fs/Fs - Fc) vs."""
-    return (1 / Fs - Fc) * vs, (sp.Mul(Fs, 1 / Fs, evaluate=False) - Fc) * vs
-
-
-def bristle_g() -> Any:
-    """(23): g(sigma), N."""
-    return Fs - (Fs - Fc) * plant.sigma / vs
-
+bristle_g = Fs - (Fs - Fc) * plant.sigma / vs
+"""(23): g(sigma), N."""
 
 # --- observer; s is Laplace's, tau the filter's time constant -------------------------------------------------------
 
 laplace, tau = sp.Symbol("s"), sp.Symbol("tau", positive=True)
 
+observer = _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb
+"""(27): Ta_hat(s)."""
 
-def observer() -> Any:
-    """(27): Ta_hat(s)."""
-    return _J * laplace / (tau * laplace + 1) * _omega + _B * _omega + _Tb
-
-
-def observer_without_derivative() -> Any:
-    """(28): Ta_hat(s)."""
-    return (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb
-
+observer_without_derivative = (_B + _J / tau - (_J / tau) / (tau * laplace + 1)) * _omega + _Tb
+"""(28): Ta_hat(s)."""
 
 # --- sliding-mode law ----------------------------------------------------------------------------------------------
 
+_both = 1 / (_r * _M) + _r / _J  # what a torque on wheel and train adds to s'
+_drift = _both * _Ta - _r * _B / _J * _omega
+_nominal = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
+_disturbance = _both * _Tr + _Fr / _M - _r / _J * _Td
 
-def s_rate() -> Any:
-    """(35)."""
-    torque = 1 / (_r * _M) + _r / _J
-    return (
-        _sigma_d_rate
-        + torque * _Ta
-        + torque * _Tr
-        + _Fr / _M
-        - _r / _J * _Tb
-        - _r * _B / _J * _omega
-        - _r / _J * _Td
-        + _rho * _e
-    )
+s_rate = _sigma_d_rate + _drift + _disturbance - _r / _J * _Tb + _rho * _e
+"""(35)."""
 
+equivalent_control = _J / _r * (_sigma_d_rate + _drift + _rho * _e)
+"""(36)."""
 
-def equivalent_control() -> Any:
-    """(36)."""
-    return _J / _r * (_sigma_d_rate + (1 / (_r * _M) + _r / _J) * _Ta - _r * _B / _J * _omega + _rho * _e)
+reaching = _disturbance - _r / _J * _own("Ur")
+"""(37)."""
 
+asked_rate = -_D * _s - _K * sp.sign(_s)
+"""(39): s' = -D s - K sgn s."""
 
-def reaching() -> Any:
-    """(37)."""
-    return (1 / (_r * _M) + _r / _J) * _Tr + _Fr / _M - _r / _J * _Td - _r / _J * _own("Ur")
+robust_control = _D * _s + _K * sp.sign(_s)
+"""(41)."""
 
+reaching_product = _s * (_disturbance - _r / _J * _D * _s - _r / _J * _K * sp.sign(_s))
+"""The first line of (42), D0 = (r/J) D and K0 = (r/J) K put in."""
 
-def asked_rate() -> Any:
-    """(39): s' = -D s - K sgn s."""
-    return -_D * _s - _K * sp.sign(_s)
+control_law = equivalent_control + robust_control
+"""(43)."""
 
+theta = (1 / (_r * _Mp), -_r * _Bp / _J)
+"""(44): theta."""
 
-def robust_control() -> Any:
-    """(41)."""
-    return _D * _s + _K * sp.sign(_s)
+adaptive_law = _J / _r * (_nominal + _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega + _rho * _e) + robust_control
+"""(45)."""
 
+lyapunov = _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)
+"""(46)."""
 
-def reaching_product() -> Any:
-    """The first line of (42), D0 = (r/J) D and K0 = (r/J) K put in."""
-    disturbance = (1 / (_r * _M) + _r / _J) * _Tr + _Fr / _M - _r / _J * _Td
-    return _s * (disturbance - _r / _J * _D * _s - _r / _J * _K * sp.sign(_s))
+_adaptation_part = sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
 
+lyapunov_rate = _s * (_nominal - _r / _J * _Tb + _THETA[0] * _Ta + _THETA[1] * _omega + _rho * _e) - _adaptation_part
+"""(47)."""
 
-def control_law() -> Any:
-    """(43)."""
-    return equivalent_control() + robust_control()
+lyapunov_rate_with_law = (
+    -_D * _s**2 - _K * _s * sp.sign(_s) + _s * (_THETA_TILDE[0] * _Ta + _THETA_TILDE[1] * _omega) - _adaptation_part
+)
+"""(48)."""
 
-
-def theta() -> tuple[Any, Any]:
-    """(44): theta."""
-    return 1 / (_r * _Mp), -_r * _Bp / _J
-
-
-def adaptive_law() -> Any:
-    """(45)."""
-    estimate = _THETA_HAT[0] * _Ta + _THETA_HAT[1] * _omega
-    known = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
-    return _J / _r * (known + estimate + _rho * _e) + robust_control()
-
-
-def lyapunov() -> Any:
-    """(46)."""
-    return _s**2 / 2 + (_THETA_TILDE[0] ** 2 + _THETA_TILDE[1] ** 2) / (2 * _k)
-
-
-def lyapunov_rate() -> Any:
-    """(47)."""
-    uncertainty = _THETA[0] * _Ta + _THETA[1] * _omega
-    known = _sigma_d_rate + (1 / (_r * _Mn) + _r / _J) * _Ta - _r * _Bn / _J * _omega
-    return _s * (known - _r / _J * _Tb + uncertainty + _rho * _e) - _adaptation_part()
-
-
-def lyapunov_rate_with_law() -> Any:
-    """(48)."""
-    return (
-        -_D * _s**2
-        - _K * _s * sp.sign(_s)
-        + _s * (_THETA_TILDE[0] * _Ta + _THETA_TILDE[1] * _omega)
-        - _adaptation_part()
-    )
-
-
-def _adaptation_part() -> Any:
-    return sum(a * b for a, b in zip(_THETA_TILDE, _THETA_HAT_RATE, strict=True)) / _k
-
-
-def adaptation() -> tuple[Any, Any]:
-    """(49)."""
-    return _k * _s * _Ta, _k * _s * _omega
-
+adaptation = (_k * _s * _Ta, _k * _s * _omega)
+"""(49)."""
 
 # --- printed numbers -----------------------------------------------------------------------------------------------
 
@@ -175,9 +116,6 @@ RANDOM_FORCE = 431.0
 
 VISCOUS = (0.25, -0.01)
 """B = 0.25 - 0.01 t, N*m*s, t in s (p. 55)."""
-
-DISTURBANCE_TORQUE = 0.05
-"""Td = 0.05 Tb exp(-4 t) sin(10 pi t): the factor (p. 55)."""
 
 MASS_STEP_TIME = 25.0
 """s; the mass steps from 3517 to 5276 kg and the rail turns wet (p. 55)."""

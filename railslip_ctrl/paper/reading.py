@@ -1,15 +1,52 @@
-"""The reading of [Park2008] under which Table 5 comes out, rule by rule, and where each comes from."""
+"""The reading of [Park2008] under which Table 5 comes out: its rules, alternatives to them, and what each is worth."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
 
 from railslip_ctrl.core.sources import cite
-from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION
-from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, TABLE4_PI
-from railslip_ctrl.simulation.catalogue import FILTER_TIME
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.design.controllers import PIController
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
+from railslip_ctrl.model.adhesion.curve import SLIP_ACCELERATION, Curve
+from railslip_ctrl.model.vehicle import (
+    AS_PUBLISHED_INERTIA_SCALE,
+    PARK2008,
+    TABLE4_PI,
+    TABLE4_PI_PRINTED,
+    TABLE4_SLIDING_PRINTED,
+    Actuator,
+    PIGains,
+    Rail,
+    Resistance,
+)
+from railslip_ctrl.simulation import BrakeLimits, LinearControl, SlidingControl, published_scenario
+from railslip_ctrl.simulation.catalogue import (
+    FILTER_TIME,
+    published_controller,
+    published_law_gains,
+    published_reference,
+)
 from railslip_ctrl.simulation.scenario import PUBLISHED_DISTURBANCES
+
+from .tables import (
+    CASES,
+    QUANTITIES,
+    CaseResult,
+    Progress,
+    Setup,
+    checked_seeds,
+    published_setup,
+    rms_deviation_percent,
+    run_setups,
+)
 
 
 class Basis(StrEnum):
@@ -21,7 +58,7 @@ class Basis(StrEnum):
 
 
 @dataclass(frozen=True)
-class Rule:
+class ReadingRule:
     """One rule of the reading: its name, what is used, its basis, and where in the paper it is or bears on."""
 
     name: str
@@ -35,100 +72,100 @@ _SCALE = f"{AS_PUBLISHED_INERTIA_SCALE:g}"
 _PI = TABLE4_PI["bristle"]
 
 READING = (
-    Rule(
+    ReadingRule(
         "run",
         "100 to 5 km/h from free rolling; at 25 s M 3517 to 5276 kg and dry to wet; one quarter car",
         _P,
         cite("Park2008", "pp. 54-56"),
     ),
-    Rule(
+    ReadingRule(
         "inertia scale",
         f"M, J and B times {_SCALE}: v integrated in km/h with forces in N; in SI 50 to 60 s are impossible",
         _I,
         cite("Park2008", "(4), Table 5"),
     ),
-    Rule(
+    ReadingRule(
         "energy unit",
         f"printed energy = {_SCALE} times the integral of Tb omega, which follows from the same units",
         _I,
         cite("Park2008", "Table 5, Fig. 20"),
     ),
-    Rule(
+    ReadingRule(
         "plant law",
         "the bristle model in all four columns (printed), as the static curve of Fig. 17 (inferred)",
         _I,
         cite("Park2008", "p. 54, Fig. 17"),
     ),
-    Rule(
+    ReadingRule(
         "ramp of the curve",
         f"slip acceleration R = {SLIP_ACCELERATION:g} m/s^2",
         _F,
         cite("Park2008", "(19)-(24), Fig. 17"),
     ),
-    Rule("wet rail", "beta doubled: adhesion about half", _I, cite("Park2008", "p. 55, Fig. 17")),
-    Rule(
+    ReadingRule("wet rail", "beta doubled: adhesion about half", _I, cite("Park2008", "p. 55, Fig. 17")),
+    ReadingRule(
         "wheel load",
         f"N = {PARK2008.wheel_load:g} N throughout; it does not follow M",
         _I,
         cite("Park2008", "Table 1, p. 55"),
     ),
-    Rule(
+    ReadingRule(
         "PI units",
         f"Kp in N m per km/h, Ki in N m per km/h per s: bristle column {_PI.kp:g} N m/(m/s), {_PI.ki:g} N m/m",
         _I,
         cite("Park2008", "Table 4"),
     ),
-    Rule(
+    ReadingRule(
         "PI limits",
         "none but the brake's Tb >= 0, and no anti-windup",
         _I,
         cite("Park2008", "p. 55"),
     ),
-    Rule(
+    ReadingRule(
         "references",
         "each column holds its own reference slip: beam 0.119/0.059, bristle 0.132/0.092",
         _P,
         cite("Park2008", "p. 55, Fig. 17"),
     ),
-    Rule(
+    ReadingRule(
         "ASMC units",
         "D in N m per km/h and K in N m, added as torque; rho per second",
         _I,
         cite("Park2008", "(41), (45), Table 4"),
     ),
-    Rule(
+    ReadingRule(
         "ASMC model",
         "Ta from the plant's own curve at the measured slip (printed: (20), (22)), which turns wet with the rail",
         _I,
         cite("Park2008", "pp. 54-55"),
     ),
-    Rule("ASMC nominal mass", f"Mn = {PARK2008.mass:g} kg throughout", _I, cite("Park2008", "(45), p. 55")),
-    Rule("adaptation", "off, k = 0: with the printed k behind the actuator the stop goes on for minutes", _I,
+    ReadingRule("ASMC nominal mass", f"Mn = {PARK2008.mass:g} kg throughout", _I, cite("Park2008", "(45), p. 55")),
+    ReadingRule("adaptation", "off, k = 0: with the printed k behind the actuator the stop goes on for minutes", _I,
          cite("Park2008", "(49), Table 4")),
-    Rule(
+    ReadingRule(
         "acceleration filter",
         f"v' from s/(tau s + 1) (printed) with tau = {FILTER_TIME:g} s (any value serves)",
         _I,
         cite("Park2008", "p. 54, Fig. 16"),
     ),
-    Rule("actuator", "lag 0.6 s and dead time 0.15 s in all columns", _P, cite("Park2008", "p. 55")),
-    Rule("torque sign", "Tb >= 0: a brake does not drive", _I, cite("Park2008", "Fig. 20")),
-    Rule("resistance", "Fr = 0.63 v^2 N with v in m/s", _I, cite("Park2008", "p. 55")),
-    Rule(
+    ReadingRule("actuator", "lag 0.6 s and dead time 0.15 s in all columns", _P, cite("Park2008", "p. 55")),
+    ReadingRule("torque sign", "Tb >= 0: a brake does not drive", _I, cite("Park2008", "Fig. 20")),
+    ReadingRule("resistance", "Fr = 0.63 v^2 N with v in m/s", _I, cite("Park2008", "p. 55")),
+    ReadingRule(
         "random force",
         f"Gaussian, {PUBLISHED_DISTURBANCES.random_force:g} N, in (3) and (4) both",
         _P,
         cite("Park2008", "(35), p. 55"),
     ),
-    Rule(
+    ReadingRule(
         "noise hold",
         f"each random force held for {PUBLISHED_DISTURBANCES.random_hold:g} s",
         _F,
         cite("Park2008", "p. 55"),
     ),
-    Rule("viscous friction", "B = 0.25 - 0.01 t, negative after 25 s", _P, cite("Park2008", "p. 55")),
-    Rule("caliper", "Td = 0.05 Tb exp(-4 t) sin(10 pi t) with the acting Tb", _P, cite("Park2008", "p. 55")),
-    Rule(
+    ReadingRule("viscous friction", "B = 0.25 - 0.01 t, negative after 25 s", _P, cite("Park2008", "p. 55")),
+    ReadingRule("caliper", "Td = 0.05 Tb exp(-4 t) sin(10 pi t) with the acting Tb", _P, cite("Park2008", "p. 55")),
+    ReadingRule(
         "slip error",
         "against 0.132/0.092 in every column: Fig. 21 draws one reference; mean over time until 5 km/h",
         _I,
@@ -136,3 +173,299 @@ READING = (
     ),
 )  # fmt: skip
 """The rules, in the order of what they bear on."""
+
+
+# --- alternatives -----------------------------------------------------------------------------------------------------
+
+
+Change = Callable[[Setup], Setup | None]
+"""From the reading's setup of a column to the alternative's; None where it does not concern the column."""
+
+_LOAD_RATIO = PARK2008.mass_loaded / PARK2008.mass
+_FREE_TORQUE = BrakeLimits(torque_min=-1e9)  # N*m, beyond anything a controller here asks for
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A rule of the reading by name, what is done instead, and the change of a setup that does it."""
+
+    rule: str
+    name: str
+    change: Change
+
+
+class _HalvedCurve(Curve):
+    """The curve whose wet force is half the dry one at every slip: alpha halved too, which leaves the peak's slip."""
+
+    __module__ = Curve.__module__  # the same equations: the generated code is the curve's
+    wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": 0.5, "beta": 2.0})
+
+
+class _LoadedWetCurve(Curve):
+    """The curve whose wheel load follows the mass when the rail turns wet: alpha grows and beta falls with it."""
+
+    __module__ = Curve.__module__  # the same equations: the generated code is the curve's
+    wet_factors: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha": _LOAD_RATIO, "beta": 2.0 / _LOAD_RATIO})
+
+
+# --- kinds of change -----------------------------------------------------------------------------------------------
+
+
+def _scenario(**changes: Any) -> Change:
+    """Fields of the scenario."""
+    return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
+
+
+def _vehicle(**changes: Any) -> Change:
+    """Fields of the vehicle."""
+
+    def change(setup: Setup) -> Setup:
+        vehicle = setup.scenario.vehicle.model_copy(update=changes)
+        return replace(setup, scenario=setup.scenario.with_changes(vehicle=vehicle))
+
+    return change
+
+
+def _disturbances(**changes: Any) -> Change:
+    """Fields of the scenario's disturbances."""
+
+    def change(setup: Setup) -> Setup:
+        disturbances = setup.scenario.disturbances.model_copy(update=changes)
+        return replace(setup, scenario=setup.scenario.with_changes(disturbances=disturbances))
+
+    return change
+
+
+def _ramp(factor: float) -> Change:
+    """The slip acceleration of the curve's ramp."""
+
+    def change(setup: Setup) -> Setup:
+        law = setup.scenario.adhesion
+        assert isinstance(law, Curve), "the reading's plant has the curve"
+        changed = law.model_copy(update={"R": factor * law.R})
+        return replace(setup, scenario=setup.scenario.with_changes(adhesion=changed))
+
+    return change
+
+
+def _wet_by(law: type[Curve]) -> Change:
+    """Another way in which the curve turns wet."""
+
+    def change(setup: Setup) -> Setup:
+        dry = setup.scenario.adhesion
+        changed = law(**{name: getattr(dry, name) for name in type(dry).model_fields})
+        return replace(setup, scenario=setup.scenario.with_changes(adhesion=changed))
+
+    return change
+
+
+def _plant(adhesion: str, *columns: str) -> Change:
+    """Another law in the plant, and in the ASMC that takes the plant's, in these columns (none named: all)."""
+
+    def change(setup: Setup) -> Setup | None:
+        if columns and setup.case.gains not in columns:
+            return None
+        return replace(setup, scenario=published_scenario(adhesion=adhesion))
+
+    return change
+
+
+def _asmc(**changes: Any) -> Change:
+    """Fields of the sliding-mode controller."""
+
+    def change(setup: Setup) -> Setup | None:
+        if not isinstance(setup.controller, SlidingControl):
+            return None
+        return replace(setup, controller=replace(setup.controller, **changes))
+
+    return change
+
+
+def _asmc_gains(gains: Callable[[Setup], dict[str, Any]]) -> Change:
+    """Gains of the sliding-mode controller."""
+
+    def change(setup: Setup) -> Setup | None:
+        if not isinstance(setup.controller, SlidingControl):
+            return None
+        return replace(
+            setup, controller=replace(setup.controller, gains=replace(setup.controller.gains, **gains(setup)))
+        )
+
+    return change
+
+
+def _pi(change_controller: Callable[[LinearControl, Setup], LinearControl]) -> Change:
+    """The PI controller."""
+
+    def change(setup: Setup) -> Setup | None:
+        if not isinstance(setup.controller, LinearControl):
+            return None
+        return replace(setup, controller=change_controller(setup.controller, setup))
+
+    return change
+
+
+def _si(setup: Setup) -> Setup:
+    return replace(setup, scenario=published_scenario(as_published=False))
+
+
+def _one_reference(reference: ReferenceSlip) -> Change:
+    """The same reference slip held in every column."""
+
+    def change(setup: Setup) -> Setup:
+        controller = published_controller(setup.case.kind, setup.case.gains, reference=reference)
+        return replace(setup, controller=controller)
+
+    return change
+
+
+def _beam_model(setup: Setup) -> Setup | None:
+    if not isinstance(setup.controller, SlidingControl) or setup.case.gains != "beam":
+        return None
+    return replace(setup, controller=replace(setup.controller, model_law=published_law("beam", Rail.DRY)))
+
+
+def _si_gains(controller: LinearControl, setup: Setup) -> LinearControl:
+    printed = TABLE4_PI_PRINTED[setup.case.gains]
+    return replace(controller, design=PIController(PIGains(kp=printed.Kp, ki=printed.Ki)))
+
+
+def _rates_of_s(setup: Setup) -> dict[str, Any]:
+    """D and K as (38)-(39) have them, rates of s in the printed 1/h and km/h^2, brought to torque by J/r."""
+    printed, vehicle = TABLE4_SLIDING_PRINTED[setup.case.gains], setup.scenario.vehicle
+    per_hour = 1.0 / 3600.0
+    torque = vehicle.effective_inertia / vehicle.wheel.radius
+    return {"D": torque * printed.D * per_hour, "K": torque * printed.K * KMH * per_hour}
+
+
+def _adaptation(setup: Setup) -> dict[str, Any]:
+    gains = published_law_gains(setup.case.gains, adaptive=True)
+    return {"k1": gains.k1, "k2": gains.k2}
+
+
+# --- the alternatives ----------------------------------------------------------------------------------------------
+
+ALTERNATIVES = (
+    Alternative("inertia scale", "SI: M, J and B as they are", _si),
+    Alternative("energy unit", "energy in joules", lambda setup: replace(setup, energy_in_joules=True)),
+    Alternative("plant law", "beam law in all columns", _plant("beam")),
+    Alternative("plant law", "beam law in the beam columns", _plant("beam", "beam")),
+    Alternative("plant law", "dynamic bristle law", _plant("bristle")),
+    Alternative("ramp of the curve", "R 10 % less", _ramp(0.9)),
+    Alternative("ramp of the curve", "R 10 % more", _ramp(1.1)),
+    Alternative("wet rail", "half the force at every slip", _wet_by(_HalvedCurve)),
+    Alternative("wheel load", "N follows M at 25 s", _wet_by(_LoadedWetCurve)),
+    Alternative("PI units", "gains in N m per m/s", _pi(_si_gains)),
+    Alternative(
+        "PI limits",
+        "anti-windup, Tt = Kp/Ki",
+        _pi(lambda controller, _: replace(controller, torque_low=0.0, tracking_time=None)),
+    ),
+    Alternative("references", "bristle reference in all columns", _one_reference(published_reference("bristle"))),
+    Alternative("references", "beam reference in all columns", _one_reference(published_reference("beam"))),
+    Alternative("ASMC units", "D and K as rates of s, (39), as printed", _asmc_gains(_rates_of_s)),
+    Alternative(
+        "ASMC units",
+        "rho per hour",
+        _asmc_gains(lambda setup: {"rho": TABLE4_SLIDING_PRINTED[setup.case.gains].rho / 3600.0}),
+    ),
+    Alternative("ASMC model", "the wet rail is not known: dry curve kept", _asmc(knows_rail=False)),
+    Alternative("ASMC model", "beam model in the beam column", _beam_model),
+    Alternative("ASMC nominal mass", "Mn loaded", _asmc(nominal_mass=PARK2008.mass_loaded)),
+    Alternative("adaptation", "k = 2.1e-8 as printed", _asmc_gains(_adaptation)),
+    Alternative("acceleration filter", "tau 0.02 s", _asmc(filter_time=0.02)),
+    Alternative("acceleration filter", "tau 0.5 s", _asmc(filter_time=0.5)),
+    Alternative("actuator", "none: torque at once", _vehicle(actuator=Actuator(dead_time=0.0, lag=0.0))),
+    Alternative("torque sign", "Tb < 0 allowed", _scenario(limits=_FREE_TORQUE)),
+    Alternative(
+        "resistance",
+        "v in km/h",
+        _vehicle(resistance=Resistance(quadratic=PARK2008.resistance.quadratic / KMH**2)),
+    ),
+    Alternative("random force", "none", _disturbances(random_force=0.0)),
+    Alternative("noise hold", "1 ms", _disturbances(random_hold=0.001)),
+    Alternative("noise hold", "0.1 s", _disturbances(random_hold=0.1)),
+    Alternative("viscous friction", "B at least 0", _scenario(viscous_least=0.0)),
+    Alternative("caliper", "no Td", _disturbances(caliper_fraction=0.0)),
+    Alternative("slip error", "against each column's own reference", lambda setup: replace(setup, own_reference=True)),
+)
+"""One or more for each rule that could be read otherwise, in the order of `reading.READING`."""
+
+
+# --- what each rule is worth ------------------------------------------------------------------------------------------
+
+
+DEFAULT_SEEDS = 8
+"""Fewer than Table 5's own: the same seeds on both sides, so that most of the noise drops out of a change."""
+
+_UNTOUCHED = np.full(len(QUANTITIES), math.nan)
+
+
+@dataclass(frozen=True)
+class SensitivityRow:
+    """One alternative: the four columns (one that it does not concern is the reading's own), and the rms deviation from
+    Table 5 over all sixteen numbers, %, NaN where a run did not stop.
+
+    largest_change_percent, _of: the number that changes most against the reading, by how much, and which it is, among
+    the columns that the alternative concerns and whose runs all stopped; NaN and "" if none did.
+    """
+
+    alternative: Alternative
+    results: tuple[CaseResult, ...]
+    rms_deviation_percent: float
+    largest_change_percent: float
+    largest_change_of: str
+
+    @property
+    def not_stopped(self) -> dict[str, int]:
+        """Number of runs that did not stop, by column, where there are any."""
+        return {one.setup.case.name: len(one.failures) for one in self.results if one.failures}
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """All alternatives against the reading itself (`base`, the four columns) with the same seeds."""
+
+    base: tuple[CaseResult, ...]
+    rows: tuple[SensitivityRow, ...]
+    seeds: int
+
+    @property
+    def base_rms_deviation_percent(self) -> float:
+        """Of the reading itself, %."""
+        return rms_deviation_percent(self.base)
+
+
+def sensitivity(
+    seeds: int = DEFAULT_SEEDS,
+    *,
+    alternatives: Sequence[Alternative] = ALTERNATIVES,
+    progress: Progress | None = None,
+) -> Sensitivity:
+    """Run the reading and each alternative to one of its rules, with 2 to `MOST_SEEDS` seeds."""
+    checked_seeds(seeds)
+    base = run_setups([published_setup(case) for case in CASES], seeds)
+    rows = []
+    for number, alternative in enumerate(alternatives, 1):
+        rows.append(_row(alternative, base, seeds))
+        if progress is not None:
+            progress(f"sensitivity {number} of {len(alternatives)}: {alternative.name}")
+    return Sensitivity(base, tuple(rows), seeds)
+
+
+def _row(alternative: Alternative, base: tuple[CaseResult, ...], seeds: int) -> SensitivityRow:
+    changed = [alternative.change(result.setup) for result in base]
+    concerned: list[Setup] = [setup for setup in changed if setup is not None]
+    again = iter(run_setups(concerned, seeds))
+    results = tuple(old if setup is None else next(again) for setup, old in zip(changed, base, strict=True))
+    change, item = _largest_change(results, base)
+    return SensitivityRow(alternative, results, rms_deviation_percent(results), change, item)
+
+
+def _largest_change(results: tuple[CaseResult, ...], base: tuple[CaseResult, ...]) -> tuple[float, str]:
+    pairs = zip(results, base, strict=True)
+    changes = np.array([100.0 * (new.mean / old.mean - 1.0) if new is not old else _UNTOUCHED for new, old in pairs])
+    if np.isnan(changes).all():
+        return math.nan, ""
+    column, quantity = np.unravel_index(np.nanargmax(np.abs(changes)), changes.shape)
+    return float(changes[column, quantity]), f"{CASES[column].name} / {QUANTITIES[quantity]}"

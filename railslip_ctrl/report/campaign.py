@@ -9,16 +9,43 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
-from railslip_ctrl.simulation.campaign.execution import Replay
-from railslip_ctrl.simulation.campaign.intervals import CONFIDENCE, Estimate
-from railslip_ctrl.simulation.campaign.rows import COLUMNS, MEASURES, Measure, measured
-from railslip_ctrl.simulation.campaign.sampling import Sampling
-from railslip_ctrl.simulation.campaign.specification import Quantity, described
-from railslip_ctrl.simulation.campaign.statistics import LEVELS, LISTED, CampaignSummary, ControllerSummary
+from railslip_ctrl.simulation.campaign.execution import COLUMNS, MEASURES, Measure, Replay, measured
+from railslip_ctrl.simulation.campaign.specification import Campaign, Quantity, Sampling, described
+from railslip_ctrl.simulation.campaign.statistics import (
+    CONFIDENCE,
+    LEVELS,
+    LISTED,
+    CampaignSummary,
+    ControllerSummary,
+    Estimate,
+)
 from railslip_ctrl.simulation.run import Outcome, Run
 
 from .jsonable import number
 from .layout import facts, fixed, heading, render, table
+
+
+def headed(title: str, unit: str) -> str:
+    """The head of a column or axis: the unit in brackets, if there is one."""
+    return title if unit in ("", "1") else f"{title} ({unit})"
+
+
+def measure_head(measure: Measure) -> str:
+    """What a measure is, with the unit people are shown."""
+    return headed(measure.title, measure.shown_unit or measure.unit)
+
+
+def quantity_heads(campaign: Campaign) -> dict[str, str]:
+    """Of each quantity's column, by name: as much of the end of its path as tells it apart, and its unit."""
+    endings = {
+        name: [name.split(".", dots)[-1] for dots in range(name.count("."), -1, -1)]  # shortest first
+        for name in campaign.quantity_units
+    }
+    heads = {}
+    for name, unit in campaign.quantity_units.items():
+        apart = (e for e in endings[name] if not any(e in endings[other] for other in endings if other != name))
+        heads[name] = headed(next(apart, name), unit)
+    return heads
 
 
 def campaign_text(summary: CampaignSummary) -> str:
@@ -62,7 +89,8 @@ def replay_text(replayed: Replay) -> str:
     rows.append(("Compared", known))
     rows += [(name, _end(run)) for name, run in replayed.runs.items()]
     cells = [
-        (measure.head, *(_shown(measure, measure.of(run)) for run in replayed.runs.values())) for measure in MEASURES
+        (measure_head(measure), *(_shown(measure, measure.of(run)) for run in replayed.runs.values()))
+        for measure in MEASURES
     ]
     return render([heading(f"Run {replayed.number} again"), facts(rows), table(("measure", *replayed.runs), cells)])
 
@@ -128,14 +156,14 @@ def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
 def _controller_json(found: ControllerSummary) -> dict[str, Any]:
     return {
         "outcomes": found.outcomes,
-        "failed_runs": {outcome: list(runs) for outcome, runs in found.failed.items()},
+        "failed_runs": found.failed,
         "share_not_stopped": _estimate_json(found.not_stopped),
         "share_locked": _estimate_json(found.locked),
         "measures": {
             name: {
                 "count": measure.moments.count,
                 "excluded": measure.excluded,
-                "mean": _estimate_json(measure.mean),
+                "mean": _estimate_json(measure.moments.estimate),
                 "std": number(measure.moments.std),
                 "min": number(measure.moments.low),
                 "max": number(measure.moments.high),
@@ -150,7 +178,7 @@ def _controller_json(found: ControllerSummary) -> dict[str, Any]:
 
 
 def _estimate_json(found: Estimate) -> dict[str, float | None]:
-    return {"value": number(found.value), "low": number(found.low), "high": number(found.high)}
+    return {name: number(value) for name, value in found._asdict().items()}
 
 
 # --- text -----------------------------------------------------------------------------------------------------------
@@ -172,19 +200,15 @@ def _quantity_texts(summary: CampaignSummary) -> list[str]:
 
 
 def _quantity_text(quantity: Quantity, unit: str) -> str:
-    kind = type(quantity.distribution).__name__.lower()
-    given = {name: value for name, value in described(quantity.distribution).items() if name != "kind"}
+    given = described(quantity.distribution)
+    del given["kind"]
     numbers = ", ".join(f"{name} {_value_text(value)}" for name, value in given.items() if value is not None)
     factor = "factor on " if quantity.relative else ""
-    return f"{factor}{', '.join(quantity.paths)}: {kind}, {numbers}{_unit(unit)}"
+    return headed(f"{factor}{', '.join(quantity.paths)}: {quantity.distribution.kind}, {numbers}", unit)
 
 
 def _value_text(value: Any) -> str:
     return " ".join(f"{v:g}" for v in value) if isinstance(value, list) else f"{value:g}"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit in ("", "1") else f" ({unit})"
 
 
 def _outcome_table(summary: CampaignSummary) -> RenderableType:
@@ -215,7 +239,9 @@ def _mean_table(summary: CampaignSummary) -> RenderableType:
             spread = (moments.std, moments.low, moments.high) if moments.count else (None, None, None)
             runs = str(moments.count) + (f" ({found.excluded} not finite)" if found.excluded else "")
             numbers = (_shown(measure, value, 3) for value in spread)
-            rows.append((measure.head, c.name, runs, _with_interval(found.mean, measure.scale), *numbers))
+            rows.append(
+                (measure_head(measure), c.name, runs, _with_interval(moments.estimate, measure.scale), *numbers)
+            )
     return table(("measure", "controller", "runs", "mean", "std", "least", "most"), rows, left=2)
 
 
@@ -225,7 +251,7 @@ def _quantile_table(summary: CampaignSummary) -> RenderableType:
         for c in summary.controllers.values():
             found = c.measures[measure.name].quantiles
             cells = [_with_interval(found[level], measure.scale) if level in found else "-" for level in LEVELS]
-            rows.append((measure.head, c.name, *cells))
+            rows.append((measure_head(measure), c.name, *cells))
     head = ("measure", "controller", *("median" if level == 0.5 else f"{100 * level:g} %" for level in LEVELS))
     return table(head, rows, left=2)
 
@@ -266,7 +292,7 @@ def _grid_table(summary: CampaignSummary) -> RenderableType:
 def _paired_table(summary: CampaignSummary) -> RenderableType:
     rows = [
         (
-            measured(pair.measure).head,
+            measure_head(measured(pair.measure)),
             f"{pair.second} - {pair.first}",
             str(pair.pairs),
             _with_interval(pair.difference, measured(pair.measure).scale),
@@ -279,14 +305,14 @@ def _paired_table(summary: CampaignSummary) -> RenderableType:
 
 def _worst(summary: CampaignSummary) -> list[RenderableType]:
     """Those that did not stop by number, then the worst of those that stopped."""
-    heads, measure = summary.campaign.quantity_heads, measured(summary.worst_by)
+    heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     rows = [
         (c.name, str(row["run"]), _shown(measure, row[measure.name]), *(fixed(row[name]) for name in heads))
         for c in summary.controllers.values()
         for row in c.worst
     ]
     failed = _failures(summary)
-    return [*failed, *([table(("controller", "run", measure.head, *heads.values()), rows)] if rows else [])]
+    return [*failed, *([table(("controller", "run", measure_head(measure), *heads.values()), rows)] if rows else [])]
 
 
 def _with_interval(found: Estimate, scale: float = 1.0) -> str:

@@ -11,15 +11,19 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.sources import SOURCES
-from railslip_ctrl.paper.erratum import Erratum
-from railslip_ctrl.sliding.code import LawCode
+from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
-from railslip_ctrl.sliding.numbers import LawNumbers
-from railslip_ctrl.sliding.symbols import latex, plain
+from railslip_ctrl.sliding.proof import latex, plain
 
 from .layout import facts, heading, indented, render
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
+_STEP = ("name", "statement", "done", "equation_latex", "source", "checked", "check")
+_ERRATUM = (
+    *("where", "printed_latex", "derived_latex", "difference_latex"),
+    *("agrees", "how", "sign_and_size", "explanation"),
+)
 _NO_FORMULA = "The law has no closed form: Ta is evaluated from these numbers outside the control law."
 
 
@@ -31,37 +35,14 @@ def derivation_json(
         "reference": derivation.reference,
         "adhesion": derivation.adhesion,
         "all_checked": derivation.all_checked,
-        "steps": [
-            {
-                "name": step.name,
-                "statement": step.statement,
-                "done": step.done,
-                "equation_latex": step.equation_latex,
-                "source": step.source,
-                "checked": step.checked,
-                "check": step.check,
-            }
-            for step in derivation.steps
-        ],
+        "steps": [{name: getattr(step, name) for name in _STEP} for step in derivation.steps],
         "law": {
             "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
             "python": code.python,
             "c": code.c,
             **({"numbers": {one.rail.value: _numbers_json(one) for one in numbers}} if numbers else {}),
         },
-        "errata": [
-            {
-                "where": row.where,
-                "printed_latex": row.printed_latex,
-                "derived_latex": row.derived_latex,
-                "difference_latex": row.difference_latex,
-                "agrees": row.agrees,
-                "how": row.how,
-                "sign_and_size": row.sign_and_size,
-                "explanation": row.explanation,
-            }
-            for row in errata
-        ],
+        "errata": [{name: getattr(row, name) for name in _ERRATUM} for row in errata],
     }
 
 

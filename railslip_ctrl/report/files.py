@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.processes import undisturbed
+from railslip_ctrl.core.folders import INCOMPLETE, staged
 
 
 def check_directory(directory: Path, names: Iterable[str]) -> None:
@@ -30,7 +30,7 @@ def check_directory(directory: Path, names: Iterable[str]) -> None:
 def _takes_a_folder(directory: Path) -> bool:
     """Whether a folder can be made in a directory; tried, as rights alone do not tell (of /proc, say)."""
     try:
-        with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory):
+        with tempfile.TemporaryDirectory(prefix=INCOMPLETE, dir=directory):
             return True
     except OSError:
         return False
@@ -46,7 +46,9 @@ def check_file(path: Path, option: str) -> None:
         raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
 
 
-def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]], *, option: str = "--out") -> list[Path]:
+def write_files(
+    directory: Path, writers: Mapping[str, Callable[[Path], object]], *, option: str = "--out"
+) -> list[Path]:
     """Write files into `directory` (made if missing), all or none.
 
     Parameters
@@ -66,20 +68,12 @@ def write_files(directory: Path, writers: Mapping[str, Callable[[Path], None]], 
     ------
     InputError
         The directory cannot be made or written to; what was there before is untouched.
-
-    Notes
-    -----
-    Everything is first written to a hidden folder inside `directory`, on the same file system, and only when all
-    of it is there moved into place, each file in one step.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".incomplete-", dir=directory) as staging:
+        with staged(directory) as new:
             for name, write in writers.items():
-                write(Path(staging) / name)
-            with undisturbed():
-                for name in writers:
-                    os.replace(Path(staging) / name, directory / name)
+                write(new / name)
     except OSError as error:
         raise InputError(
             f"{option}: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"

@@ -5,15 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.comparison import Score, too_few
 from railslip_ctrl.identification.fits import Fit, Parameter
 from railslip_ctrl.identification.identify import Campaign, Identification
-from railslip_ctrl.identification.polynomials import ParameterPolynomial
-from railslip_ctrl.identification.reference import PeakSlip
-from railslip_ctrl.identification.regimes import Regimes
-from railslip_ctrl.identification.resolution import ColumnStep
-from railslip_ctrl.identification.rolling import Rolling
-from railslip_ctrl.identification.timing import TrainLag
+from railslip_ctrl.identification.log_checks import ColumnStep, Rolling, TrainLag
+from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, too_few
 
 from .jsonable import number
 
@@ -137,7 +132,7 @@ def _bins_json(found: Identification) -> list[dict[str, Any]]:
 
 def _log_json(found: Identification) -> dict[str, Any]:
     curve, survey = found.curve, found.curve.survey
-    adhesion, sliding = curve.slip_counts.parted_at(found.regimes.boundary)
+    adhesion, sliding = curve.parted_at(found.regimes.boundary)
     return {
         "file": curve.name,
         "vehicle": found.vehicle.name,
@@ -157,7 +152,7 @@ def _log_json(found: Identification) -> dict[str, Any]:
         "sliding_from": found.regimes.source,
         "data_peak_slip": curve.peak_slip,
         "deceleration_ratio": number(curve.deceleration_ratio),
-        "regripping_rows": survey.regripping,
+        "regripping_rows": survey.readhesion,
         "free_rolling": _rolling_json(curve.rolling),
         "steps": [_step_json(step) for step in curve.steps],
         "gaps": survey.gap_count,

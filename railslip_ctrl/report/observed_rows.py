@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.observed import Observed
-from railslip_ctrl.identification.regimes import Regimes
+from railslip_ctrl.identification.results import Regimes
 
 COLUMNS = (
     *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
@@ -35,32 +36,30 @@ class ObservedRows:
         The CSV to be.
     radius : float
         Of the wheel, m.
-    scratch : Path
-        A folder on the same disk.
+    rows : binary file
+        Where they wait.
     """
 
-    def __init__(self, path: Path, radius: float, scratch: Path) -> None:
-        self._path, self._radius = path, radius
-        self._rows, self._whole = scratch / "rows", scratch / path.name
-        self._rows.touch()
+    def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:
+        self._path, self._radius, self._rows = path, radius, rows
 
     def __call__(self, samples: Observed) -> None:
         """Take samples in, in the order they come."""
         torque = samples.mu * self._radius * samples.load
         columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
-        with self._rows.open("ab") as file:
-            np.column_stack(columns).tofile(file)
+        self._rows.write(np.column_stack(columns).tobytes())
 
     def finish(self, regimes: Regimes) -> None:
         """Write the file."""
         import pandas as pd
 
-        with self._rows.open("rb") as rows, self._whole.open("w", encoding="utf-8") as file:
+        self._rows.seek(0)
+        with self._path.open("w", encoding="utf-8") as file:
             file.write(",".join(COLUMNS) + "\n")
-            while len(block := np.fromfile(rows, count=_BLOCK * _NUMBERS).reshape(-1, _NUMBERS)):
+            while content := self._rows.read(8 * _BLOCK * _NUMBERS):
+                block = np.frombuffer(content).reshape(-1, _NUMBERS)
                 table = pd.DataFrame(block).assign(regime=regimes.of(block[:, _SLIP]))
                 table.to_csv(file, float_format="%.10g", header=False, index=False)
-        os.replace(self._whole, self._path)
 
 
 @contextmanager
@@ -73,7 +72,7 @@ def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | N
         yield None
         return
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".incomplete-") as scratch:
-            yield ObservedRows(path, radius, Path(scratch))
+        with tempfile.TemporaryFile(dir=path.parent) as rows, staged(path.parent) as new:
+            yield ObservedRows(new / path.name, radius, rows)
     except OSError as error:
         raise InputError(f"--observed: {str(path)!r} cannot be written ({error.strerror or error})") from None

@@ -9,21 +9,15 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from railslip_ctrl.paper import (
+from railslip_ctrl.paper import printed
+from railslip_ctrl.paper.facts import Fact
+from railslip_ctrl.paper.reading import READING, Sensitivity, SensitivityRow
+from railslip_ctrl.paper.tables import (
     QUANTITIES,
-    READING,
     TOLERANCE_PERCENT,
-    Fact,
     Row,
-    Sensitivity,
-    SensitivityRow,
     Table3,
     Table5,
-)
-from railslip_ctrl.paper.table3 import (
-    PRINTED_BEAM_MEAN,
-    PRINTED_BRISTLE_MEAN,
-    PRINTED_IMPROVEMENT_PERCENT,
 )
 
 from .jsonable import number
@@ -47,7 +41,7 @@ def reproduction_json(
             "beam_mean": three.beam_mean,
             "bristle_mean": three.bristle_mean,
             "improvement_percent": three.improvement_percent,
-            "improvement_percent_published": PRINTED_IMPROVEMENT_PERCENT,
+            "improvement_percent_published": printed.TABLE3_IMPROVEMENT,
             "improvement_of_printed_means_percent": three.improvement_of_printed_means_percent,
             "improvement_in_adhesion_regime_percent": three.improvement_in_adhesion_regime_percent,
             "not_reproducible": three.not_reproducible,
@@ -145,15 +139,15 @@ def _table3_parts(three: Table3) -> Iterable[RenderableType]:
         [
             (
                 "Row means",
-                f"beam {three.beam_mean:.6g} (printed {PRINTED_BEAM_MEAN:g}), "
-                f"bristle {three.bristle_mean:.6g} (printed {PRINTED_BRISTLE_MEAN:g})",
+                f"beam {three.beam_mean:.6g} (printed {printed.TABLE3_MEANS['beam']:g}), "
+                f"bristle {three.bristle_mean:.6g} (printed {printed.TABLE3_MEANS['bristle']:g})",
             ),
             (
                 "Improvement",
-                f"{three.improvement_percent:.1f} % of the row means; printed {PRINTED_IMPROVEMENT_PERCENT:g} %, which "
+                f"{three.improvement_percent:.1f} % of the row means; printed {printed.TABLE3_IMPROVEMENT:g} %, which "
                 f"is that of the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
                 if three.improvement_follows_from_printed_means
-                else f"{three.improvement_percent:.1f} %; printed {PRINTED_IMPROVEMENT_PERCENT:g} %",
+                else f"{three.improvement_percent:.1f} %; printed {printed.TABLE3_IMPROVEMENT:g} %",
             ),
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]

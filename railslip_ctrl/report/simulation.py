@@ -26,7 +26,7 @@ from railslip_ctrl.simulation import (
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
 from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.scenario import named_law
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 from .jsonable import controller_json, number
 from .laws import law_json

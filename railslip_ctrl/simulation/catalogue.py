@@ -30,7 +30,7 @@ from railslip_ctrl.model.vehicle import (
     Rail,
     Vehicle,
 )
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
 from .scenario import named_law

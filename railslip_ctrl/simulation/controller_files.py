@@ -50,7 +50,7 @@ from railslip_ctrl.design.sampled import Rule
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.model.vehicle import PIGains, Record
-from railslip_ctrl.sliding.gains import LawGains
+from railslip_ctrl.sliding.law import LawGains
 
 from .catalogue import FILTER_TIME, published_reference
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile

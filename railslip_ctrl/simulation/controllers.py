@@ -20,8 +20,8 @@ from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.numeric import plant_parameters
 from railslip_ctrl.model.vehicle import PIGains, Rail
-from railslip_ctrl.sliding.gains import LawGains, gain_parameters
-from railslip_ctrl.sliding.generated import generated_law, law_states
+from railslip_ctrl.sliding.generate import generated_law, law_states
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
 from .steps import linear_source, sliding_source, step_text
 

@@ -15,8 +15,7 @@ from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.scalar_code import WORKS, adhesion_table
+from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
@@ -65,7 +64,7 @@ class Energies:
     booked : float
         What came in with changes of mass.
     works : dict
-        By `scalar_code.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
+        By `numeric.WORKS`: torque times wheel speed, adhesion force times slip velocity, viscous, travelling
         resistance, random force, caliper disturbance.
     """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -26,26 +26,13 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """A controller over the seeds of a scenario; means over the runs that stopped.
+    """A controller over the seeds of a scenario: of `runs` there were, `stopped` came to the final speed.
 
-    Attributes
-    ----------
-    name : str
-    runs, stopped : int
-        How many there were, and how many came to the final speed.
-    outcomes : mapping
-        How many runs had each outcome.
-    braking_time, braking_distance, brake_energy : Mean
-        s, m, J.
-    slip_error, slip_error_published, max_slip : Mean
-        Mean of |slip - reference|, the controller's own and [Park2008]'s 0.132/0.092 (NaN where the scenario is not the
-        published one); highest slip ratio.
-    lock_time : Mean
-        Time with r omega < 0.02 v, s.
-    rms_torque_rate, max_torque : Mean
-        Of the acting torque, N*m/s and N*m.
-    beyond_bound : Mean
-        Braking distance beyond the clairvoyant's, m.
+    `outcomes` counts all; means are over the runs that stopped: `braking_time`, s, `braking_distance`, m,
+    `brake_energy`, J; `slip_error` and `slip_error_published`, the mean of |slip - reference|, the controller's own and
+    [Park2008]'s 0.132/0.092 (NaN where the scenario is not the published one); `max_slip`, the highest slip ratio;
+    `lock_time` with r omega < 0.02 v, s; `rms_torque_rate` and `max_torque` of the acting torque, N*m/s and N*m;
+    `beyond_bound`, the braking distance beyond the clairvoyant's, m.
     """
 
     name: str
@@ -107,24 +94,28 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
     return RunComparison(scenario, tuple(seeds), bound, tuple(rows))
 
 
+_MEANS: dict[str, Callable[[Run], float]] = {
+    "braking_time": lambda run: run.braking_time,
+    "braking_distance": lambda run: run.braking_distance,
+    "brake_energy": lambda run: run.brake_energy,
+    "slip_error": lambda run: run.mean_abs_slip_error,
+    "slip_error_published": lambda run: run.mean_abs_slip_error_published,
+    "max_slip": lambda run: run.max_slip,
+    "lock_time": lambda run: run.locked_fraction * run.braking_time,
+    "rms_torque_rate": lambda run: run.rms_torque_rate,
+    "max_torque": lambda run: run.max_torque,
+}
+
+
 def _row(name: str, runs: list[Run], bound: ClairvoyantStop) -> ControllerRow:
     stopped = [run for run in runs if run.stopped]
-    outcomes = {outcome: sum(run.outcome is outcome for run in runs) for outcome in Outcome}
     return ControllerRow(
         name=name,
         runs=len(runs),
         stopped=len(stopped),
-        outcomes={outcome: count for outcome, count in outcomes.items() if count},
-        braking_time=_mean([run.braking_time for run in stopped]),
-        braking_distance=_mean([run.braking_distance for run in stopped]),
-        brake_energy=_mean([run.brake_energy for run in stopped]),
-        slip_error=_mean([run.mean_abs_slip_error for run in stopped]),
-        slip_error_published=_mean([run.mean_abs_slip_error_published for run in stopped]),
-        max_slip=_mean([run.max_slip for run in stopped]),
-        lock_time=_mean([run.locked_fraction * run.braking_time for run in stopped]),
-        rms_torque_rate=_mean([run.rms_torque_rate for run in stopped]),
-        max_torque=_mean([run.max_torque for run in stopped]),
+        outcomes={outcome: n for outcome in Outcome if (n := sum(run.outcome is outcome for run in runs))},
         beyond_bound=_mean([run.braking_distance - bound.braking_distance for run in stopped]),
+        **{column: _mean([read(run) for run in stopped]) for column, read in _MEANS.items()},
     )
 
 

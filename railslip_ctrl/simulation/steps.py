@@ -28,11 +28,11 @@ from railslip_ctrl.model.kernels import (
     module_text,
     plain,
     prefixed,
+    scalar_source,
     step,
     store_state,
 )
-from railslip_ctrl.model.scalar_code import scalar_source
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text, law_states
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text, law_states
 
 if TYPE_CHECKING:
     from .step_calls import call_step  # loads Numba
@@ -193,7 +193,7 @@ def sliding_source(model: type[AdhesionLaw] | None) -> str:
     that the text is the same for every law.
     """
     states, after = law_states(), 2 + len(generated_law().Parameters._fields)
-    own, prefix = ("", "") if model is None else (prefixed(plain(scalar_source(model)), "assumed_"), "assumed_")
+    own, prefix = ("", "") if model is None else (prefixed(scalar_source(model), "assumed_"), "assumed_")
     glue = f"""
 @compiled
 def law_state(x):
@@ -211,7 +211,7 @@ def assumed_torque(v, omega, c, table):
     p, radius = c[{after}:], c[1]
     sigma = v - radius * omega
     z = {prefix}rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, p, table)
-    return radius * {prefix}adhesion_force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
+    return radius * {prefix}force(v, sigma, z, 0.0, 0.0, 0.0, p, table)
 
 """
     return own + law_kernel_text() + glue + "\n" + step_text("sliding")

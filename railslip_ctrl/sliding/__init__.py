@@ -1,4 +1,5 @@
-"""The adaptive sliding-mode law, derived from the plant in SymPy, and its code in Python and C.
+"""The adaptive sliding-mode law of [Park2008], derived from the plant in SymPy, and its code in Python and C.
 
-Imports `model` and `core`. A newcomer begins with `derivation`.
+`derivation` has the chain of steps, on the checks of `proof`; `sampled_law` makes it discrete, `code` prints it;
+`law` has gains and the committed Python text, without SymPy. Imports `model` and `core`. Begin with `derivation`.
 """

@@ -7,8 +7,8 @@ import textwrap
 import sympy as sp
 from sympy.printing.c import C99CodePrinter
 
-from .code_head import HOLD_TIME, KEPT, WIDTH, commented, head_lines, short
-from .code_python import HELPERS, ProductPowers, common_parts, started
+from .code_python import HELPERS, WIDTH, ProductPowers, commented, common_parts, head_lines, short, started
+from .law import HOLD_TIME, KEPT
 from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, Assignment, SampledLaw
 
 

@@ -1,34 +1,606 @@
 """The adaptive sliding-mode law, derived step by step from the plant's statement ([Park2008] (33)-(49)).
 
-Symbols are those of `notation` and `sliding.symbols`; plain SymPy, real, `sympy.sign` for sgn. s' is positive where s
-grows, Tb > 0 brakes, theta_tilde = theta - theta_hat. Nothing of the law is typed in: the plant is `plant.WHEEL`,
+Symbols are those of `core.notation` and `sliding.proof`; plain SymPy, real, `sympy.sign` for sgn. s' is positive where
+s grows, Tb > 0 brakes, theta_tilde = theta - theta_hat. Nothing of the law is typed in: the plant is `plant.WHEEL`,
 `plant.TRAIN`, `plant.SLIP_VELOCITY`; what is chosen (not derived) is the surface (33), the reaching law asked for and
-V. Every step carries the outcome of a machine check.
+V. Every step carries the outcome of a machine check. The records build on each other: `Surface`, `Reaching`,
+`Adaptation`, `Derivation`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Literal, get_args
 
 import sympy as sp
 
 from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.sources import cite
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 
-from .adaptation import PHI, Adaptation, derive_adaptation
-from .identities import linear_solution, vanishes
-from .reaching import D, K, Reaching, derive_reaching
-from .statement_steps import statement_steps
-from .steps import Step, step
-from .surface import Reference, Surface, derive_surface, e, s
-from .symbols import sliding_symbol
+from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
+
+Reference = Literal["proportional", "constant"]
+"""sigma_d = lambda_d v, or sigma_d constant."""
+
+s, e, e_integral, rho = (sliding_symbol(name) for name in ("s", "e", "e_integral", "rho"))
+lambda_d, sigma_d = sliding_symbol("lambda_d"), sliding_symbol("sigma_d")
+_SIGMA_RATE = sliding_symbol("sigma_rate")
 
 
 @dataclass(frozen=True)
-class Derivation:
+class Surface:
+    """The sliding variable and its rate; fields as of `Derivation`."""
+
+    steps: tuple[DerivationStep, ...]
+    s: sp.Expr
+    error: sp.Expr
+    reference_rate: sp.Expr
+    s_rate: sp.Expr
+    disturbance: sp.Expr
+
+
+UNCERTAIN = {plant.Tr: 0, plant.Fr: 0, plant.Td: 0}
+"""What is dropped where the source says "uncertainties are neglected" (p. 53)."""
+
+
+def derive_surface(reference: Reference) -> Surface:
+    """s and s' for a reference; InputError for another word."""
+    if reference not in get_args(Reference):
+        raise InputError(f"reference: {reference!r} is not known; choose one of {', '.join(get_args(Reference))}")
+    plant_step, train, wheel = _accelerations()
+    slip_step, sigma_rate = _slip_rate(train, wheel)
+    error, error_rate, definition, surface_step, rate_form = _differentiated(reference)
+    rate = sp.expand(rate_form.subs(_SIGMA_RATE, sigma_rate))
+    reference_rate = sp.expand(error_rate + _SIGMA_RATE)
+    rate_step = step(
+        "rate of s",
+        (sliding_symbol("s_rate"), grouped_rate(rate)),
+        statement="The rate of the sliding variable with the plant in it. Fr is the travelling resistance of (4).",
+        done="sigma' of the plant put into the differentiated surface.",
+        source=cite("Park2008", "(35)"),
+        holds=(_rate_is_the_plant_s(reference, error, rate, train),),
+        check="equal to s' of the plant as it is linearised and simulated, proved and at random points",
+    )
+    return Surface(
+        steps=(plant_step, slip_step, surface_step, rate_step),
+        s=definition,
+        error=error,
+        reference_rate=reference_rate,
+        s_rate=grouped_rate(rate),
+        disturbance=grouped_rate(sp.expand(rate - rate.subs(UNCERTAIN))),
+    )
+
+
+def _accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
+    """v' and omega' in Ta, Fr, omega from the statement, and the step that shows them."""
+    force = linear_solution(plant.ADHESION_TORQUE, plant.Fa)
+    train = sp.expand(linear_solution(plant.TRAIN.subs(plant.Fa, force), plant.v_rate))
+    wheel = sp.expand(linear_solution(plant.WHEEL, plant.omega_rate))
+    v, omega, r, M, J = plant.v, plant.omega, plant.r, plant.M, plant.J
+    # kinetic energy can leave only by slip, resistance, brake and bearing: fails for a wrong sign in (3) or (4)
+    power = M * v * train + J * omega * wheel
+    slip_velocity = v - r * omega
+    losses = (plant.Ta + plant.Tr) / r * slip_velocity + plant.Fr * v + (plant.Tb + plant.Td + plant.B * omega) * omega
+    residual = sp.Matrix([plant.WHEEL.lhs - plant.WHEEL.rhs, plant.TRAIN.lhs - plant.TRAIN.rhs])
+    solved = {plant.omega_rate: wheel, plant.v_rate: train, plant.Fa: force}
+    made = step(
+        "accelerations",
+        (sp.Matrix([plant.v_rate, plant.omega_rate]), sp.Matrix([train, wheel])),
+        statement="Equations of motion of the quarter car, the random adhesion torque Tr in both.",
+        done="(3) and (4) solved for the accelerations, Fa = Ta/r.",
+        source=cite("Park2008", "(3), (4)"),
+        holds=(
+            *(identical(row.subs(solved), sp.Integer(0)) for row in residual),
+            identical(power, -losses),
+        ),
+        check="residuals of (3) and (4) vanish; M v v' + J omega omega' = -(power lost in slip, resistance, brake)",
+    )
+    return made, train, wheel
+
+
+def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]:
+    """sigma' with v' kept apart, so that a measured v' may stand for it."""
+    definition = plant.SLIP_VELOCITY.rhs
+    rate = sp.expand(sp.diff(definition, plant.v) * train + sp.diff(definition, plant.omega) * wheel)
+    made = step(
+        "slip acceleration",
+        (_SIGMA_RATE, rate),
+        statement="The rate of the slip velocity.",
+        done="sigma = v - r omega differentiated, the accelerations put in.",
+        source=cite("Park2008", "(2), (3), (4)"),
+        holds=(identical(_in_plant_variables(rate), plant.motion().sigma_rate),),
+        check="equal to sigma' of the plant statement, proved and at random points",
+    )
+    return made, rate
+
+
+def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, DerivationStep, sp.Expr]:
+    """(e, e', s, the step, s') by differentiating (33) along time; s' in sigma', v' and e."""
+    t, x = sp.symbols("t x", real=True)
+    v_t, sigma_t = sp.Function("v")(t), sp.Function("sigma")(t)
+    at_reference = linear_solution(plant.SLIP_RATIO.subs(plant.slip, lambda_d), plant.sigma).subs(plant.v, v_t)
+    reference_t = at_reference if reference == "proportional" else sigma_d
+    error_t = reference_t - sigma_t
+    surface_t = error_t + rho * sp.Integral(error_t.subs(t, x), (x, 0, t))
+    names = {v_t.diff(t): plant.v_rate, sigma_t.diff(t): _SIGMA_RATE}
+    error_rate = error_t.diff(t).subs(names)
+    surface_rate = sp.expand(surface_t.diff(t).subs(names))
+    # the derivative of the integral is the error itself
+    integral_rate = surface_rate.coeff(rho)
+    rate_form = surface_rate - sp.expand(rho * integral_rate) + rho * e
+    error = error_t.subs({v_t: plant.v, sigma_t: plant.sigma})
+    made = step(
+        "sliding variable",
+        (s, e + rho * e_integral),
+        statement=f"s = e + rho times the integral of e, with e = {error}; then s' = e' + rho e.",
+        done=f"The error of the {reference} reference, e' = {error_rate}; (33) differentiated along time.",
+        source=cite("Park2008", "(33)"),
+        holds=(identical(integral_rate.subs({v_t: plant.v, sigma_t: plant.sigma}), error),),
+        check="the integral's rate is e; the coefficient of rho in s' was compared with e",
+    )
+    return error, error_rate, e + rho * e_integral, made, rate_form
+
+
+def _in_plant_variables(expression: sp.Expr) -> sp.Expr:
+    """Ta, Fr and omega replaced by Fa, the resistance's formula and (v - sigma)/r, as `plant.motion` has them."""
+    wheel_speed = linear_solution(plant.SLIP_VELOCITY, plant.omega)
+    return expression.subs(
+        {
+            plant.Ta: plant.ADHESION_TORQUE.rhs,
+            plant.Fr: plant.RESISTANCE.rhs,
+            plant.omega: wheel_speed,
+        }
+    )
+
+
+def _rate_is_the_plant_s(reference: Reference, error: sp.Expr, rate: sp.Expr, train: sp.Expr) -> bool:
+    motion = plant.motion()
+    slope = sp.diff(error, plant.v) * motion.v_rate + sp.diff(error, plant.sigma) * motion.sigma_rate
+    expected = slope + rho * error
+    derived = _in_plant_variables(rate.subs({plant.v_rate: train, e: error}))
+    return identical(derived, expected)
+
+
+def grouped_rate(rate: sp.Expr) -> sp.Expr:
+    """The terms of s' by what they multiply, as the source writes them."""
+    return sp.collect(rate, (plant.Ta, plant.Tr, plant.omega, plant.Tb, plant.Td))
+
+
+# --- known parameters: equivalent and robust control ------------------------------------------------------------------
+
+
+Ueq, Ur, D, K, D0, K0 = (sliding_symbol(name) for name in ("Ueq", "Ur", "D", "K", "D0", "K0"))
+_S_RATE = sliding_symbol("s_rate")
+
+
+@dataclass(frozen=True)
+class Reaching(Surface):
+    """And the law for known parameters."""
+
+    equivalent_control: sp.Expr
+    reaching: sp.Expr
+    robust_term: sp.Expr
+    control_law: sp.Expr
+    closed_rate: sp.Expr
+    reaching_product: sp.Expr
+
+
+def derive_reaching(surface: Surface) -> Reaching:
+    """The law from s'."""
+    equivalent = linear_solution(surface.s_rate.subs(UNCERTAIN), plant.Tb)
+    reaching = grouped_rate(sp.expand(surface.s_rate.subs(plant.Tb, equivalent + Ur)))
+    robust = _robust(reaching)
+    law = equivalent + robust
+    closed = sp.expand(surface.s_rate.subs(plant.Tb, law))
+    product = sp.expand(s * closed)
+    steps = (
+        *surface.steps,
+        _equivalent_step(surface, equivalent),
+        _reaching_step(surface, reaching),
+        _robust_step(reaching, robust),
+        _law_step(surface, grouped(equivalent) + robust, closed),
+        _product_step(surface, product),
+    )
+    return Reaching(
+        **vars(surface) | {"steps": steps},
+        equivalent_control=grouped(equivalent),
+        reaching=reaching,
+        robust_term=robust,
+        control_law=grouped(equivalent) + robust,
+        closed_rate=closed,
+        reaching_product=product,
+    )
+
+
+def grouped(control: sp.Expr) -> sp.Expr:
+    """A control as the source writes it: J/r times a bracket by Ta and omega."""
+    factor = plant.J / plant.r
+    inside = sp.collect(sp.expand(control / factor), (plant.Ta, plant.omega))
+    return sp.Mul(factor, inside, evaluate=False)
+
+
+def _robust(reaching: sp.Expr) -> sp.Expr:
+    """Ur for which s' without disturbances is -D0 s - K0 sgn s, in D = (J/r) D0 and K = (J/r) K0."""
+    sign = sp.Dummy("sgn", real=True)  # `solve` would split sgn s into cases
+    asked = -D0 * s - K0 * sign
+    in_rates = linear_solution(reaching.subs(UNCERTAIN) - asked, Ur)
+    ratio = plant.r / plant.J
+    return sp.expand(in_rates.subs({D0: ratio * D, K0: ratio * K})).subs(sign, sp.sign(s))
+
+
+def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> DerivationStep:
+    return step(
+        "equivalent control",
+        (Ueq, grouped(equivalent)),
+        statement="The torque that keeps s constant when nothing is uncertain.",
+        done="s' = 0 solved for Tb with Tr, Fr and Td dropped.",
+        source=cite("Park2008", "(36)"),
+        holds=(identical(surface.s_rate.subs(UNCERTAIN).subs(plant.Tb, equivalent), sp.Integer(0)),),
+        check="put back into s' without uncertainties it gives 0, proved and at random points",
+    )
+
+
+def _reaching_step(surface: Surface, reaching: sp.Expr) -> DerivationStep:
+    kept = surface.disturbance.free_symbols | {Ur}
+    return step(
+        "reaching dynamics",
+        (_S_RATE, reaching),
+        statement="With Tb = Ueq + Ur only the uncertainties and Ur are left in s'.",
+        done="Tb = Ueq + Ur put into s'.",
+        source=cite("Park2008", "(34), (37)"),
+        holds=(
+            reaching.free_symbols <= kept,
+            identical(reaching, surface.disturbance + sp.diff(surface.s_rate, plant.Tb) * Ur),
+        ),
+        check="no measured quantity is left, and it is the disturbance plus (ds'/dTb) Ur",
+    )
+
+
+def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> DerivationStep:
+    found = reaching.subs(UNCERTAIN).subs(Ur, robust)
+    ratio = plant.r / plant.J
+    return step(
+        "robust control",
+        (Ur, robust),
+        statement="s' = -D0 s - K0 sgn s is asked for, with D0 = (r/J) D and K0 = (r/J) K.",
+        done="The reaching dynamics without disturbances solved for Ur.",
+        source=cite("Park2008", "(39), (41)"),
+        holds=(identical(found, -ratio * (D * s + K * sp.sign(s))), identical(robust, D * s + K * sp.sign(s))),
+        check="put back it gives -(r/J)(D s + K sgn s), and it has the form of (41); proved and at random points",
+    )
+
+
+def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> DerivationStep:
+    expected = surface.disturbance - plant.r / plant.J * (D * s + K * sp.sign(s))
+    return step(
+        "control law",
+        (plant.Tb, law),
+        statement="The law for known parameters; sigma_d' and Ta have to be estimated.",
+        done="Equivalent and robust control added.",
+        source=cite("Park2008", "(43)"),
+        holds=(identical(closed, expected), identical(surface.s_rate.subs(plant.Tb, law), expected)),
+        check="s' of the plant under the law is the disturbance - (r/J)(D s + K sgn s), proved and at random points",
+    )
+
+
+def _product_step(surface: Surface, product: sp.Expr) -> DerivationStep:
+    ratio = plant.r / plant.J
+    size = sp.Dummy("|d|", positive=True)
+    bound = sp.Abs(s) * (size - ratio * D * sp.Abs(s) - ratio * K)
+    slack = sp.Abs(s) * size - s * surface.disturbance  # not negative, since x <= |x|
+    return step(
+        "reaching condition",
+        (sliding_symbol("s_times_s_rate"), product),
+        statement="s s' <= |s| (|d| - D0 |s| - K0) with d the disturbance: below -eta |s| where (40) holds.",
+        done="s times s'; the bound differs from it by |s||d| - s d >= 0.",
+        source=cite("Park2008", "(40), (42)"),
+        holds=(identical(bound - product, slack),),
+        check="bound - s s' = |s||d| - s d, proved and at random points",
+    )
+
+
+# --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
+
+
+Mn, Mp, Bn, Bp = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "Bp"))
+k, k1, k2 = (sliding_symbol(name) for name in ("k", "k1", "k2"))
+THETA = tuple(sliding_symbol(f"theta{i}") for i in (1, 2))
+THETA_HAT = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
+THETA_TILDE = tuple(sliding_symbol(f"theta{i}_tilde") for i in (1, 2))
+THETA_HAT_RATE = tuple(sliding_symbol(f"theta{i}_hat_rate") for i in (1, 2))
+PHI = (plant.Ta, plant.omega)
+
+TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}
+"""The true parameters in nominal and perturbation."""
+
+NOMINAL = {plant.M: Mn, plant.B: Bn}
+
+
+@dataclass(frozen=True)
+class Lyapunov:
+    """A Lyapunov function, its rate and the adaptive law that follows, for adaptation gains (k, k) or (k1, k2)."""
+
+    V: sp.Expr
+    V_rate: sp.Expr
+    cross_term: sp.Expr
+    adaptation: tuple[sp.Expr, ...]
+    V_rate_final: sp.Expr
+    V_rate_disturbed: sp.Expr
+
+
+@dataclass(frozen=True)
+class Adaptation(Reaching, Lyapunov):
+    """And the adaptive law, with the Lyapunov function of the scalar gain."""
+
+    theta: tuple[sp.Expr, ...]
+    adaptive_law_control: sp.Expr
+    error_dynamics: sp.Expr
+    disturbance_perturbed: sp.Expr
+    V_matrix: sp.Expr
+    adaptation_matrix: tuple[sp.Expr, ...]
+
+
+def derive_adaptation(reaching: Reaching) -> Adaptation:
+    """theta, the law with theta_hat, the error dynamics and the adaptive laws."""
+    known = reaching.s_rate.subs(UNCERTAIN)
+    uncertainty = sp.expand(known.subs(TRUE) - known.subs(NOMINAL))
+    theta = tuple(sp.factor(sp.diff(uncertainty, variable)) for variable in PHI)
+    disturbance = reaching.disturbance.subs(TRUE)
+    law = _law(known, reaching.robust_term)
+    error_dynamics = _error_dynamics(known, law, disturbance)
+    scalar = _lyapunov(error_dynamics, disturbance, (k, k))
+    matrix = _lyapunov(error_dynamics, disturbance, (k1, k2))
+    steps = (
+        *reaching.steps,
+        _theta_step(uncertainty, theta),
+        _control_step(reaching, law, theta, error_dynamics),
+        _error_step(error_dynamics, disturbance),
+        _function_step(scalar),
+        _rate_step(scalar, error_dynamics),
+        _adaptation_step(scalar, "adaptive law", "(49)", "theta constant, so theta_tilde' = -theta_hat'."),
+        _adaptation_step(matrix, "adaptive law, matrix gain", "(49), corrected", _MATRIX),
+        _final_step(scalar, matrix),
+        _disturbed_step(scalar, matrix, disturbance),
+    )
+    return Adaptation(
+        **vars(reaching) | {"steps": steps},
+        **vars(scalar),
+        theta=theta,
+        adaptive_law_control=law,
+        error_dynamics=error_dynamics,
+        disturbance_perturbed=disturbance,
+        V_matrix=matrix.V,
+        adaptation_matrix=matrix.adaptation,
+    )
+
+
+_MATRIX = "The two components have different units, so each has a gain of its own: k1 in s^2/(kg^2 m^4), k2 a number."
+
+
+def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
+    """s' without disturbances: the nominal one plus theta' phi."""
+    return known.subs(NOMINAL) + sum(a * b for a, b in zip(theta, PHI, strict=True))
+
+
+def _law(known: sp.Expr, robust: sp.Expr) -> sp.Expr:
+    equivalent = linear_solution(_with_theta(known, THETA_HAT), plant.Tb)
+    return grouped(equivalent) + robust
+
+
+def _error_dynamics(known: sp.Expr, law: sp.Expr, disturbance: sp.Expr) -> sp.Expr:
+    true = tuple(hat + tilde for hat, tilde in zip(THETA_HAT, THETA_TILDE, strict=True))
+    return sp.expand(_with_theta(known, true).subs(plant.Tb, law)) + disturbance
+
+
+def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Symbol, ...]) -> Lyapunov:
+    V = s**2 / 2 + sum(tilde**2 / (2 * gain) for tilde, gain in zip(THETA_TILDE, gains, strict=True))
+    ideal = error_dynamics - disturbance
+    # theta is constant: theta_tilde' = -theta_hat'
+    adaptation_part = sum(sp.diff(V, tilde) * -rate for tilde, rate in zip(THETA_TILDE, THETA_HAT_RATE, strict=True))
+    rate = sp.expand(sp.diff(V, s) * ideal + adaptation_part)
+    cross = sp.expand(rate - rate.subs(dict.fromkeys(THETA_TILDE, 0)))
+    # it is linear in theta_tilde: it vanishes for every theta_tilde where each coefficient does
+    solution = sp.solve([sp.diff(cross, tilde) for tilde in THETA_TILDE], THETA_HAT_RATE, dict=True)[0]
+    adaptation = tuple(solution[symbol] for symbol in THETA_HAT_RATE)
+    final = sp.factor(sp.expand(rate.subs(solution)).subs(s * sp.sign(s), sp.Abs(s)))
+    return Lyapunov(V, rate, cross, adaptation, final, final + sp.diff(V, s) * disturbance)
+
+
+def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> DerivationStep:
+    remainder = uncertainty - sum(a * b for a, b in zip(theta, PHI, strict=True))
+    by_mass = (1 / (Mn + Mp) - 1 / Mn) / plant.r
+    return step(
+        "perturbed parameters",
+        (sp.Matrix(THETA), sp.Matrix(theta)),
+        statement="With M = Mn + Mp and B = Bn + Bp, s' is the nominal one plus theta' phi, phi = (Ta, omega).",
+        done="s' with the true parameters less s' with the nominal ones; theta are its coefficients.",
+        source=cite("Park2008", "(44), corrected: printed theta1 = 1/(r Mp)"),
+        holds=(
+            identical(remainder, sp.Integer(0)),
+            not any(sp.diff(part, variable) != 0 for part in theta for variable in PHI),
+            identical(theta[0], by_mass),
+        ),
+        check="nothing is left over, theta is free of phi, theta1 = (1/r)(1/M - 1/Mn); proved and at random points",
+    )
+
+
+def _control_step(
+    surface: Surface, law: sp.Expr, theta: tuple[sp.Expr, ...], error_dynamics: sp.Expr
+) -> DerivationStep:
+    # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
+    true = surface.s_rate.subs(TRUE).subs(plant.Tb, law)
+    errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
+    return step(
+        "adaptive control law",
+        (plant.Tb, law),
+        statement="The law with nominal parameters and the estimate theta_hat.",
+        done="s' = 0 solved for Tb with theta_hat for theta and the disturbances dropped; robust control added.",
+        source=cite("Park2008", "(45)"),
+        holds=(identical(true, error_dynamics.subs(errors)),),
+        check="s' of the plant with the true parameters under the law equals the error dynamics, "
+        "proved and at random points",
+    )
+
+
+def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> DerivationStep:
+    expected = (
+        sum(tilde * variable for tilde, variable in zip(THETA_TILDE, PHI, strict=True))
+        + disturbance
+        - plant.r / plant.J * (D * s + K * sp.sign(s))
+    )
+    return step(
+        "error dynamics",
+        (sliding_symbol("s_rate"), sp.collect(error_dynamics, plant.Tr)),
+        statement="s' = theta_tilde' phi + d - (r/J)(D s + K sgn s), with d the disturbance at the true mass.",
+        done="The law put into s', theta = theta_hat + theta_tilde.",
+        source=cite("Park2008", "(45), (47)"),
+        holds=(identical(error_dynamics, expected),),
+        check="compared term by term, proved and at random points",
+    )
+
+
+def _function_step(scalar: Lyapunov) -> DerivationStep:
+    hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
+    return step(
+        "Lyapunov function",
+        (sliding_symbol("V"), scalar.V),
+        statement="V is a positive quadratic form of s and the estimation errors.",
+        done="Chosen as in the source.",
+        source=cite("Park2008", "(46)"),
+        holds=(all(minor.is_positive for minor in (hessian[:n, :n].det() for n in (1, 2, 3))),),
+        check="leading minors of its Hessian are positive for k > 0",
+    )
+
+
+def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> DerivationStep:
+    second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
+    rest = scalar.V_rate - scalar.cross_term
+    return step(
+        "rate of V",
+        (sliding_symbol("V_rate"), scalar.V_rate),
+        statement="V' without disturbances, theta_hat' still free; theta is constant, so theta_tilde' = -theta_hat'.",
+        done="V differentiated along the error dynamics.",
+        source=cite("Park2008", "(47), (48), corrected"),
+        holds=(
+            all(entry == 0 for entry in second),
+            not rest.has(*THETA_TILDE),
+            vanishes(scalar.cross_term.subs(dict.fromkeys(THETA_TILDE, 0))),
+        ),
+        check="the cross term is linear in theta_tilde and holds all of it",
+    )
+
+
+def _adaptation_step(function: Lyapunov, name: str, source: str, note: str) -> DerivationStep:
+    solved = dict(zip(THETA_HAT_RATE, function.adaptation, strict=True))
+    return step(
+        name,
+        (sp.Matrix(THETA_HAT_RATE), sp.Matrix(function.adaptation)),
+        statement=f"theta_hat' for which the cross term of V' vanishes for every theta_tilde. {note}",
+        done="The coefficients of theta_tilde in V' set to zero and solved for theta_hat'.",
+        source=cite("Park2008", source),
+        holds=(identical(function.cross_term.subs(solved), sp.Integer(0)),),
+        check="put back, the cross term is 0, proved and at random points",
+    )
+
+
+def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> DerivationStep:
+    expected = -plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
+    return step(
+        "rate of V, ideal",
+        (sliding_symbol("V_rate"), scalar.V_rate_final),
+        statement="Without disturbances V' = -(r/J)(D s^2 + K |s|): not positive, and zero wherever s is.",
+        done="The adaptive law put into V'.",
+        source=cite("Park2008", "(48), corrected by the factor r/J"),
+        holds=(identical(scalar.V_rate_final, expected), identical(matrix.V_rate_final, expected)),
+        check="for the scalar and the matrix gain, s sgn s = |s|; proved and at random points",
+    )
+
+
+def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) -> DerivationStep:
+    expected = s * disturbance - plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
+    return step(
+        "rate of V, disturbed",
+        (sliding_symbol("V_rate"), scalar.V_rate_disturbed),
+        statement="With the disturbance d = (1/(r M) + r/J) Tr + Fr/M - (r/J) Td the sign of V' is no longer settled.",
+        done="The disturbances kept.",
+        source="follows from the error dynamics; the source drops them from (47)",
+        holds=(identical(scalar.V_rate_disturbed, expected), identical(matrix.V_rate_disturbed, expected)),
+        check="for the scalar and the matrix gain, proved and at random points",
+    )
+
+
+# --- what else the plant states ---------------------------------------------------------------------------------------
+
+
+def statement_steps() -> tuple[DerivationStep, ...]:
+    """The steps, one an equation."""
+    return _slip_ratio(), _resistance(), _actuator()
+
+
+def _slip_ratio() -> DerivationStep:
+    ratio = plant.SLIP_RATIO.rhs.subs(plant.sigma, plant.SLIP_VELOCITY.rhs)
+    rolling = ratio.subs(plant.omega, plant.v / plant.r)
+    return step(
+        "slip ratio",
+        (plant.slip, ratio),
+        statement="The reference is a slip ratio: sigma_d is the slip velocity at which lambda = lambda_d.",
+        done="sigma of the statement put into lambda.",
+        source=cite("Park2008", "(2)"),
+        holds=(rolling == 0, ratio.subs(plant.omega, 0) == 1, bool(sp.diff(ratio, plant.omega).is_negative)),
+        check="0 for a rolling wheel, 1 for a locked one, growing as the wheel slows",
+    )
+
+
+def _resistance() -> DerivationStep:
+    coefficients = (plant.Fr0, plant.Fr1, plant.Fr2)
+    power = sp.expand(plant.v * plant.RESISTANCE.rhs)
+    parts = [sp.diff(power, coefficient) for coefficient in coefficients]
+    whole = sum(part * coefficient for part, coefficient in zip(parts, coefficients, strict=True))
+    return step(
+        "travelling resistance",
+        (plant.Fr, plant.RESISTANCE.rhs),
+        statement="Resistance of the train, its coefficients >= 0; the paper has the last alone.",
+        done="Taken from the statement.",
+        source=cite("Park2008", "(4), p. 55"),
+        holds=(all(part.is_positive for part in parts), identical(power, whole)),
+        check="each coefficient takes power from a moving train, and nothing else is in it",
+    )
+
+
+def _actuator() -> DerivationStep:
+    s, tau, Tc = (symbol(name) for name in ("s", "tau", "Tc"))
+    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
+    # the command after the dead time is exp(-tau s) of the command
+    from_rate = sp.solve(sp.Eq(s * plant.Tb, rate), plant.Tb)[0].subs(Tc, sp.exp(-tau * s))
+    poles = sp.solve(sp.denom(sp.together(from_rate)), s)
+    return step(
+        "actuator",
+        (
+            sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]),
+            sp.Matrix([transfer, rate]),
+        ),
+        statement="Dead time and lag from commanded to acting torque (s: Laplace variable). The law leaves them out.",
+        done="Transfer function and state equation taken from the statement; Tc is the command a dead time ago.",
+        source=cite("Park2008", "p. 55"),
+        holds=(
+            vanishes(transfer - from_rate),
+            transfer.subs(s, 0) == 1,
+            len(poles) == 1 and bool(poles[0].is_negative),
+        ),
+        check="the state equation's Laplace transform is Ga; Ga(0) = 1, its pole is negative",
+    )
+
+
+# --- the whole derivation ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Derivation(Adaptation):
     """The law and all that leads to it.
 
     Expressions are in Ta (`plant.Ta`), omega, v_rate (v', measured), e and the parameters; only `law_in_adhesion`
@@ -40,7 +612,7 @@ class Derivation:
         "proportional" (sigma_d = lambda_d v, sigma_d' = lambda_d v') or "constant".
     adhesion : str or None
         Name of the adhesion law put in for Ta, or None.
-    steps : tuple of Step
+    steps : tuple of DerivationStep
         In order; `all_checked` tells whether every check holds.
     s, error, reference_rate : Expr
         s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
@@ -60,8 +632,15 @@ class Derivation:
         Tb with Mn, Bn and theta_hat, (45).
     error_dynamics : Expr
         s' under it in theta_tilde, with the disturbances.
-    V, V_rate, cross_term, adaptation, V_rate_final, V_rate_disturbed
-        As in `adaptation.Lyapunov`, scalar gain k, (46)-(49).
+    V : Expr
+        s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
+    V_rate, cross_term : Expr
+        V' under the adaptive law, theta_hat' and theta_tilde still free, disturbances dropped; what of it has
+        theta_tilde in it, (47), (48).
+    adaptation : tuple of Expr
+        theta_hat' for which the cross term vanishes whatever theta_tilde is, (49).
+    V_rate_final, V_rate_disturbed : Expr
+        V' with it, -(r/J)(D s^2 + K |s|), and the same with the disturbances kept.
     V_matrix, adaptation_matrix
         The same for gains k1, k2 (diagonal matrix gain): units right.
     estimation_disturbance : Expr
@@ -74,35 +653,11 @@ class Derivation:
 
     reference: str
     adhesion: str | None
-    steps: tuple[Step, ...]
-    s: sp.Expr
-    error: sp.Expr
-    reference_rate: sp.Expr
-    s_rate: sp.Expr
-    disturbance: sp.Expr
-    disturbance_perturbed: sp.Expr
-    equivalent_control: sp.Expr
-    reaching: sp.Expr
-    robust_term: sp.Expr
-    control_law: sp.Expr
-    closed_rate: sp.Expr
-    reaching_product: sp.Expr
-    theta: tuple[sp.Expr, ...]
-    phi: tuple[sp.Expr, ...]
-    adaptive_law_control: sp.Expr
-    error_dynamics: sp.Expr
-    V: sp.Expr
-    V_rate: sp.Expr
-    cross_term: sp.Expr
-    adaptation: tuple[sp.Expr, ...]
-    V_rate_final: sp.Expr
-    V_rate_disturbed: sp.Expr
-    V_matrix: sp.Expr
-    adaptation_matrix: tuple[sp.Expr, ...]
     estimation_disturbance: sp.Expr
     adhesion_torque: sp.Expr | None
     adhesion_state_rate: sp.Expr | None
     law_in_adhesion: sp.Expr
+    phi: tuple[sp.Expr, ...] = PHI
 
     @property
     def all_checked(self) -> bool:
@@ -132,38 +687,13 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
     InputError
         An unknown reference or law.
     """
-    surface, reaching, adaptive = _whatever_the_adhesion(reference)
-    estimates_step, estimation = _estimates(surface, adaptive)
-    adhesion_steps, torque, state_rate, closed = _with_adhesion(law, surface, adaptive)
-    scalar, matrix = adaptive.scalar, adaptive.matrix
+    adaptive = _whatever_the_adhesion(reference)
+    estimates_step, estimation = _estimates(adaptive)
+    adhesion_steps, torque, state_rate, closed = _with_adhesion(law, adaptive)
     return Derivation(
+        **vars(adaptive) | {"steps": (*adaptive.steps, estimates_step, *_statement_steps(), *adhesion_steps)},
         reference=reference,
         adhesion=None if law is None else law_class(law).name,
-        steps=(*surface.steps, *reaching.steps, *adaptive.steps, estimates_step, *_statement_steps(), *adhesion_steps),
-        s=surface.definition,
-        error=surface.error,
-        reference_rate=surface.reference_rate,
-        s_rate=surface.rate,
-        disturbance=surface.disturbance,
-        disturbance_perturbed=adaptive.disturbance,
-        equivalent_control=reaching.equivalent_control,
-        reaching=reaching.reaching,
-        robust_term=reaching.robust_term,
-        control_law=reaching.control_law,
-        closed_rate=reaching.closed_rate,
-        reaching_product=reaching.reaching_product,
-        theta=adaptive.theta,
-        phi=PHI,
-        adaptive_law_control=adaptive.adaptive_law_control,
-        error_dynamics=adaptive.error_dynamics,
-        V=scalar.V,
-        V_rate=scalar.V_rate,
-        cross_term=scalar.cross_term,
-        adaptation=scalar.adaptation,
-        V_rate_final=scalar.V_rate_final,
-        V_rate_disturbed=scalar.V_rate_disturbed,
-        V_matrix=matrix.V,
-        adaptation_matrix=matrix.adaptation,
         estimation_disturbance=estimation,
         adhesion_torque=torque,
         adhesion_state_rate=state_rate,
@@ -172,24 +702,22 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 
 
 @cache
-def _whatever_the_adhesion(reference: Reference) -> tuple[Surface, Reaching, Adaptation]:
+def _whatever_the_adhesion(reference: Reference) -> Adaptation:
     """What is derived with Ta as an argument, once for all adhesion laws."""
-    surface = derive_surface(reference)
-    reaching = derive_reaching(surface)
-    return surface, reaching, derive_adaptation(surface, reaching)
+    return derive_adaptation(derive_reaching(derive_surface(reference)))
 
 
 @cache
-def _statement_steps() -> tuple[Step, ...]:
+def _statement_steps() -> tuple[DerivationStep, ...]:
     return statement_steps()
 
 
-def _estimates(surface: Surface, adaptive: Adaptation) -> tuple[Step, sp.Expr]:
+def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
     """What estimates of Ta and v' in the law add to s'."""
     estimates = {plant.Ta: sliding_symbol("Ta_hat"), plant.v_rate: sliding_symbol("v_rate_hat")}
     law = adaptive.adaptive_law_control
-    with_estimates = surface.rate.subs(plant.Tb, law.subs(estimates))
-    difference = sp.expand(with_estimates - surface.rate.subs(plant.Tb, law))
+    with_estimates = adaptive.s_rate.subs(plant.Tb, law.subs(estimates))
+    difference = sp.expand(with_estimates - adaptive.s_rate.subs(plant.Tb, law))
     back = {symbol: true for true, symbol in estimates.items()}
     shown = sum(
         sp.collect(sp.expand(sp.diff(difference, true)), true) * (true - estimate)
@@ -208,8 +736,8 @@ def _estimates(surface: Surface, adaptive: Adaptation) -> tuple[Step, sp.Expr]:
 
 
 def _with_adhesion(
-    law: str | None, surface: Surface, adaptive: Adaptation
-) -> tuple[tuple[Step, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
+    law: str | None, adaptive: Adaptation
+) -> tuple[tuple[DerivationStep, ...], sp.Expr | None, sp.Expr | None, sp.Expr]:
     """The step, torque, state rate and control law with an adhesion law in place of Ta."""
     control = adaptive.adaptive_law_control
     if law is None:
@@ -224,7 +752,7 @@ def _with_adhesion(
         statement=f"Ta of the {chosen.title}, at the measured slip velocity.",
         done="Ta = r Fa put into the law.",
         source=chosen.source,
-        holds=(_closed_plant_slides(closed, surface, closed_control),),
+        holds=(_closed_plant_slides(closed, adaptive, closed_control),),
         check="s' from the closed plant's rates under the law is the error dynamics with this torque, proved",
     )
     return (made,), torque, closed.rates[2] if chosen.has_state else None, closed_control

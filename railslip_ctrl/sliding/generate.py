@@ -1,30 +1,83 @@
-"""`make generate`: write what is generated from the statement and committed."""
+"""The derived law's Python text, committed by `make generate`, so that running the law needs no SymPy.
+
+As in `numeric`: the head of the file has a hash of the sources the text came from; where it does not fit, the law is
+derived at once.
+"""
 
 from __future__ import annotations
 
+import re
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 from railslip_ctrl.model.adhesion import law_classes
-from railslip_ctrl.model.numeric import generate
-from railslip_ctrl.model.scalar_code import generate_scalar
+from railslip_ctrl.model.kernels import plain
+from railslip_ctrl.model.numeric import generate as generate_plant
 
-from .generated import LAW_FILE, generate_law
+from .law import KEPT, PACKAGE, sources_hash
 
-GENERATED = LAW_FILE.parent
+LAW_FILE = PACKAGE / "model" / "_generated" / "sliding_law.py"
+
+_HEAD = "# mypy: ignore-errors\n"
+
+
+@cache
+def law_source() -> str:
+    """Python source of the law of [Park2008] (45) with Ta as an argument, as `code.generate(derive())` gives it."""
+    if LAW_FILE.is_file():
+        text = LAW_FILE.read_text(encoding="utf-8")
+        if f" {sources_hash()}." in text:
+            return text.removeprefix(_HEAD)
+    return _derived()
+
+
+@cache
+def generated_law() -> Any:
+    """The law as a module: `Parameters`, `State`, `init`, `control`, `valid`, `step`."""
+    module = ModuleType("railslip_sliding_law")
+    exec(compile(law_source(), "<generated sliding-mode law>", "exec"), module.__dict__)
+    return module
+
+
+def law_states() -> tuple[str, ...]:
+    """The law's states, in order: the fields of `State` but for `KEPT`, which stand last."""
+    return tuple(name for name in generated_law().State._fields if name not in KEPT)
+
+
+@cache
+def law_kernel_text() -> str:
+    """The law's functions for a kernel, and `law_parameters(c, first)`: its parameters, in order from c[first] on."""
+    fields = len(generated_law().Parameters._fields)
+    numbers = ", ".join(f"float(c[first + {i}])" for i in range(fields))
+    text = re.sub(r"^def ", "@compiled\ndef ", plain(law_source()), flags=re.MULTILINE)
+    return f"{text}\n\n@compiled\ndef law_parameters(c, first):\n    return Parameters({numbers})\n\n"
+
+
+def generate_law() -> str:
+    """Text of the committed file."""
+    return _HEAD + _derived()
+
+
+def _derived() -> str:
+    from .code import generate
+    from .derivation import derive
+
+    return generate(derive()).python
 
 
 def main() -> None:
-    """Write the NumPy functions and the scalar functions of every adhesion law, and the derived sliding-mode law."""
-    (GENERATED / "scalar").mkdir(exist_ok=True)
+    """Write the functions of every adhesion law, and the derived sliding-mode law."""
+
     for name, law in law_classes().items():
-        _write(GENERATED / f"{name}.py", generate(law))
-        _write(GENERATED / "scalar" / f"{name}.py", generate_scalar(law))
+        _write(LAW_FILE.parent / f"{name}.py", generate_plant(law))
     _write(LAW_FILE, generate_law())
 
 
 def _write(target: Path, text: str) -> None:
     target.write_text(text, encoding="utf-8")
-    print(target.relative_to(GENERATED.parents[1]))
+    print(target.relative_to(LAW_FILE.parent.parents[1]))
 
 
 if __name__ == "__main__":

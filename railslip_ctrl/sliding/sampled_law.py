@@ -9,7 +9,7 @@ A wheel that locks leaves the domain of the bristle law, whose state would diver
 state is driven with is held to `DOMAIN_SHARE` of the law's `sigma_limit`, and the state to its `state_limit`, Fs/alpha,
 on both sides of 0, as the laws are odd: a wheel that runs ahead bends the bristles the other way.
 
-The parameters of `OPTIONS` are the robust variants' (`gains.LawGains`; see `gains.gain_parameters`) and anti-windup; at
+The parameters of `OPTIONS` are the robust variants' (`law.LawGains`; see `law.gain_parameters`) and anti-windup; at
 their default 0 the law is the paper's:
 
 - leak: theta_hat_i' = k_i s phi_i - leak theta_hat_i;
@@ -40,9 +40,9 @@ from railslip_ctrl.core.notation import NOTATION
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
 
-from .code_head import file_hash
 from .derivation import Derivation
-from .symbols import SLIDING_NOTATION, sliding_symbol
+from .law import file_hash
+from .proof import SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
 SWITCHING = sp.Symbol("switching", real=True)
@@ -99,7 +99,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lambda_d": ("{} > 0.0", "{} < 1.0"),
     "torque_min": ("{} <= 0.0",),
 }
-"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `gains.LawGains`."""
+"""What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
 PREFIX = "adhesion_"
 """Before the names of an adhesion law's parameters."""
@@ -111,27 +111,12 @@ Assignment = tuple[str, sp.Expr]
 class SampledLaw:
     """The law as assignments in order, before it is printed in a language.
 
-    Attributes
-    ----------
-    measured : tuple of str
-        Arguments of a step: v, omega, and Ta where no adhesion law is put in.
-    parameters, states : tuple of str
-        Names, in order, the `OPTIONS` last. A state starts at 0, `v_filtered` at v.
-    rules : mapping
-        As `RULES`, of every parameter.
-    meanings : mapping
-        Unit and meaning of the adhesion law's parameters.
-    prepare : tuple of assignments
-        From measured values and states to e, e_integral, v_rate, Ta; what is a state is its new value.
-    surface : Expr
-        s.
-    control : tuple of assignments
-        from_adhesion, from_friction, s_drift, Ueq, Ur, torque, drive, theta1_hat_rate, theta2_hat_rate; `SWITCHING`
-        for sgn s.
-    control_arguments : tuple of str
-        What the continuous law is a function of, besides the parameters.
-    note : tuple of str
-        What the reader must know of Ta, in paragraphs.
+    measured: arguments of a step (v, omega, and Ta where no adhesion law is put in). parameters, states: names in
+    order, the `OPTIONS` last; a state starts at 0, `v_filtered` at v. rules: as `RULES`, of every parameter. meanings:
+    unit and meaning of the adhesion law's parameters. prepare: from measured values and states to e, e_integral,
+    v_rate, Ta; what is a state is its new value. surface: s. control: from_adhesion to theta2_hat_rate, `SWITCHING` for
+    sgn s. control_arguments: what the continuous law is a function of, besides the parameters. note: what the reader
+    must know of Ta, in paragraphs.
     """
 
     measured: tuple[str, ...]

@@ -1,4 +1,8 @@
-"""What holds of a sliding law: its conditions, limit cycles behind the actuator, Lyapunov functions along runs.
+"""Which stability claims hold: of the published sliding-mode law, of robust variants, and behind the brake actuator.
 
-Imports `simulation` and what is below. A newcomer begins with `conditions`.
+`joint_verification` decides all conditions of a law, each a `verdict.Condition`. Without the actuator, as the paper's
+proof assumes: `published_law`, `robust`, on the bound of `reaching` and runs of `ideal_loop`. Behind it: `relay_loop`
+is what the relay sees, `limit_cycles` its oscillation, `surviving_gains` and `actuator_effects` what is left of the
+gains; `layered` is a design that accounts for it, `layered_conditions` its conditions, on runs of `fine_simulation`.
+`lyapunov_runs` judges braking runs. Imports `simulation` and the rooms below. Begin with `joint_verification`.
 """

@@ -6,7 +6,7 @@ The law is the generated one, its `control` compiled into the loop of `ideal_ker
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from inspect import signature
@@ -15,46 +15,47 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.kernels import module_of, module_text, plain
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Resistance, Vehicle
-from railslip_ctrl.sliding.code import generate, python_law
-from railslip_ctrl.sliding.derivation import derive
-from railslip_ctrl.sliding.gains import LawGains, gain_parameters
-from railslip_ctrl.sliding.generated import generated_law, law_kernel_text
-from railslip_ctrl.sliding.symbols import sliding_symbol
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
 from . import ideal_kernel as loop
-from .reaching_bound import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
+from .reaching import (
+    ADHESION_NOISE,
+    TORQUE_DECAY,
+    TORQUE_FRACTION,
+    TORQUE_FREQUENCY,
+    disturbance_function,
+    law_parameters,
+    lyapunov_function,
+    resistance_force,
+    true_theta,
+)
 
 Floats = NDArray[np.float64]
 
 STEP = 0.002  # s
 END_SPEED = 5.0 * KMH  # the stop ends here ([Park2008] p. 56)
+RUNS = 8
+"""Runs of a simulated condition; seeds follow the one asked for."""
+
 _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 
 
 @dataclass(frozen=True)
-class Disturbances:
+class IdealDisturbances:
     """What acts on a run.
 
-    Attributes
-    ----------
-    random_share : float
-        Standard deviation of the random adhesion force over the wheel load, cut at three of them; a value lasts 0.02 s.
-    torque : bool
-        Td = 0.05 Tb exp(-4t) sin(10 pi t).
-    resistance : bool
-        The vehicle's travelling resistance.
-    slip_noise : float
-        Standard deviation of the noise on the measured slip velocity, m/s, white over the steps.
+    random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
+    lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
+    of the noise on the measured slip velocity, m/s, white over the steps.
     """
 
     random_share: float = 0.0
@@ -63,8 +64,8 @@ class Disturbances:
     slip_noise: float = 0.0
 
 
-UNDISTURBED = Disturbances()
-PUBLISHED = Disturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
+UNDISTURBED = IdealDisturbances()
+PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
 """The published run's."""
 
 
@@ -87,14 +88,14 @@ class IdealRun:
     theta: Floats
 
 
-def simulate(
+def simulate_ideal(
     vehicle: Vehicle,
     gains: LawGains,
     *,
     duration: float,
     nominal: Vehicle | None = None,
     rail: Rail = Rail.DRY,
-    disturbances: Disturbances = UNDISTURBED,
+    disturbances: IdealDisturbances = UNDISTURBED,
     seeds: Sequence[int] = (0,),
     held_speed: float | None = None,
     start_estimate: tuple[float, float] = (0.0, 0.0),
@@ -122,9 +123,16 @@ def simulate(
     force, noise = _random(disturbances, seeds, steps)
     force *= vehicle.wheel_load
     rows = np.full((len(seeds), steps, loop.COLUMNS), np.nan)
-    left = _kernel(type(law)).run(
+    kernel = _kernel(type(law))
+    settings = kernel.IdealSettings(
+        *(STEP, slip, held_speed is not None, END_SPEED, limit),
+        *(TORQUE_FRACTION if disturbances.torque else 0.0, TORQUE_DECAY, TORQUE_FREQUENCY),
+        # the box is kept by the loop, as the generated step keeps it
+        *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
+    )
+    left = kernel.run(
         *(rows, np.array([*start, *start_estimate]), force, noise, plants, changed),
-        _common(disturbances, gains, slip, held_speed is not None, limit),
+        settings,
         np.array(_law_of(gains, slip, vehicle, nominal or vehicle)),
         np.zeros(1),  # the bristle model is in closed form
     )
@@ -142,7 +150,7 @@ def _start(law: AdhesionLaw, p: Floats, speed: float, sigma: float) -> tuple[flo
     return speed, sigma, float(state)
 
 
-def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
+def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
     """Random forces over the wheel load and slip noise, m/s: one row a seed, each with a generator of its own."""
     each = round(_NOISE_HELD / STEP)
     force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
@@ -152,19 +160,6 @@ def _random(disturbances: Disturbances, seeds: Sequence[int], steps: int) -> tup
         force[row] = np.repeat(held, each)[:steps]
         noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
     return force, noise
-
-
-def _common(disturbances: Disturbances, gains: LawGains, slip: float, held: bool, limit: float) -> Floats:
-    """What holds for all runs, in the kernel's order."""
-    common = np.empty(12)
-    common[[loop.STEP, loop.REFERENCE, loop.HELD, loop.SLIP_LIMIT]] = STEP, slip, held, limit
-    common[loop.END_SPEED] = END_SPEED
-    common[loop.FRACTION] = TORQUE_FRACTION if disturbances.torque else 0.0
-    common[[loop.DECAY, loop.FREQUENCY]] = TORQUE_DECAY, TORQUE_FREQUENCY
-    # the box is kept by the loop, as the generated step keeps it
-    box = ((-np.inf, np.inf), (-np.inf, np.inf)) if gains.box is None else gains.box
-    common[[loop.LOW1, loop.HIGH1, loop.LOW2, loop.HIGH2]] = np.ravel(box)
-    return common
 
 
 def _law_of(gains: LawGains, slip: float, vehicle: Vehicle, nominal: Vehicle) -> Any:
@@ -182,7 +177,7 @@ def _law_of(gains: LawGains, slip: float, vehicle: Vehicle, nominal: Vehicle) ->
 def _run(
     rows: Floats,
     force: Floats,
-    disturbances: Disturbances,
+    disturbances: IdealDisturbances,
     vehicles: tuple[Vehicle, ...],
     changed: int,
     gains: LawGains,
@@ -208,12 +203,11 @@ def _run(
 
 
 def _disturbance(
-    vehicle: Vehicle, disturbances: Disturbances, time: Floats, speed: Floats, torque: Floats, force: Floats
+    vehicle: Vehicle, disturbances: IdealDisturbances, time: Floats, speed: Floats, torque: Floats, force: Floats
 ) -> Floats:
     """(J/r) d, N*m, arrays (steps, seeds)."""
     M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
-    resistance = vehicle.resistance
-    Fr = resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
+    Fr = resistance_force(vehicle, speed)
     fading = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time)
     Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
     return np.asarray(disturbance_function()(r * force, Fr, Td, M, J, r) * J / r)
@@ -237,78 +231,3 @@ def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
 """
     own = plain(Path(loop.__file__).read_text("utf-8"))
     return module_text(law, law_kernel_text(), joined, own, compiled=compiled)
-
-
-# --- the derived expressions as functions ---------------------------------------------------------------------------
-
-
-def _symbols(*names: str) -> list[sp.Symbol]:
-    return [sliding_symbol(name) for name in names]
-
-
-_SWITCH = sp.Symbol("switch", real=True)
-
-
-@cache
-def control_function() -> Callable[..., Any]:
-    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
-    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
-    """
-    s = sliding_symbol("s")
-    law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
-    arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
-    arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
-    return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
-
-
-@cache
-def _generated() -> tuple[ModuleType, tuple[str, ...]]:
-    """The generated law and the arguments of its `control`; kept, as looking it up by its derivation takes time."""
-    return python_law(derive()), generate(derive()).law.control_arguments
-
-
-def law_parameters(**values: float) -> Any:
-    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
-    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": STEP, "filter_time": STEP}
-    return _generated()[0].Parameters(**{**free, **values})
-
-
-def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
-    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
-
-    `parameters`: as of `law_parameters`, one for each column.
-    """
-    module, names = _generated()
-    control, columns = module.control, (signals[name].tolist() for name in names)
-    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
-
-
-@cache
-def disturbance_function() -> Callable[..., Any]:
-    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
-    return _function([plant.Tr, plant.Fr, plant.Td, plant.M, plant.J, plant.r], derive().disturbance)
-
-
-@cache
-def lyapunov_function() -> Callable[..., Any]:
-    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
-    return _function(_symbols("s", "theta1_tilde", "theta2_tilde", "k1", "k2"), derive().V_matrix)
-
-
-@cache
-def _theta_function() -> Callable[..., Any]:
-    names = [plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")]
-    return _function(names, sp.Matrix(derive().theta))
-
-
-def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta, (44) corrected, of a vehicle against the nominal one: 1/(kg m), m/s."""
-    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
-    known = (vehicle.wheel.radius, vehicle.effective_inertia)
-    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(_theta_function()(*known, Mn, *perturbation), dtype=float).ravel()
-
-
-def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
-    return made

@@ -93,16 +93,11 @@ class LyapunovRun:
 def judge_run(
     scenario: Scenario, controller: SlidingControl, *, actuator: bool = True, seed: int | None = 0
 ) -> LyapunovRun:
-    """Simulate the scenario and judge the conditions along it.
+    """Simulate the scenario and judge the conditions along it; the adhesion state of a dynamic law counts as the run
+    has it.
 
-    Parameters
-    ----------
-    scenario, controller
-        As of `simulation.simulate`; the adhesion state of a dynamic law counts as the run has it.
-    actuator : bool
-        False takes lag and dead time away: the torque acts at once, as the proof assumes.
-    seed : int or None
-        Of the noise; None without it.
+    `actuator=False` takes lag and dead time away: the torque acts at once, as the proof assumes. `seed` is the noise's;
+    None without it.
     """
     if not actuator:
         ideal = scenario.vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)})

@@ -12,26 +12,13 @@ How = Literal["symbolic", "sampled", "simulated"]
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition.
+    """One condition: its name, unique in a verification, and what is asked, in words and letters.
 
-    Attributes
-    ----------
-    name : str
-        Short, unique in a verification.
-    statement : str
-        What is asked, in words and letters.
-    holds : bool or None
-        None where it was not decided, because what it is about does not exist.
-    how : str or None
-        "symbolic", "sampled" or "simulated"; None where it was not decided.
-    evidence : str
-        What decided it: the identity, or the numbers and the set they belong to; or why it was not decided.
-    claimed : bool
-        Whether [Park2008] claims it or relies on it.
-    down_to_kmh : float or None
-        Speed from 100 km/h down to which it holds, km/h; None where it does not hold or speed is no part of it.
-    tolerated : mapping
-        What the law may have wrong, by name, and by which share either way it then still holds; inf without bound.
+    holds, how: None where it was not decided, because what it is about does not exist. evidence: the identity, or the
+    numbers and the set they belong to; or why it was not decided. claimed: [Park2008] claims it or relies on it.
+    down_to_kmh: speed from 100 km/h down to which it holds; None where it does not hold or speed is no part of it.
+    tolerated: what the law may have wrong, by name, and by which share either way it then still holds; inf without
+    bound.
     """
 
     name: str

@@ -6,11 +6,11 @@ import subprocess
 import sys
 import time
 
-SECONDS = 15.0
+MOST = 20.0  # imports of python-control: some 15 s
 ROUNDS = 2
 
 
-def test_a_warm_report_takes_fifteen_seconds(tmp_path):
+def test_a_warm_report_costs_twenty_imports_of_python_control(tmp_path):
     report = [sys.executable, "-m", "railslip_ctrl", "report", "--out", str(tmp_path / "out")]
     peer = [sys.executable, "-c", "import control"]
 
@@ -24,4 +24,4 @@ def test_a_warm_report_takes_fifteen_seconds(tmp_path):
 
     took, of_peer = shortest(report), shortest(peer)
     print(f"\nreport {took:.1f} s, {took / of_peer:.1f} times import control")
-    assert took <= SECONDS
+    assert took <= MOST * of_peer

@@ -25,8 +25,7 @@ import pytest
 
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
-from railslip_ctrl.model.numeric import plant_parameters
-from railslip_ctrl.model.scalar_code import adhesion_table, powers
+from railslip_ctrl.model.numeric import adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
 from railslip_ctrl.simulation.step_objects import StepControl
@@ -232,7 +231,7 @@ def c_functions() -> str:
 
     class Printer(C99CodePrinter):
         def _print_Function(self, expression):
-            if type(expression).__name__ in closed.functions:
+            if type(expression).__name__ in law.statement().functions:
                 return f"tabulated({self._print(expression.args[0])}, table)"
             return super()._print_Function(expression)
 
@@ -250,9 +249,7 @@ def c_functions() -> str:
         )
 
     j = closed.jacobian
-    return function("rates_and_powers", (*closed.rates, *powers(closed.force))) + function(
-        "stiffness", (*j[1][1:3], *j[2][1:3])
-    )
+    return function("rates_and_powers", closed.rates_and_powers) + function("stiffness", (*j[1][1:3], *j[2][1:3]))
 
 
 def c_loop(folder: Path, simulator: Simulator, seed: int) -> Callable[[], np.ndarray]:

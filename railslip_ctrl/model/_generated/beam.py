@@ -2,113 +2,183 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "e4d9d27723090b237d3c8766a1ab6bb1cb17c2279944ea81486a761d0f76e7fd"
+SOURCES_SHA256 = "563119e67001926583c75497ed968a0a169f0bad5cbf0d1fb83a8e6259583ad7"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
     _x0 = abs(sigma)
-    _x1 = N**(-1.0)
-    _x2 = mu_max**(-1.0)
-    _x3 = v**(-1.0)
+    _x1 = 1/N
+    _x2 = 1/mu_max
+    _x3 = 1/v
     _x4 = Kx**2/(N**2*mu_max**2*v**2)
     _x5 = a*sigma
     _x6 = Kx*_x1*_x2*_x3
     _x7 = _x6*sigma
-    return numpy.where(numpy.less_equal(_x0*_x6, 3), -N*_x5*(Kx*_x0*_x1*_x2*_x3 - 2/9*_x4*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x0*_x4*sigma + _x7), numpy.where(numpy.greater(_x7, 3), N*(-_x5 + mu_max), -N*(_x5 + mu_max)))
+    return where((_x0*_x6 <= 3), -N*_x5*(Kx*_x0*_x1*_x2*_x3 - 2/9*_x4*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x0*_x4*sigma + _x7), where((_x7 > 3), N*(-_x5 + mu_max), -N*(_x5 + mu_max)))
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
     _x0 = abs(sigma)
-    _x1 = (v*v)**(-1.0)
-    _x2 = N**(-1.0)
-    _x3 = mu_max**(-1.0)
+    _x1 = (1/(v*v))
+    _x2 = 1/N
+    _x3 = 1/mu_max
     _x4 = Kx*_x2*_x3
     _x5 = _x1*_x4
     _x6 = sigma**2
-    _x7 = (v*v*v)**(-1.0)
+    _x7 = (1/(v*v*v))
     _x8 = _x6*_x7
     _x9 = Kx**2
-    _x10 = (N*N)**(-1.0)
-    _x11 = (mu_max*mu_max)**(-1.0)
+    _x10 = (1/(N*N))
+    _x11 = (1/(mu_max*mu_max))
     _x12 = _x10*_x11*_x9
     _x13 = (4/9)*_x12
     _x14 = N*a
     _x15 = _x14*sigma
     _x16 = (1/9)*(Kx*Kx*Kx)/((N*N*N)*(mu_max*mu_max*mu_max))
-    _x17 = v**(-1.0)
+    _x17 = 1/v
     _x18 = _x17*_x4
-    _x19 = numpy.less_equal(_x0*_x18, 3)
+    _x19 = (_x0*_x18 <= 3)
     _x20 = numpy.sign(sigma)
     _x21 = _x1*_x12
     _x22 = (1/3)*_x21
-    return (numpy.where(_x19, N*mu_max*((2/3)*_x0*_x10*_x11*_x7*_x9*sigma - _x16*(sigma*sigma*sigma)/(v*v*v*v) - _x5*sigma) - _x15*(-_x0*_x5 + _x13*_x8), 0), numpy.where(_x19, N*mu_max*(-_x0*_x22 + _x16*_x8 + _x18 - _x20*_x22*sigma) - _x14*(Kx*_x0*_x17*_x2*_x3 - 2/9*_x21*_x6) - _x15*(Kx*_x17*_x2*_x20*_x3 - _x1*_x13*sigma), -_x14), 0)
+    return (where(_x19, N*mu_max*((2/3)*_x0*_x10*_x11*_x7*_x9*sigma - _x16*(sigma*sigma*sigma)/(v*v*v*v) - _x5*sigma) - _x15*(-_x0*_x5 + _x13*_x8), 0), where(_x19, N*mu_max*(-_x0*_x22 + _x16*_x8 + _x18 - _x20*_x22*sigma) - _x14*(Kx*_x0*_x17*_x2*_x3 - 2/9*_x21*_x6) - _x15*(Kx*_x17*_x2*_x20*_x3 - _x1*_x13*sigma), -_x14), 0.0)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
-    return 0
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    return 0.0
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
+    _x0 = 1/M
     _x1 = v**2
     _x2 = abs(sigma)
-    _x3 = N**(-1.0)
-    _x4 = mu_max**(-1.0)
-    _x5 = v**(-1.0)
+    _x3 = 1/N
+    _x4 = 1/mu_max
+    _x5 = 1/v
     _x6 = Kx**2/(N**2*_x1*mu_max**2)
     _x7 = a*sigma
     _x8 = Kx*_x3*_x4*_x5
     _x9 = _x8*sigma
-    _x10 = numpy.where(numpy.less_equal(_x2*_x8, 3), -N*_x7*(Kx*_x2*_x3*_x4*_x5 - 2/9*_x6*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x2*_x6*sigma + _x9), numpy.where(numpy.greater(_x9, 3), N*(-_x7 + mu_max), -N*(_x7 + mu_max)))
+    _x10 = where((_x2*_x8 <= 3), -N*_x7*(Kx*_x2*_x3*_x4*_x5 - 2/9*_x6*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x2*_x6*sigma + _x9), where((_x9 > 3), N*(-_x7 + mu_max), -N*(_x7 + mu_max)))
     _x11 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*_x1 + Tr*_x0/r + _x0*_x10
-    _x12 = J**(-1.0)
-    return (-_x11, -B*_x12*sigma + B*_x12*v + Tb*_x12*r + Td*_x12*r - Tr*_x12*r - _x10*_x12*r**2 - _x11, 0)
+    _x12 = 1/J
+    return (-_x11, -B*_x12*sigma + B*_x12*v + Tb*_x12*r + Td*_x12*r - Tr*_x12*r - _x10*_x12*r**2 - _x11, 0.0)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = v**2
+    _x3 = Fr2*_x2
+    _x4 = 1/r
+    _x5 = Tr*_x4
+    _x6 = abs(sigma)
+    _x7 = 1/N
+    _x8 = 1/mu_max
+    _x9 = 1/v
+    _x10 = Kx**2/(N**2*_x2*mu_max**2)
+    _x11 = a*sigma
+    _x12 = Kx*_x7*_x8*_x9
+    _x13 = _x12*sigma
+    _x14 = where((_x12*_x6 <= 3), -N*_x11*(Kx*_x6*_x7*_x8*_x9 - 2/9*_x10*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x10*_x6*sigma + _x13), where((_x13 > 3), N*(-_x11 + mu_max), -N*(_x11 + mu_max)))
+    _x15 = Fr0*_x0 + _x0*_x1 + _x0*_x14 + _x0*_x3 + _x0*_x5
+    _x16 = 1/J
+    _x17 = r**2
+    _x18 = -sigma + v
+    _x19 = _x18*_x4
+    return (-_x15, -B*_x16*sigma + B*_x16*v + Tb*_x16*r + Td*_x16*r - Tr*_x16*r - _x14*_x16*_x17 - _x15, 0.0, Tb*_x19, _x14*sigma, B*_x18**2/_x17, v*(Fr0 + _x1 + _x3), _x5*sigma, Td*_x19)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
+    _x0 = 1/M
     _x1 = abs(sigma)
-    _x2 = (v*v)**(-1.0)
-    _x3 = N**(-1.0)
-    _x4 = mu_max**(-1.0)
+    _x2 = (1/(v*v))
+    _x3 = 1/N
+    _x4 = 1/mu_max
     _x5 = Kx*_x3*_x4
     _x6 = _x2*_x5
     _x7 = sigma**2
-    _x8 = (v*v*v)**(-1.0)
+    _x8 = (1/(v*v*v))
     _x9 = _x7*_x8
     _x10 = Kx**2
-    _x11 = (N*N)**(-1.0)
-    _x12 = (mu_max*mu_max)**(-1.0)
+    _x11 = (1/(N*N))
+    _x12 = (1/(mu_max*mu_max))
     _x13 = _x10*_x11*_x12
     _x14 = (4/9)*_x13
     _x15 = N*a
     _x16 = _x15*sigma
     _x17 = (1/9)*(Kx*Kx*Kx)/((N*N*N)*(mu_max*mu_max*mu_max))
-    _x18 = v**(-1.0)
+    _x18 = 1/v
     _x19 = _x18*_x5
-    _x20 = numpy.less_equal(_x1*_x19, 3)
-    _x21 = numpy.where(_x20, N*mu_max*((2/3)*_x1*_x10*_x11*_x12*_x8*sigma - _x17*(sigma*sigma*sigma)/(v*v*v*v) - _x6*sigma) - _x16*(-_x1*_x6 + _x14*_x9), 0)
+    _x20 = (_x1*_x19 <= 3)
+    _x21 = where(_x20, N*mu_max*((2/3)*_x1*_x10*_x11*_x12*_x8*sigma - _x17*(sigma*sigma*sigma)/(v*v*v*v) - _x6*sigma) - _x16*(-_x1*_x6 + _x14*_x9), 0)
     _x22 = Fr1*_x0 + 2*Fr2*_x0*v + _x0*_x21
     _x23 = numpy.sign(sigma)
     _x24 = _x13*_x2
     _x25 = (1/3)*_x24
-    _x26 = numpy.where(_x20, N*mu_max*(-_x1*_x25 + _x17*_x9 + _x19 - _x23*_x25*sigma) - _x15*(Kx*_x1*_x18*_x3*_x4 - 2/9*_x24*_x7) - _x16*(Kx*_x18*_x23*_x3*_x4 - _x14*_x2*sigma), -_x15)
+    _x26 = where(_x20, N*mu_max*(-_x1*_x25 + _x17*_x9 + _x19 - _x23*_x25*sigma) - _x15*(Kx*_x1*_x18*_x3*_x4 - 2/9*_x24*_x7) - _x16*(Kx*_x18*_x23*_x3*_x4 - _x14*_x2*sigma), -_x15)
     _x27 = _x0*_x26
-    _x28 = J**(-1.0)
+    _x28 = 1/J
     _x29 = B*_x28
     _x30 = _x28*r**2
-    return ((-_x22, -_x27, 0, 0), (-_x21*_x30 - _x22 + _x29, -_x26*_x30 - _x27 - _x29, 0, _x28*r), (0, 0, 0, 0))
+    return ((-_x22, -_x27, 0.0, 0.0), (-_x21*_x30 - _x22 + _x29, -_x26*_x30 - _x27 - _x29, 0.0, _x28*r), (0.0, 0.0, 0.0, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, mu_max, a, Kx = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    mu_max = p[8]
+    a = p[9]
+    Kx = p[10]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -117,15 +187,19 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x6 = Fr1*_x3
     _x7 = v**2
     _x8 = Fr2*_x3
-    _x9 = v**(-1.0)
+    _x9 = 1/v
     _x10 = _x9*sigma
     _x11 = abs(sigma)
-    _x12 = N**(-1.0)
-    _x13 = mu_max**(-1.0)
+    _x12 = 1/N
+    _x13 = 1/mu_max
     _x14 = Kx**2/(N**2*_x7*mu_max**2)
     _x15 = a*sigma
     _x16 = Kx*_x12*_x13
     _x17 = _x10*_x16
-    _x18 = numpy.where(numpy.less_equal(_x11*_x16*_x9, 3), -N*_x15*(Kx*_x11*_x12*_x13*_x9 - 2/9*_x14*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x11*_x14*sigma + _x17), numpy.where(numpy.greater(_x17, 3), N*(-_x15 + mu_max), -N*(_x15 + mu_max)))
+    _x18 = where((_x11*_x16*_x9 <= 3), -N*_x15*(Kx*_x11*_x12*_x13*_x9 - 2/9*_x14*sigma**2) + N*mu_max*((1/27)*(Kx*Kx*Kx)*(sigma*sigma*sigma)/((N*N*N)*(mu_max*mu_max*mu_max)*(v*v*v)) - 1/3*_x11*_x14*sigma + _x17), where((_x17 > 3), N*(-_x15 + mu_max), -N*(_x15 + mu_max)))
     _x19 = _x18*_x3
     return -Td + Tr + _x1*sigma - _x1*v - _x10*_x19 - _x10*_x4 - _x10*_x5 + _x18*r + _x19 + _x4 + _x5 - _x6*sigma + _x6*v + _x7*_x8 - _x8*sigma*v
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,53 +2,106 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "7760777a851c2088d0aebab736abbafcb11e84f16d42ab485b5699215e5cfd50"
+SOURCES_SHA256 = "c4b8b6a234131b8431d82e22cd97bacc25ea7f21030e235a125d76ed05b63174"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
     return alpha*z
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
-    return (0, 0, alpha)
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    return (0.0, 0.0, alpha)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
     return (gamma - abs(sigma))*numpy.sign(sigma)/(alpha*beta)
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    _x0 = 1/M
     _x1 = alpha*z
     _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
-    _x3 = J**(-1.0)
+    _x3 = 1/J
     _x4 = abs(sigma)
     return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, -_x1*_x4*beta/(-_x4 + gamma) + sigma)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = alpha*z
+    _x3 = Fr2*v**2
+    _x4 = 1/r
+    _x5 = Tr*_x4
+    _x6 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x3 + _x0*_x5
+    _x7 = 1/J
+    _x8 = r**2
+    _x9 = abs(sigma)
+    _x10 = -sigma + v
+    _x11 = _x10*_x4
+    return (-_x6, -B*_x7*sigma + B*_x7*v + Tb*_x7*r + Td*_x7*r - Tr*_x7*r - _x2*_x7*_x8 - _x6, -_x2*_x9*beta/(-_x9 + gamma) + sigma, Tb*_x11, _x2*sigma, B*_x10**2/_x8, v*(Fr0 + _x1 + _x3), _x5*sigma, Td*_x11)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    _x0 = 1/M
     _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = _x0*alpha
-    _x3 = J**(-1.0)
+    _x3 = 1/J
     _x4 = -B*_x3
     _x5 = abs(sigma)
     _x6 = -_x5 + gamma
     _x7 = alpha*beta/_x6
     _x8 = z*numpy.sign(sigma)
-    return ((-_x1, 0, -_x2, 0), (-_x1 - _x4, _x4, -_x2 - _x3*alpha*r**2, _x3*r), (0, -_x5*_x8*alpha*beta/_x6**2 - _x7*_x8 + 1, -_x5*_x7, 0))
+    return ((-_x1, 0.0, -_x2, 0.0), (-_x1 - _x4, _x4, -_x2 - _x3*alpha*r**2, _x3*r), (0.0, -_x5*_x8*alpha*beta/_x6**2 - _x7*_x8 + 1, -_x5*_x7, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma = p
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
     _x0 = alpha*z
-    _x1 = r**(-1.0)
+    _x1 = 1/r
     _x2 = B*_x1
     _x3 = J/M
     _x4 = _x1*_x3
@@ -59,3 +112,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x9 = Fr2*_x4
     _x10 = sigma/v
     return -Td + Tr + _x0*r - _x10*_x5 - _x10*_x6 - _x10*_x8 + _x2*sigma - _x2*v + _x5 + _x6 - _x7*sigma + _x7*v + _x8 - _x9*sigma*v + _x9*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

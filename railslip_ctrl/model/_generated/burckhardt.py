@@ -2,57 +2,110 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "0205351bac6953fcc48bf58a15f94eae38087fc9a88bac728aad7259f7f42c41"
+SOURCES_SHA256 = "414b840d54bfe9c57df16757101ebe7387fdbd0e39ea33e82e5caf0ca0057115"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
     _x0 = sigma/v
     _x1 = numpy.tanh((1/2)*_x0*c2)
     return N*(-_x0*c3 + 2*_x1*c1/(abs(_x1) + 1))
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
     _x0 = sigma/v**2
-    _x1 = v**(-1.0)
+    _x1 = 1/v
     _x2 = _x1*c2
     _x3 = numpy.tanh((1/2)*_x2*sigma)
     _x4 = abs(_x3) + 1
-    _x5 = _x4**(-1.0)
+    _x5 = 1/_x4
     _x6 = 1 - _x3**2
     _x7 = _x6*c1
     _x8 = _x0*c2
     _x9 = _x3*_x7*numpy.sign(_x3)/_x4**2
-    return (N*(_x0*c3 - _x5*_x7*_x8 + _x8*_x9), N*(_x1*_x5*_x6*c1*c2 - _x1*c3 - _x2*_x9), 0)
+    return (N*(_x0*c3 - _x5*_x7*_x8 + _x8*_x9), N*(_x1*_x5*_x6*c1*c2 - _x1*c3 - _x2*_x9), 0.0)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
-    return 0
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    return 0.0
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
+    _x0 = 1/M
     _x1 = sigma/v
     _x2 = numpy.tanh((1/2)*_x1*c2)
     _x3 = N*(-_x1*c3 + 2*_x2*c1/(abs(_x2) + 1))
     _x4 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x3
-    _x5 = J**(-1.0)
-    return (-_x4, -B*_x5*sigma + B*_x5*v + Tb*_x5*r + Td*_x5*r - Tr*_x5*r - _x3*_x5*r**2 - _x4, 0)
+    _x5 = 1/J
+    return (-_x4, -B*_x5*sigma + B*_x5*v + Tb*_x5*r + Td*_x5*r - Tr*_x5*r - _x3*_x5*r**2 - _x4, 0.0)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = Fr2*v**2
+    _x3 = 1/r
+    _x4 = Tr*_x3
+    _x5 = sigma/v
+    _x6 = numpy.tanh((1/2)*_x5*c2)
+    _x7 = N*(-_x5*c3 + 2*_x6*c1/(abs(_x6) + 1))
+    _x8 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x4 + _x0*_x7
+    _x9 = 1/J
+    _x10 = r**2
+    _x11 = -sigma + v
+    _x12 = _x11*_x3
+    return (-_x8, -B*_x9*sigma + B*_x9*v + Tb*_x9*r + Td*_x9*r - Tr*_x9*r - _x10*_x7*_x9 - _x8, 0.0, Tb*_x12, _x7*sigma, B*_x11**2/_x10, v*(Fr0 + _x1 + _x2), _x4*sigma, Td*_x12)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
+    _x0 = 1/M
     _x1 = sigma/v**2
-    _x2 = v**(-1.0)
+    _x2 = 1/v
     _x3 = _x2*c2
     _x4 = numpy.tanh((1/2)*_x3*sigma)
     _x5 = abs(_x4) + 1
-    _x6 = _x5**(-1.0)
+    _x6 = 1/_x5
     _x7 = 1 - _x4**2
     _x8 = _x7*c1
     _x9 = _x1*c2
@@ -62,15 +115,25 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x13 = Fr1*_x0 + 2*Fr2*_x0*v + _x11*_x12
     _x14 = -_x10*_x3 + _x2*_x6*_x7*c1*c2 - _x2*c3
     _x15 = _x12*_x14
-    _x16 = J**(-1.0)
+    _x16 = 1/J
     _x17 = B*_x16
     _x18 = N*_x16*r**2
-    return ((-_x13, -_x15, 0, 0), (-_x11*_x18 - _x13 + _x17, -_x14*_x18 - _x15 - _x17, 0, _x16*r), (0, 0, 0, 0))
+    return ((-_x13, -_x15, 0.0, 0.0), (-_x11*_x18 - _x13 + _x17, -_x14*_x18 - _x15 - _x17, 0.0, _x16*r), (0.0, 0.0, 0.0, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, c1, c2, c3 = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    c1 = p[8]
+    c2 = p[9]
+    c3 = p[10]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -83,3 +146,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x10 = N*(-_x8*c3 + 2*_x9*c1/(abs(_x9) + 1))
     _x11 = _x10*_x3
     return -Td + Tr + _x1*sigma - _x1*v + _x10*r - _x11*_x8 + _x11 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,64 +2,131 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-from railslip_ctrl.model.adhesion.curve import curve_force
+from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "02f9078c8d323016eacbe8e80f4108ff085543398d772dd1ad8eb5f48cf3b2d7"
-
-
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
-    return curve_force(sigma/v, alpha, beta, gamma, R, v0)
+SOURCES_SHA256 = "d0359d915c812ab269a38537bb1fe2028a9ba1e781b7409950d5533c5ae61b78"
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
+    return tabulated(sigma/v, alpha, beta, gamma, R, v0, *nodes)
+
+
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
     _x0 = abs(sigma)
-    _x1 = v**(-1.0)
-    _x2 = _x0*alpha*v0**2*(-beta*abs(curve_force(_x1*sigma, alpha, beta, gamma, R, v0))/(-_x0*_x1*v0 + gamma) + 1)/R
-    return (-_x2*sigma/(v*v*v), _x2/v**2, 0)
+    _x1 = 1/v
+    _x2 = _x0*alpha*v0**2*(-beta*abs(tabulated(_x1*sigma, alpha, beta, gamma, R, v0, *nodes))/(-_x0*_x1*v0 + gamma) + 1)/R
+    return (-_x2*sigma/(v*v*v), _x2/v**2, 0.0)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
-    return 0
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    return 0.0
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
-    _x0 = M**(-1.0)
-    _x1 = curve_force(sigma/v, alpha, beta, gamma, R, v0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
+    _x0 = 1/M
+    _x1 = tabulated(sigma/v, alpha, beta, gamma, R, v0, *nodes)
     _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
-    _x3 = J**(-1.0)
-    return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, 0)
+    _x3 = 1/J
+    return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, 0.0)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = Fr2*v**2
+    _x3 = 1/r
+    _x4 = Tr*_x3
+    _x5 = tabulated(sigma/v, alpha, beta, gamma, R, v0, *nodes)
+    _x6 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x4 + _x0*_x5
+    _x7 = 1/J
+    _x8 = r**2
+    _x9 = -sigma + v
+    _x10 = _x3*_x9
+    return (-_x6, -B*_x7*sigma + B*_x7*v + Tb*_x7*r + Td*_x7*r - Tr*_x7*r - _x5*_x7*_x8 - _x6, 0.0, Tb*_x10, _x5*sigma, B*_x9**2/_x8, v*(Fr0 + _x1 + _x2), _x4*sigma, Td*_x10)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
+    _x0 = 1/M
     _x1 = Fr1*_x0
     _x2 = 2*Fr2*_x0*v
     _x3 = abs(sigma)
-    _x4 = R**(-1.0)
-    _x5 = (v*v*v)**(-1.0)
+    _x4 = 1/R
+    _x5 = (1/(v*v*v))
     _x6 = v0**2
-    _x7 = v**(-1.0)
-    _x8 = -beta*abs(curve_force(_x7*sigma, alpha, beta, gamma, R, v0))/(-_x3*_x7*v0 + gamma) + 1
-    _x9 = (v*v)**(-1.0)
+    _x7 = 1/v
+    _x8 = -beta*abs(tabulated(_x7*sigma, alpha, beta, gamma, R, v0, *nodes))/(-_x3*_x7*v0 + gamma) + 1
+    _x9 = (1/(v*v))
     _x10 = _x3*_x4*_x6*_x8*alpha
     _x11 = _x0*_x10
     _x12 = _x11*_x9
-    _x13 = J**(-1.0)
+    _x13 = 1/J
     _x14 = B*_x13
     _x15 = _x5*sigma
     _x16 = _x10*_x13*r**2
-    return ((_x0*_x3*_x4*_x5*_x6*_x8*alpha*sigma - _x1 - _x2, -_x12, 0, 0), (-_x1 + _x11*_x15 + _x14 + _x15*_x16 - _x2, -_x12 - _x14 - _x16*_x9, 0, _x13*r), (0, 0, 0, 0))
+    return ((_x0*_x3*_x4*_x5*_x6*_x8*alpha*sigma - _x1 - _x2, -_x12, 0.0, 0.0), (-_x1 + _x11*_x15 + _x14 + _x15*_x16 - _x2, -_x12 - _x14 - _x16*_x9, 0.0, _x13*r), (0.0, 0.0, 0.0, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, beta, gamma, R, v0 = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    beta = p[9]
+    gamma = p[10]
+    R = p[11]
+    v0 = p[12]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -68,6 +135,10 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x6 = Fr1*_x3
     _x7 = Fr2*_x3
     _x8 = sigma/v
-    _x9 = curve_force(_x8, alpha, beta, gamma, R, v0)
+    _x9 = tabulated(_x8, alpha, beta, gamma, R, v0, *nodes)
     _x10 = _x3*_x9
     return -Td + Tr + _x1*sigma - _x1*v - _x10*_x8 + _x10 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2 + _x9*r
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,49 +2,97 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "20ed614fe9dc8288331a70f67ad589c17528df4f39730002218da894684a093b"
+SOURCES_SHA256 = "6e5d990b16fe46005adffeb3055dda342ae527ee38add8b04cec0d916efb496d"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
     return alpha*z
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
-    return (0, 0, alpha)
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    return (0.0, 0.0, alpha)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    Fc = p[9]
     return Fc*numpy.sign(sigma)/alpha
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    Fc = p[9]
+    _x0 = 1/M
     _x1 = alpha*z
     _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
-    _x3 = J**(-1.0)
+    _x3 = 1/J
     return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, sigma - _x1*abs(sigma)/Fc)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    Fc = p[9]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = alpha*z
+    _x3 = Fr2*v**2
+    _x4 = 1/r
+    _x5 = Tr*_x4
+    _x6 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x3 + _x0*_x5
+    _x7 = 1/J
+    _x8 = r**2
+    _x9 = -sigma + v
+    _x10 = _x4*_x9
+    return (-_x6, -B*_x7*sigma + B*_x7*v + Tb*_x7*r + Td*_x7*r - Tr*_x7*r - _x2*_x7*_x8 - _x6, sigma - _x2*abs(sigma)/Fc, Tb*_x10, _x2*sigma, B*_x9**2/_x8, v*(Fr0 + _x1 + _x3), _x5*sigma, Td*_x10)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    Fc = p[9]
+    _x0 = 1/M
     _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = _x0*alpha
-    _x3 = J**(-1.0)
+    _x3 = 1/J
     _x4 = -B*_x3
     _x5 = alpha/Fc
-    return ((-_x1, 0, -_x2, 0), (-_x1 - _x4, _x4, -_x2 - _x3*alpha*r**2, _x3*r), (0, -_x5*z*numpy.sign(sigma) + 1, -_x5*abs(sigma), 0))
+    return ((-_x1, 0.0, -_x2, 0.0), (-_x1 - _x4, _x4, -_x2 - _x3*alpha*r**2, _x3*r), (0.0, -_x5*z*numpy.sign(sigma) + 1, -_x5*abs(sigma), 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, Fc = p
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
     _x0 = alpha*z
-    _x1 = r**(-1.0)
+    _x1 = 1/r
     _x2 = B*_x1
     _x3 = J/M
     _x4 = _x1*_x3
@@ -55,3 +103,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x9 = Fr2*_x4
     _x10 = sigma/v
     return -Td + Tr + _x0*r - _x10*_x5 - _x10*_x6 - _x10*_x8 + _x2*sigma - _x2*v + _x5 + _x6 - _x7*sigma + _x7*v + _x8 - _x9*sigma*v + _x9*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,47 +2,114 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "1e6c95ccb82ded72b88aa12646b99379ba3f606929a38a06cfffa8db3870e7a6"
+SOURCES_SHA256 = "2b4bcf54ea9285aaf7da4e9d0e91562e7cffcdd6110df67cb85c73c224636717"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
     _x0 = alpha*z
     return _x0 + alpha1*(-_x0*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma) + alpha2*sigma
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
-    _x0 = (vs*vs)**(-1.0)
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
+    _x0 = (1/(vs*vs))
     _x1 = (-Fc + Fs)*numpy.exp(-_x0*sigma**2)
     _x2 = Fc + _x1
     _x3 = alpha/_x2
     _x4 = abs(sigma)
-    return (0, alpha1*(-2*_x0*_x1*_x4*alpha*sigma*z/_x2**2 - _x3*z*numpy.sign(sigma) + 1) + alpha2, -_x3*_x4*alpha1 + alpha)
+    return (0.0, alpha1*(-2*_x0*_x1*_x4*alpha*sigma*z/_x2**2 - _x3*z*numpy.sign(sigma) + 1) + alpha2, -_x3*_x4*alpha1 + alpha)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
     return (Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2))*numpy.sign(sigma)/alpha
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
+    _x0 = 1/M
     _x1 = alpha*z
     _x2 = -_x1*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma
     _x3 = _x1 + _x2*alpha1 + alpha2*sigma
     _x4 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x3
-    _x5 = J**(-1.0)
+    _x5 = 1/J
     return (-_x4, -B*_x5*sigma + B*_x5*v + Tb*_x5*r + Td*_x5*r - Tr*_x5*r - _x3*_x5*r**2 - _x4, _x2)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = Fr2*v**2
+    _x3 = 1/r
+    _x4 = Tr*_x3
+    _x5 = alpha*z
+    _x6 = -_x5*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma
+    _x7 = _x5 + _x6*alpha1 + alpha2*sigma
+    _x8 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x4 + _x0*_x7
+    _x9 = 1/J
+    _x10 = r**2
+    _x11 = -sigma + v
+    _x12 = _x11*_x3
+    return (-_x8, -B*_x9*sigma + B*_x9*v + Tb*_x9*r + Td*_x9*r - Tr*_x9*r - _x10*_x7*_x9 - _x8, _x6, Tb*_x12, _x7*sigma, B*_x11**2/_x10, v*(Fr0 + _x1 + _x2), _x4*sigma, Td*_x12)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
+    _x0 = 1/M
     _x1 = Fr1*_x0 + 2*Fr2*_x0*v
-    _x2 = (vs*vs)**(-1.0)
+    _x2 = (1/(vs*vs))
     _x3 = (-Fc + Fs)*numpy.exp(-_x2*sigma**2)
     _x4 = Fc + _x3
     _x5 = alpha/_x4
@@ -53,15 +120,27 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x10 = _x5*_x6
     _x11 = -_x10*alpha1 + alpha
     _x12 = _x0*_x11
-    _x13 = J**(-1.0)
+    _x13 = 1/J
     _x14 = B*_x13
     _x15 = _x13*r**2
-    return ((-_x1, -_x9, -_x12, 0), (-_x1 + _x14, -_x14 - _x15*_x8 - _x9, -_x11*_x15 - _x12, _x13*r), (0, _x7, -_x10, 0))
+    return ((-_x1, -_x9, -_x12, 0.0), (-_x1 + _x14, -_x14 - _x15*_x8 - _x9, -_x11*_x15 - _x12, _x13*r), (0.0, _x7, -_x10, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, Fs, Fc, vs = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    Fs = p[11]
+    Fc = p[12]
+    vs = p[13]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -74,3 +153,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x10 = _x9 + alpha1*(-_x9*abs(sigma)/(Fc + (-Fc + Fs)*numpy.exp(-sigma**2/vs**2)) + sigma) + alpha2*sigma
     _x11 = _x10*_x3
     return -Td + Tr + _x1*sigma - _x1*v + _x10*r - _x11*_x8 + _x11 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,114 +2,198 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "c95ca59db338f82e047de6eda7bfb9b230949d02ec52edd731ce9bf48bdb829f"
+SOURCES_SHA256 = "0eff442a7d5ab79a2637493c6b272cf0b7987b6a6a4724c0500f2c0aa1d4762b"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
     _x0 = A + (1 - A)*numpy.exp(-Bw*abs(sigma))
     _x1 = (1/4)*numpy.pi*G*a*b*c11*sigma/(N*_x0*mu0*v)
     return 2*N*_x0*mu0*(_x1*kA/((1/16)*numpy.pi**2*G**2*a**2*b**2*c11**2*kA**2*sigma**2/(N**2*_x0**2*mu0**2*v**2) + 1) + numpy.arctan(_x1*kS))/numpy.pi
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
     _x0 = numpy.pi**2
     _x1 = G**2
-    _x2 = (N*N)**(-1.0)
+    _x2 = (1/(N*N))
     _x3 = a**2
     _x4 = b**2
     _x5 = c11**2
     _x6 = kA**2
-    _x7 = (mu0*mu0)**(-1.0)
-    _x8 = (v*v)**(-1.0)
+    _x7 = (1/(mu0*mu0))
+    _x8 = (1/(v*v))
     _x9 = (1 - A)*numpy.exp(-Bw*abs(sigma))
     _x10 = A + _x9
-    _x11 = (_x10*_x10)**(-1.0)
+    _x11 = (1/(_x10*_x10))
     _x12 = _x0*_x1*_x11*_x2*_x3*_x4*_x5*_x6*_x7*_x8
     _x13 = sigma**2
     _x14 = (1/16)*_x13
     _x15 = _x12*_x14 + 1
     _x16 = kA/_x15
     _x17 = _x16*sigma
-    _x18 = N**(-1.0)
-    _x19 = mu0**(-1.0)
+    _x18 = 1/N
+    _x19 = 1/mu0
     _x20 = (1/4)*numpy.pi*G*_x18*_x19*a*b*c11/_x10
     _x21 = _x20*_x8
     _x22 = _x0*_x1*_x2*_x3*_x4*_x5*_x7*_x8
-    _x23 = (_x11*_x14*_x22*kS**2 + 1)**(-1.0)
+    _x23 = 1/(_x11*_x14*_x22*kS**2 + 1)
     _x24 = kS*sigma
-    _x25 = (_x10*_x10*_x10)**(-1.0)
-    _x26 = (_x15*_x15)**(-1.0)
-    _x27 = numpy.pi**(-1.0)
+    _x25 = (1/(_x10*_x10*_x10))
+    _x26 = (1/(_x15*_x15))
+    _x27 = 1/numpy.pi
     _x28 = 2*N*_x27*mu0
-    _x29 = v**(-1.0)
+    _x29 = 1/v
     _x30 = _x20*_x29
     _x31 = _x30*kS
     _x32 = _x16*_x30
     _x33 = Bw*_x9*numpy.sign(sigma)
     _x34 = (1/4)*numpy.pi*G*_x11*_x18*_x19*_x29*_x33*a*b*c11
-    return (_x10*_x28*((1/32)*numpy.pi**3*(G*G*G)*_x25*_x26*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x17*_x21 - _x21*_x23*_x24), 2*N*_x10*_x27*mu0*(_x17*_x34 + _x23*(_x24*_x34 + _x31) + _x26*_x30*kA*sigma*(-1/8*_x12*sigma - 1/8*_x13*_x22*_x25*_x33*_x6) + _x32) - _x28*_x33*(_x32*sigma + numpy.arctan(_x31*sigma)), 0)
+    return (_x10*_x28*((1/32)*numpy.pi**3*(G*G*G)*_x25*_x26*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x17*_x21 - _x21*_x23*_x24), 2*N*_x10*_x27*mu0*(_x17*_x34 + _x23*(_x24*_x34 + _x31) + _x26*_x30*kA*sigma*(-1/8*_x12*sigma - 1/8*_x13*_x22*_x25*_x33*_x6) + _x32) - _x28*_x33*(_x32*sigma + numpy.arctan(_x31*sigma)), 0.0)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
-    return 0
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    return 0.0
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
+    _x0 = 1/M
     _x1 = v**2
     _x2 = A + (1 - A)*numpy.exp(-Bw*abs(sigma))
     _x3 = (1/4)*numpy.pi*G*a*b*c11*sigma/(N*_x2*mu0*v)
     _x4 = 2*N*_x2*mu0*(_x3*kA/((1/16)*numpy.pi**2*G**2*a**2*b**2*c11**2*kA**2*sigma**2/(N**2*_x1*_x2**2*mu0**2) + 1) + numpy.arctan(_x3*kS))/numpy.pi
     _x5 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*_x1 + Tr*_x0/r + _x0*_x4
-    _x6 = J**(-1.0)
-    return (-_x5, -B*_x6*sigma + B*_x6*v + Tb*_x6*r + Td*_x6*r - Tr*_x6*r - _x4*_x6*r**2 - _x5, 0)
+    _x6 = 1/J
+    return (-_x5, -B*_x6*sigma + B*_x6*v + Tb*_x6*r + Td*_x6*r - Tr*_x6*r - _x4*_x6*r**2 - _x5, 0.0)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = v**2
+    _x3 = Fr2*_x2
+    _x4 = 1/r
+    _x5 = Tr*_x4
+    _x6 = A + (1 - A)*numpy.exp(-Bw*abs(sigma))
+    _x7 = (1/4)*numpy.pi*G*a*b*c11*sigma/(N*_x6*mu0*v)
+    _x8 = 2*N*_x6*mu0*(_x7*kA/((1/16)*numpy.pi**2*G**2*a**2*b**2*c11**2*kA**2*sigma**2/(N**2*_x2*_x6**2*mu0**2) + 1) + numpy.arctan(_x7*kS))/numpy.pi
+    _x9 = Fr0*_x0 + _x0*_x1 + _x0*_x3 + _x0*_x5 + _x0*_x8
+    _x10 = 1/J
+    _x11 = r**2
+    _x12 = -sigma + v
+    _x13 = _x12*_x4
+    return (-_x9, -B*_x10*sigma + B*_x10*v + Tb*_x10*r + Td*_x10*r - Tr*_x10*r - _x10*_x11*_x8 - _x9, 0.0, Tb*_x13, _x8*sigma, B*_x12**2/_x11, v*(Fr0 + _x1 + _x3), _x5*sigma, Td*_x13)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
+    _x0 = 1/M
     _x1 = 2*_x0
     _x2 = numpy.pi**2
     _x3 = G**2
-    _x4 = (N*N)**(-1.0)
+    _x4 = (1/(N*N))
     _x5 = a**2
     _x6 = b**2
     _x7 = c11**2
     _x8 = kA**2
-    _x9 = (mu0*mu0)**(-1.0)
-    _x10 = (v*v)**(-1.0)
+    _x9 = (1/(mu0*mu0))
+    _x10 = (1/(v*v))
     _x11 = 1 - A
     _x12 = numpy.exp(-Bw*abs(sigma))
     _x13 = _x11*_x12
     _x14 = A + _x13
-    _x15 = (_x14*_x14)**(-1.0)
+    _x15 = (1/(_x14*_x14))
     _x16 = _x10*_x15*_x2*_x3*_x4*_x5*_x6*_x7*_x8*_x9
     _x17 = sigma**2
     _x18 = (1/16)*_x17
     _x19 = _x16*_x18 + 1
     _x20 = kA/_x19
     _x21 = _x20*sigma
-    _x22 = N**(-1.0)
-    _x23 = mu0**(-1.0)
+    _x22 = 1/N
+    _x23 = 1/mu0
     _x24 = (1/4)*numpy.pi*G*_x22*_x23*a*b*c11/_x14
     _x25 = _x10*_x24
     _x26 = _x10*_x2*_x3*_x4*_x5*_x6*_x7*_x9
-    _x27 = (_x15*_x18*_x26*kS**2 + 1)**(-1.0)
+    _x27 = 1/(_x15*_x18*_x26*kS**2 + 1)
     _x28 = kS*sigma
-    _x29 = (_x14*_x14*_x14)**(-1.0)
-    _x30 = (_x19*_x19)**(-1.0)
+    _x29 = (1/(_x14*_x14*_x14))
+    _x30 = (1/(_x19*_x19))
     _x31 = (1/32)*numpy.pi**3*(G*G*G)*_x29*_x30*(a*a*a)*(b*b*b)*(c11*c11*c11)*(kA*kA*kA)*(sigma*sigma*sigma)/((N*N*N)*(mu0*mu0*mu0)*(v*v*v*v)) - _x21*_x25 - _x25*_x27*_x28
-    _x32 = numpy.pi**(-1.0)
+    _x32 = 1/numpy.pi
     _x33 = N*_x32*mu0
     _x34 = _x14*_x33
     _x35 = _x1*_x34
     _x36 = Fr1*_x0 + Fr2*_x1*v + _x31*_x35
-    _x37 = v**(-1.0)
+    _x37 = 1/v
     _x38 = _x24*_x37
     _x39 = _x38*kS
     _x40 = _x20*_x38
@@ -119,16 +203,32 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x44 = (1/4)*numpy.pi*G*_x15*_x22*_x23*_x37*_x43*a*b*c11
     _x45 = _x21*_x44 + _x27*(_x28*_x44 + _x39) + _x30*_x38*kA*sigma*(-1/8*_x16*sigma - 1/8*_x17*_x26*_x29*_x43*_x8) + _x40
     _x46 = _x35*_x45
-    _x47 = J**(-1.0)
+    _x47 = 1/J
     _x48 = B*_x47
     _x49 = r**2
     _x50 = 2*_x34*_x47*_x49
-    return ((-_x36, _x1*_x33*_x41*_x43 - _x46, 0, 0), (-_x31*_x50 - _x36 + _x48, 2*Bw*N*_x0*_x11*_x12*_x32*_x41*_x42*mu0 + 2*Bw*N*_x11*_x12*_x32*_x41*_x42*_x47*_x49*mu0 - _x45*_x50 - _x46 - _x48, 0, _x47*r), (0, 0, 0, 0))
+    return ((-_x36, _x1*_x33*_x41*_x43 - _x46, 0.0, 0.0), (-_x31*_x50 - _x36 + _x48, 2*Bw*N*_x0*_x11*_x12*_x32*_x41*_x42*mu0 + 2*Bw*N*_x11*_x12*_x32*_x41*_x42*_x47*_x49*mu0 - _x45*_x50 - _x46 - _x48, 0.0, _x47*r), (0.0, 0.0, 0.0, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, kA, kS, mu0, A, Bw, G, a, b, c11 = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    kA = p[8]
+    kS = p[9]
+    mu0 = p[10]
+    A = p[11]
+    Bw = p[12]
+    G = p[13]
+    a = p[14]
+    b = p[15]
+    c11 = p[16]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -143,3 +243,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x12 = 2*N*_x10*mu0*(_x11*kA/((1/16)*numpy.pi**2*G**2*a**2*b**2*c11**2*kA**2*sigma**2/(N**2*_x10**2*_x7*mu0**2) + 1) + numpy.arctan(_x11*kS))/numpy.pi
     _x13 = _x12*_x3
     return -Td + Tr + _x1*sigma - _x1*v + _x12*r - _x13*_x9 + _x13 - _x4*_x9 + _x4 - _x5*_x9 + _x5 - _x6*sigma + _x6*v + _x7*_x8 - _x8*sigma*v
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -2,67 +2,120 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-from railslip_ctrl.model.adhesion.table import table_force
-from railslip_ctrl.model.adhesion.table import table_slope
+from railslip_ctrl.model.adhesion.table import table_force as tabulated
+from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "22c631b853af37f88bebff5891848a47aa0c1248ce785186ee3fd11518a24d34"
-
-
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    return table_force(sigma/v, N, table)
+SOURCES_SHA256 = "d73e3e87ddd90877cbb606e01e1e1f5e760ba5e88340d96c8a9caf596e12fb45"
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    _x0 = v**(-1.0)
-    _x1 = table_slope(_x0*sigma, N, table)
-    return (-_x1*sigma/v**2, _x0*_x1, 0)
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    table = p[8:]
+    return tabulated(sigma/v, N, table, *nodes)
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    return 0
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    table = p[8:]
+    _x0 = 1/v
+    _x1 = tabulated_slope(_x0*sigma, N, table, *nodes)
+    return (-_x1*sigma/v**2, _x0*_x1, 0.0)
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    _x0 = M**(-1.0)
-    _x1 = table_force(sigma/v, N, table)
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    return 0.0
+
+
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    table = p[8:]
+    _x0 = 1/M
+    _x1 = tabulated(sigma/v, N, table, *nodes)
     _x2 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x1
-    _x3 = J**(-1.0)
-    return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, 0)
+    _x3 = 1/J
+    return (-_x2, -B*_x3*sigma + B*_x3*v + Tb*_x3*r + Td*_x3*r - Tr*_x3*r - _x1*_x3*r**2 - _x2, 0.0)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    table = p[8:]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = Fr2*v**2
+    _x3 = 1/r
+    _x4 = Tr*_x3
+    _x5 = tabulated(sigma/v, N, table, *nodes)
+    _x6 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x4 + _x0*_x5
+    _x7 = 1/J
+    _x8 = r**2
+    _x9 = -sigma + v
+    _x10 = _x3*_x9
+    return (-_x6, -B*_x7*sigma + B*_x7*v + Tb*_x7*r + Td*_x7*r - Tr*_x7*r - _x5*_x7*_x8 - _x6, 0.0, Tb*_x10, _x5*sigma, B*_x9**2/_x8, v*(Fr0 + _x1 + _x2), _x4*sigma, Td*_x10)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    table = p[8:]
+    _x0 = 1/M
     _x1 = Fr1*_x0
     _x2 = 2*Fr2*_x0*v
-    _x3 = (v*v)**(-1.0)
-    _x4 = v**(-1.0)
-    _x5 = table_slope(_x4*sigma, N, table)
+    _x3 = (1/(v*v))
+    _x4 = 1/v
+    _x5 = tabulated_slope(_x4*sigma, N, table, *nodes)
     _x6 = _x0*_x5
     _x7 = _x4*_x6
-    _x8 = J**(-1.0)
+    _x8 = 1/J
     _x9 = B*_x8
     _x10 = _x3*sigma
     _x11 = _x5*_x8*r**2
-    return ((_x0*_x3*_x5*sigma - _x1 - _x2, -_x7, 0, 0), (-_x1 + _x10*_x11 + _x10*_x6 - _x2 + _x9, -_x11*_x4 - _x7 - _x9, 0, _x8*r), (0, 0, 0, 0))
+    return ((_x0*_x3*_x5*sigma - _x1 - _x2, -_x7, 0.0, 0.0), (-_x1 + _x10*_x11 + _x10*_x6 - _x2 + _x9, -_x11*_x4 - _x7 - _x9, 0.0, _x8*r), (0.0, 0.0, 0.0, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, *table = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    table = p[8:]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
     _x4 = Fr0*_x3
     _x5 = Tr*_x2/r**2
     _x6 = sigma/v
-    _x7 = table_force(_x6, N, table)
+    _x7 = tabulated(_x6, N, table, *nodes)
     _x8 = Fr1*_x3
     _x9 = Fr2*_x3
     _x10 = _x3*_x7
     return -Td + Tr + _x1*sigma - _x1*v - _x10*_x6 + _x10 - _x4*_x6 + _x4 - _x5*_x6 + _x5 + _x7*r - _x8*sigma + _x8*v - _x9*sigma*v + _x9*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

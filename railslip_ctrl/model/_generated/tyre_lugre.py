@@ -2,48 +2,121 @@
 # mypy: ignore-errors
 
 import numpy
+from numpy import where
 
-SOURCES_SHA256 = "8ed99eb7fda03144ebc6da8ceed31b38ea03e04463e78e47307e44218aa4249b"
+SOURCES_SHA256 = "66a1652c33105d13f77f74117d391bda275e3b6ad0a7fc6f100c08eea45d1bc7"
 
 
-def force(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
     _x0 = alpha*z
     _x1 = abs(sigma)
     return N*(_x0 + alpha1*(-_x0*_x1/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x1)/numpy.sqrt(vs))) + sigma) + alpha2*sigma)
 
 
-def force_gradient(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+def force_gradient(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
     _x0 = abs(sigma)
     _x1 = numpy.sqrt(_x0)/numpy.sqrt(vs)
     _x2 = (-mu_c + mu_s)*numpy.exp(-_x1)
     _x3 = _x2 + mu_c
     _x4 = alpha/_x3
     _x5 = z*numpy.sign(sigma)
-    return (0, N*(alpha1*(-1/2*_x1*_x2*_x5*alpha/_x3**2 - _x4*_x5 + 1) + alpha2), N*(-_x0*_x4*alpha1 + alpha))
+    return (0.0, N*(alpha1*(-1/2*_x1*_x2*_x5*alpha/_x3**2 - _x4*_x5 + 1) + alpha2), N*(-_x0*_x4*alpha1 + alpha))
 
 
-def rest_state(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
+def rest_state(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    alpha = p[8]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
     return (mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(abs(sigma))/numpy.sqrt(vs)))*numpy.sign(sigma)/alpha
 
 
-def rates(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
-    _x0 = M**(-1.0)
+def rates(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
+    _x0 = 1/M
     _x1 = alpha*z
     _x2 = abs(sigma)
     _x3 = -_x1*_x2/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x2)/numpy.sqrt(vs))) + sigma
     _x4 = N*(_x1 + _x3*alpha1 + alpha2*sigma)
     _x5 = Fr0*_x0 + Fr1*_x0*v + Fr2*_x0*v**2 + Tr*_x0/r + _x0*_x4
-    _x6 = J**(-1.0)
+    _x6 = 1/J
     return (-_x5, -B*_x6*sigma + B*_x6*v + Tb*_x6*r + Td*_x6*r - Tr*_x6*r - _x4*_x6*r**2 - _x5, _x3)
 
 
-def jacobian(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
-    _x0 = M**(-1.0)
+def rates_and_powers(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
+    _x0 = 1/M
+    _x1 = Fr1*v
+    _x2 = Fr2*v**2
+    _x3 = 1/r
+    _x4 = Tr*_x3
+    _x5 = alpha*z
+    _x6 = abs(sigma)
+    _x7 = -_x5*_x6/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x6)/numpy.sqrt(vs))) + sigma
+    _x8 = N*(_x5 + _x7*alpha1 + alpha2*sigma)
+    _x9 = Fr0*_x0 + _x0*_x1 + _x0*_x2 + _x0*_x4 + _x0*_x8
+    _x10 = 1/J
+    _x11 = r**2
+    _x12 = -sigma + v
+    _x13 = _x12*_x3
+    return (-_x9, -B*_x10*sigma + B*_x10*v + Tb*_x10*r + Td*_x10*r - Tr*_x10*r - _x10*_x11*_x8 - _x9, _x7, Tb*_x13, _x8*sigma, B*_x12**2/_x11, v*(Fr0 + _x1 + _x2), _x4*sigma, Td*_x13)
+
+
+def jacobian(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
+    _x0 = 1/M
     _x1 = Fr1*_x0 + 2*Fr2*_x0*v
     _x2 = abs(sigma)
     _x3 = numpy.sqrt(_x2)/numpy.sqrt(vs)
@@ -58,15 +131,28 @@ def jacobian(v, sigma, z, Tb, Td, Tr, p):
     _x12 = _x2*_x6
     _x13 = -_x12*alpha1 + alpha
     _x14 = _x10*_x13
-    _x15 = J**(-1.0)
+    _x15 = 1/J
     _x16 = B*_x15
     _x17 = N*_x15*r**2
-    return ((-_x1, -_x11, -_x14, 0), (-_x1 + _x16, -_x11 - _x16 - _x17*_x9, -_x13*_x17 - _x14, _x15*r), (0, _x8, -_x12, 0))
+    return ((-_x1, -_x11, -_x14, 0.0), (-_x1 + _x16, -_x11 - _x16 - _x17*_x9, -_x13*_x17 - _x14, _x15*r), (0.0, _x8, -_x12, 0.0))
 
 
-def trim_torque(v, sigma, z, Tb, Td, Tr, p):
-    M, J, B, r, Fr0, Fr1, Fr2, N, alpha, alpha1, alpha2, mu_s, mu_c, vs = p
-    _x0 = r**(-1.0)
+def trim_torque(v, sigma, z, Tb, Td, Tr, p, *nodes):
+    M = p[0]
+    J = p[1]
+    B = p[2]
+    r = p[3]
+    Fr0 = p[4]
+    Fr1 = p[5]
+    Fr2 = p[6]
+    N = p[7]
+    alpha = p[8]
+    alpha1 = p[9]
+    alpha2 = p[10]
+    mu_s = p[11]
+    mu_c = p[12]
+    vs = p[13]
+    _x0 = 1/r
     _x1 = B*_x0
     _x2 = J/M
     _x3 = _x0*_x2
@@ -80,3 +166,7 @@ def trim_torque(v, sigma, z, Tb, Td, Tr, p):
     _x11 = N*(_x9 + alpha1*(-_x10*_x9/(mu_c + (-mu_c + mu_s)*numpy.exp(-numpy.sqrt(_x10)/numpy.sqrt(vs))) + sigma) + alpha2*sigma)
     _x12 = _x11*_x3
     return -Td + Tr + _x1*sigma - _x1*v + _x11*r - _x12*_x8 + _x12 - _x4*_x8 + _x4 - _x5*_x8 + _x5 - _x6*sigma + _x6*v - _x7*sigma*v + _x7*v**2
+
+
+def lag_rate(Tb, Tc, T):
+    return (-Tb + Tc)/T

@@ -1,20 +1,29 @@
 """Adhesion laws, one a module: parameters, domain, dry and wet, and the equations in SymPy.
 
-To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itself.
+To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itself. Here are the laws by name: published
+ones, and the user's own from TOML and Python files.
 """
 
+from __future__ import annotations
+
+import importlib
+import itertools
+import math
+import pkgutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from railslip_ctrl.core.arguments import checked, number
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import quantity, shown, to_unit
+from railslip_ctrl.core.user_files import file_name, given_path, read_toml, record_in, validated
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Record
+
 from .base import INITIAL_SPEED_RANGE_KMH, RIG_WHEEL_LOAD, AdhesionLaw, Kink, ReferenceSlip, Statement
-from .registry import (
-    initial_speeds_in,
-    is_over_initial_speed,
-    law_class,
-    law_classes,
-    law_in,
-    law_names,
-    load_law,
-    published_law,
-    wheel_load_in,
-)
 
 __all__ = [
     "INITIAL_SPEED_RANGE_KMH",
@@ -33,3 +42,267 @@ __all__ = [
     "published_law",
     "wheel_load_in",
 ]
+
+
+def _laws() -> Iterator[type[AdhesionLaw]]:
+    for info in pkgutil.iter_modules(__path__):
+        if info.name == "base":
+            continue
+        module = importlib.import_module(f".{info.name}", __package__)
+        for value in vars(module).values():
+            if isinstance(value, type) and issubclass(value, AdhesionLaw) and value.__module__ == module.__name__:
+                yield value
+
+
+def law_classes() -> dict[str, type[AdhesionLaw]]:
+    """The laws by name, in alphabetical order."""
+    return {law.name: law for law in sorted(_laws(), key=lambda law: law.name)}
+
+
+def law_names() -> tuple[str, ...]:
+    """Names of the laws, in alphabetical order."""
+    return tuple(law_classes())
+
+
+@checked
+def law_class(name: str) -> type[AdhesionLaw]:
+    """The law of a name, hyphen or underscore ("tyre-lugre" is "tyre_lugre").
+
+    Raises
+    ------
+    InputError
+        No law of that `name`; lists the names.
+    """
+    laws = law_classes()
+    key = name.strip().lower().replace("-", "_")
+    if key not in laws:
+        raise InputError(f"adhesion: {shown(name)} is not a law; choose one of {', '.join(laws)}")
+    return laws[key]
+
+
+@checked
+def published_law(
+    name: str,
+    rail: Rail | str,
+    initial_speed_kmh: float = INITIAL_SPEED_KMH,
+    wheel_load: float = PARK2008.wheel_load,
+) -> AdhesionLaw:
+    """The published parameter set of a law by name.
+
+    Slip velocity sigma = v - r omega and adhesion force Fa are positive in braking ([Park2008] (1), (2)). Parameters
+    that were identified at the rig's wheel load of 34 500 N are taken to another so that mu(slip) stays what was
+    measured: this project's assumption, [Park2008] has that load alone.
+
+    Parameters
+    ----------
+    name : str
+        One of `law_names`, hyphen or underscore. [Park2008] gives parameters for "beam" ((5)-(10), Table 1), "bristle"
+        ((19)-(24), (30)-(32)) and its "curve" (Fig. 17); `source` of a law names its own.
+    rail : Rail or str
+        Condition the parameters are for: "dry" or "wet".
+    initial_speed_kmh : float
+        Speed v0 at which the brake was applied, km/h, 30 to 140: a parameter of the run, not the speed of the moment
+        ([Park2008] (30)-(32), Table 1). Laws that are not published over v0 do not use it.
+    wheel_load : float
+        Wheel load N, N, > 0; the published vehicle's 34 500 N unless given. `operating_point` refuses the law for a
+        vehicle of another.
+
+    Returns
+    -------
+    AdhesionLaw
+        A frozen record of the law, its fields in SI, with the reference slips where the source has them.
+
+    Raises
+    ------
+    InputError
+        No law of that name, no such rail condition, or a number outside its range.
+    MissingParametersError
+        The source gives no parameters for this law.
+    """
+    law = law_class(name).published(Rail.of(rail), initial_speed_kmh, wheel_load)
+    return law.model_copy(update={"of_wheel_load": wheel_load}) if law.has_forces() else law
+
+
+# --- adhesion laws with the user's parameters, from a TOML file ------------------------------------------------------
+
+
+_ROUNDING = 1e-6  # relative: a speed that went from km/h to m/s and back is in its range still
+
+
+class LawFile(Record):
+    """The keys of a law's file."""
+
+    law: str = Field(description="name of the law")
+    condition: Rail = Field(Rail.DRY, description="rail condition that the parameters are for")
+    parameters: dict[str, Any] = Field({}, description="those of the law")
+    polynomials: dict[str, Any] = Field(
+        {}, description="parameters over v0 in km/h: constant, factor of v0, of v0^2 ..."
+    )
+    initial_speed_range: tuple[float, ...] = quantity("km/h", "lowest and highest v0 of the log behind it", default=())
+    reference_slip: dict[str, Any] = Field({}, description="slip ratios to be held, or lists of them over v0")
+    wheel_load: float | None = quantity("N", "wheel load of the log behind it", gt=0, default=None)
+
+    @field_validator("initial_speed_range")
+    @classmethod
+    def _low_and_high(cls, limits: tuple[float, ...]) -> tuple[float, ...]:
+        if limits and not (len(limits) == 2 and 0 <= limits[0] <= limits[1]):
+            raise InputError(f"{limits} is not allowed; give the lowest and the highest speed, [30, 140] (km/h)")
+        return limits
+
+    @field_validator("polynomials")
+    @classmethod
+    def _coefficients(cls, polynomials: dict[str, Any]) -> dict[str, Any]:
+        for name, each in polynomials.items():
+            if not (isinstance(each, list) and each):
+                raise InputError(
+                    f"{name}: {shown(each)} is not allowed; give a list: constant, factor of v0 (km/h) ..."
+                )
+            for coefficient in each:
+                to_unit(coefficient, "1", name=name, text_needs_unit=True)
+        return polynomials
+
+
+class SlipsOverSpeed(Record):
+    """Table `[reference_slip]` of a law whose reference slips change with v0; linear in between."""
+
+    initial_speed: tuple[float, ...] = quantity("km/h", "speeds v0, growing")
+    dry: tuple[float, ...] = quantity("1", "slip ratios at them, dry rail")
+    wet: tuple[float, ...] = quantity("1", "slip ratios at them, wet rail")
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Self:
+        if not self.initial_speed or any(b <= a for a, b in itertools.pairwise(self.initial_speed)):
+            raise InputError("initial_speed: give a list of growing speeds (km/h)")
+        if {len(self.dry), len(self.wet)} != {len(self.initial_speed)}:
+            raise InputError(f"dry, wet: give as many slips as speeds, {len(self.initial_speed)}")
+        return self
+
+
+@checked
+def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> AdhesionLaw:
+    """Read an adhesion law and its parameters from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Keys as of `LawFile`; numbers SI, or text with a unit.
+    initial_speed_kmh : float or None
+        v0, km/h, at which polynomials, and reference slips over v0, are taken; not needed without.
+
+    Returns
+    -------
+    AdhesionLaw
+        A frozen record of the law, its fields in SI, with the reference slips (ratios) where the file has them.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or one line naming file, key, value and bound.
+    """
+    path = given_path(path)
+    if initial_speed_kmh is not None:
+        number("initial speed", initial_speed_kmh, "km/h", gt=0)
+    keys, where = _keys(path), file_name(path)
+    try:
+        cls = law_class(keys.law)
+    except InputError as error:
+        raise InputError(f"{where}: law: {error}") from None
+    for table in ("parameters", "polynomials"):  # a record of the law has other fields too
+        for name in getattr(keys, table).keys() - set(cls.parameter_names()):
+            raise InputError(f"{where}: {table}.{name}: unknown key; allowed: {', '.join(cls.parameter_names())}")
+    values = {**keys.parameters, "rail": keys.condition, "file": where}
+    if keys.polynomials:
+        v0 = _speed_in_range(keys, where, initial_speed_kmh)
+        for name, coefficients in keys.polynomials.items():
+            values[name] = float(sum(c * v0**power for power, c in enumerate(coefficients)))
+    if keys.reference_slip:
+        values["reference"] = validated(
+            ReferenceSlip, _slips(keys, where, initial_speed_kmh), f"{where}: reference_slip"
+        )
+    return validated(cls, values, f"{where}: parameters")
+
+
+@checked
+def wheel_load_in(path: str | Path) -> float | None:
+    """The wheel load, N, at which the law in the file at a path was found; None where the file has none.
+
+    Forces of bristles, and a beam's stiffness, are those of that load and do not scale with another.
+    InputError as `load_law`.
+    """
+    return _keys(given_path(path)).wheel_load
+
+
+@checked
+def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
+    """The lowest and the highest v0, km/h, for which the law in the file at a path was found; None where it says none.
+
+    InputError as `load_law`.
+    """
+    limits = _keys(given_path(path)).initial_speed_range
+    return (limits[0], limits[1]) if limits else None
+
+
+@checked
+def is_over_initial_speed(path: str | Path) -> bool:
+    """Whether the law in the file at a path changes with v0: by polynomials, or in its reference slips.
+
+    InputError as `load_law`.
+    """
+    keys = _keys(given_path(path))
+    return bool(keys.polynomials) or "initial_speed" in keys.reference_slip
+
+
+def _keys(path: Path) -> LawFile:
+    return validated(LawFile, read_toml(path), file_name(path))
+
+
+def _slips(keys: LawFile, where: str, speed: float | None) -> dict[str, Any]:
+    """The reference slips, those over the initial speed taken at v0 in km/h."""
+    slips = keys.reference_slip
+    if keys.condition is Rail.WET and "wet" in slips:  # such a law is never on dry rail
+        slips = {"dry": slips["wet"], **slips}
+    if "initial_speed" not in slips:
+        return slips
+    if speed is None:
+        raise InputError(f"{where}: its reference slips are over the initial speed; give --initial-speed (km/h)")
+    over = validated(SlipsOverSpeed, slips, f"{where}: reference_slip")
+    return {rail: float(np.interp(speed, over.initial_speed, getattr(over, rail))) for rail in ("dry", "wet")}
+
+
+def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
+    """v0 in km/h, given and in the range that the polynomials hold for."""
+    if speed is None:
+        raise InputError(f"{where}: its parameters are polynomials of the initial speed; give --initial-speed (km/h)")
+    low, high = keys.initial_speed_range or (0.0, math.inf)
+    if not low * (1 - _ROUNDING) <= speed <= high * (1 + _ROUNDING):
+        raise InputError(
+            f"{where}: initial speed: {speed:.4g} km/h is outside {low:.4g} to {high:.4g}, for which its polynomials "
+            "hold; give one inside (km/h)"
+        )
+    return speed
+
+
+# --- adhesion laws from the user's Python files: the record that the file names `LAW`, of a class of its own or ours -
+
+
+NAME = "LAW"
+"""Name of the law in the file."""
+
+
+@checked
+def law_in(path: str | Path) -> AdhesionLaw:
+    """Run the Python file at a path and take its law, with its parameters and reference slips.
+
+    Raises
+    ------
+    InputError
+        One line: the file cannot be read or run, or its `LAW` is no record of an `AdhesionLaw`.
+    """
+    path = given_path(path)
+    law = record_in(path, NAME, ("statement", "parameters"))
+    if not isinstance(law, AdhesionLaw):
+        raise InputError(
+            f"{file_name(path)}: {NAME} is no adhesion law with its parameters; name a record of a subclass of "
+            f"AdhesionLaw so, {NAME} = MyLaw(...)"
+        )
+    return law.model_copy(update={"file": file_name(path)})

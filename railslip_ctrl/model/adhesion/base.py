@@ -127,22 +127,9 @@ class AdhesionLaw(Record):
 
     @classmethod
     def published(cls, rail: Rail, initial_speed_kmh: float, wheel_load: float) -> Self:
-        """The published parameter set for a rail condition.
+        """The published parameters on a `rail`, at v0 = `initial_speed_kmh` (30 to 140 km/h) and a `wheel_load` (N).
 
-        Parameters
-        ----------
-        rail : Rail
-        initial_speed_kmh : float
-            v0, km/h, 30 to 140.
-        wheel_load : float
-            N, > 0.
-
-        Raises
-        ------
-        MissingParametersError
-            The source gives no parameters for this law.
-        InputError
-            v0 outside 30 to 140 km/h, or a wheel load that is not positive.
+        MissingParametersError where the source gives none; InputError for a number outside its range.
         """
         if cls.published_sets:
             check_published_range(INITIAL_SPEED_KMH, wheel_load)  # the load alone: these sets know no v0
@@ -194,10 +181,7 @@ class AdhesionLaw(Record):
         return tuple(float(getattr(self, name)) for name in self.parameter_names())
 
     def wet(self) -> Self:
-        """The law on wet rail; a wet law is returned as it is.
-
-        The dry one of the `published_sets` becomes the wet one; other parameters are multiplied by `wet_factors`.
-        """
+        """The law on wet rail: the published dry set becomes the wet one, others are multiplied by `wet_factors`."""
         if self.rail is Rail.WET:
             return self
         dry = self.published_sets.get(Rail.DRY, {})
@@ -207,10 +191,7 @@ class AdhesionLaw(Record):
         return self.model_copy(update={**update, "rail": Rail.WET})
 
     def weakened(self, factor: float) -> Self:
-        """The law with `factor` (> 0) times its adhesion, by the parameters that `wet_factors` names for one half.
-
-        InputError for a law that has none, or a factor that is not positive and finite.
-        """
+        """The law with `factor` (> 0) times its adhesion, by the parameters that `wet_factors` names for one half."""
         number("adhesion factor", factor, gt=0)
         if not self.wet_factors:
             raise InputError(f"adhesion {self.name!r}: nothing says how its parameters change with less adhesion")
@@ -299,20 +280,10 @@ def _is_positive(metadata: list[Any]) -> bool:
 
 
 def curtius_kniffler(speed: ArrayLike) -> NDArray[np.float64] | np.float64:
-    """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, of Curtius and Kniffler.
+    """Adhesion coefficient 7.5/(v + 44) + 0.161, v in km/h, for speeds >= 0 in m/s, of any shape.
 
     E. W. Curtius, A. Kniffler: Neue Erkenntnisse ueber die Haftung zwischen Treibrad und Schiene. Elektrische
     Bahnen 1944.
-
-    Parameters
-    ----------
-    speed : array_like
-        Train speed, m/s, of any shape.
-
-    Raises
-    ------
-    DomainError
-        A speed that is negative or not finite.
     """
     v = np.asarray(speed, dtype=float)
     outside = ~(np.isfinite(v) & (v >= 0.0))

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from railslip_ctrl.design.design_check import ControllerGroup
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
-from railslip_ctrl.paper import QUANTITIES, READING, TOLERANCE_PERCENT, Fact, Row, Table5
-from railslip_ctrl.paper.erratum import Erratum
-from railslip_ctrl.paper.table5 import DEFAULT_SEEDS
+from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.paper.facts import Fact
+from railslip_ctrl.paper.reading import READING
+from railslip_ctrl.paper.tables import DEFAULT_SEEDS, QUANTITIES, TOLERANCE_PERCENT, Row, Table5
 
 from .blocks import Block, Details, Facts, FirstPage, Paragraph, Picture, Section, Table
 from .formulas import formula

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from railslip_ctrl.simulation.campaign.execution import Replay
-from railslip_ctrl.simulation.campaign.rows import measured
+from railslip_ctrl.report.campaign import measure_head, quantity_heads
+from railslip_ctrl.simulation.campaign.execution import Replay, measured
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
 
 from .style import (
@@ -53,7 +53,7 @@ def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHO
             share.plot(scale * edges, upto, **line_style(i))
         density_axes.set_yticks([])
         for ax in (density_axes, share):
-            ax.set_xlabel(_dotted(measured(name).head))
+            ax.set_xlabel(_dotted(measure_head(measured(name))))
     axes[0, 0].set_title("density of runs", fontsize=TEXT)
     axes[0, 1].set_title("share of runs up to here (-)", fontsize=TEXT)
     legend_of_figure(figure, axes[0, 0], columns=4)
@@ -65,7 +65,7 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
 
     None where nothing is varied or no run stopped.
     """
-    heads, measure = summary.campaign.quantity_heads, measured(summary.worst_by)
+    heads, measure = quantity_heads(summary.campaign), measured(summary.worst_by)
     if not heads or not summary.any_stopped:
         return None
     columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
@@ -79,10 +79,8 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
             fill = (
                 "none" if i % 2 else "full"
             )  # in grey, marks of one size differ by what is in them before their shape
-            stopped = sample["stopped"].astype(bool)
-            values, results = sample[quantity], measure.scale * sample[measure.name]
             look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **mark_style(i)}
-            ax.plot(values[stopped], results[stopped], label=name, **look)
+            ax.plot(sample[quantity], measure.scale * sample[measure.name], label=name, **look)
             for row in found.worst:
                 ax.plot(row[quantity], measure.scale * row[measure.name], "o", color=color, fillstyle="none")
             for row in found.worst[:1]:
@@ -103,7 +101,7 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
     for ax in axes.flat[len(heads) :]:
         ax.set_visible(False)
     for ax in axes[:, 0]:
-        ax.set_ylabel(_dotted(measure.head))
+        ax.set_ylabel(_dotted(measure_head(measure)))
     legend_of_figure(figure, axes[0, 0], columns=4, markerscale=3)
     return figure
 

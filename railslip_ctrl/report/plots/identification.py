@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification.course import course_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
 from railslip_ctrl.identification.identify import Campaign, Identification
 from railslip_ctrl.identification.models import parameter_unit
-from railslip_ctrl.identification.reference import PeakSlip
+from railslip_ctrl.identification.observed import time_history_of
+from railslip_ctrl.identification.results import PeakSlip
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
 from .style import SMALL, TEXT, legend_below, legend_of_figure, line_style, new_figure, panels, rail_style
@@ -127,16 +127,16 @@ def _peaks(ax: Any, data: tuple[Any, Any, Any], peaks: Sequence[PeakSlip], label
 
 def braking_figure(found: Identification) -> Figure:
     """The log's longest braking over time: speeds, brake torque and observed adhesion torque, slip."""
-    course = course_of(found.curve.record, found.vehicle, found.curve.time_constant)
+    run = time_history_of(found.curve.record, found.vehicle, found.curve.time_constant)
     figure = new_figure(5.6, f"Longest braking of {found.curve.name.rsplit('/', 1)[-1]}, as logged and observed")
     speed, torque, slip = panels(figure, 3, 1, sharex=True)[:, 0]
-    if course is not None:
-        speed.plot(course.time, course.train_speed / KMH, label="train", **line_style(0))
-        speed.plot(course.time, course.wheel_speed / KMH, label="wheel's circumference", **line_style(1))
-        torque.plot(course.time, course.brake_torque / 1e3, label="brake torque", **line_style(0))
+    if run is not None:
+        speed.plot(run.time, run.train_speed / KMH, label="train", **line_style(0))
+        speed.plot(run.time, run.wheel_speed / KMH, label="wheel's circumference", **line_style(1))
+        torque.plot(run.time, run.brake_torque / 1e3, label="brake torque", **line_style(0))
         label = f"adhesion torque observed, τ = {found.curve.time_constant:.3g} s"
-        torque.plot(course.time, course.adhesion_torque / 1e3, label=label, **line_style(1))
-        slip.plot(course.time, course.slip, **line_style(0))
+        torque.plot(run.time, run.adhesion_torque / 1e3, label=label, **line_style(1))
+        slip.plot(run.time, run.slip, **line_style(0))
         for ax in (speed, torque):
             ax.legend(fontsize=SMALL)
     speed.set_ylabel("speed (km/h)")

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from railslip_ctrl.identification.observer import ObserverResponses, TradeOff, Trial
+from railslip_ctrl.identification.observer import ObserverResponses
+from railslip_ctrl.identification.observer_study import TradeOff, Trial
 
 from .style import PAGE_WIDTH, TEXT, folded, legend_beside, legend_of_figure, line_style, new_figure, panels
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.paper import QUANTITIES, TABLE5, AdhesionCurve, Table5
+from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, AdhesionCurve, Table5
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 

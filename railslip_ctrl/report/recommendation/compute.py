@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from railslip_ctrl.core.cache import found as look_up
-from railslip_ctrl.core.cache import kept
+from railslip_ctrl.core.cache import cached, look_up
 from railslip_ctrl.core.errors import RailslipError
 from railslip_ctrl.core.folders import cache_folder
-from railslip_ctrl.core.processes import cores, processes
+from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
@@ -33,7 +32,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Vehicle
 from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.verification.sliding_verification import verify_with_actuator
+from railslip_ctrl.verification.joint_verification import verify_with_actuator
 
 from .records import (
     DesignReport,
@@ -54,7 +53,7 @@ Progress = Callable[[str], None]
 LOAD_STEP = 100.0
 """N*m at the wheel, of the load response."""
 
-_KEPT = "conditions-layered"
+_CACHED = "conditions-layered"
 _LARGEST_SLIP = 0.5  # end of the adhesion curves
 _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
@@ -107,7 +106,7 @@ Beside = Callable[..., Callable[[], Any]]
 @contextmanager
 def _beside() -> Iterator[Beside]:
     """Another process where there are two cores."""
-    if cores() < 2:
+    if cpu_count() < 2:
         yield partial
         return
     cache_folder()  # the other process's too, where there is none but for this run
@@ -122,7 +121,7 @@ def _may_be_sent(envelope: Envelope) -> bool:
 
 def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], Sliding]:
     """What gives the conditions: from an earlier report, or decided beside."""
-    before = None if fresh else look_up(_KEPT, vehicle.model_dump_json())
+    before = None if fresh else look_up(_CACHED, vehicle.model_dump_json())
     return submit(_verified, vehicle) if before is None else lambda: Sliding(before)
 
 
@@ -130,7 +129,7 @@ def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
     decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
     try:
-        return Sliding(kept(_KEPT, decide, vehicle.model_dump_json(), fresh=True))
+        return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
         return Sliding(None, str(error))
 

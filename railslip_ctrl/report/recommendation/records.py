@@ -20,7 +20,7 @@ from railslip_ctrl.model.numeric import Peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, Run
 from railslip_ctrl.simulation.bound import ClairvoyantStop
-from railslip_ctrl.verification.sliding_verification import FullVerification
+from railslip_ctrl.verification.joint_verification import FullVerification
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,12 +1,14 @@
-"""Many braking runs: sampled or swept quantities, every core or a cluster, results on disk, statistics."""
+"""Many braking runs: sampled or swept quantities, every core or a cluster, results on disk, statistics.
+
+`specification` says what a campaign is, `files` reads one from TOML, `execution` runs it into a folder and repeats
+single runs, `statistics` tells what came out.
+"""
 
 from __future__ import annotations
 
-from .execution import Replay, campaign, execute, replay
-from .sampling import Choice, Grid, LogNormal, Normal, Sampling, Triangular, Uniform
-from .specification import Campaign, Quantity
-from .statistics import CampaignSummary, summarise
-from .storage import Store
+from .execution import Replay, Store, execute, replay
+from .specification import Campaign, Choice, Grid, LogNormal, Normal, Quantity, Sampling, Triangular, Uniform
+from .statistics import CampaignSummary, campaign, summarise
 
 __all__ = [
     "Campaign",

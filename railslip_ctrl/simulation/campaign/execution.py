@@ -1,144 +1,117 @@
-"""A campaign run: on the cores of one machine, or on a Dask cluster; and one of its runs again, with its signals."""
+"""A campaign run: on the cpu_count of one machine, or on a Dask cluster; and one of its runs again, with its signals.
+
+Its folder has a manifest that says what it is, and one Parquet file for each finished part. A file that is there is
+whole. The parts of a campaign are fixed when it begins; which of them are there is all that a resumed campaign needs.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from railslip_ctrl import __version__
-from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.folders import cache_folder
-from railslip_ctrl.core.processes import cores, processes
+from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
+from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.simulation.run import Run, Simulator
-from railslip_ctrl.simulation.scenario import Scenario
 
-from .rows import refused_row, row
-from .specification import Campaign, Quantity
-from .statistics import CampaignSummary, summarise
-from .storage import Part, Store
+from .specification import Campaign, described
 
 if TYPE_CHECKING:
-    from distributed import Client
+    import pyarrow as pa
 
 Rows = list[dict[str, Any]]
-Progress = Callable[[int], None]
 
+REFUSED = "values not allowed"
+"""Outcome of a run whose sampled values a record refuses (a mass above the loaded mass): it was never started."""
+
+MANIFEST = "manifest.json"
+PARTS = "parts"
+FORMAT = 2
+
+# a part is what a kill costs and what one message of a worker carries: short, but never thousands of files
+_FEWEST_RUNS, _MOST_RUNS, _PARTS = 4, 500, 250
 _AHEAD = 3  # parts in the queue for each worker: none waits, and memory does not grow with the runs
+_REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
 
-def execute(
-    campaign: Campaign,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    part_runs: int | None = None,
-    progress: Progress | None = None,
-) -> Store:
-    """Run what of a campaign is not in its folder yet.
+# --- what is kept of a run ------------------------------------------------------------------------------------------
 
-    Parameters
-    ----------
-    campaign : Campaign
-    folder : Path
-        Made, or resumed where it holds the same campaign; one process at a time.
-    workers : int, optional
-        Processes; left out, as many as there are cores to use. One runs in this process.
-    scheduler : str, optional
-        Address of a Dask scheduler (``tcp://host:8786``) whose workers run the campaign in their place; they need
-        this package in the same version, and no common file system.
-    part_runs : int, optional
-        Runs from one checkpoint to the next; left out, by the number of runs.
-    progress : callable, optional
-        Told the number of runs that are done, first of those that were already there.
 
-    Returns
-    -------
-    Store
-        Complete. Its rows depend on neither workers nor scheduler nor part_runs.
+@dataclass(frozen=True)
+class Measure:
+    """A number kept of every run; one `of_stop` is unknown of a run that did not stop.
 
-    Raises
-    ------
-    InputError
-        The folder holds something else, is being written to or cannot be; a worker died; the cluster cannot be reached
-        or has another version.
+    People are shown `scale` times the number, in `shown_unit` ("": as it is).
     """
-    count = _workers(workers, scheduler)
-    tell = progress or (lambda runs: None)
-    store = Store.open(campaign, folder, part_runs=part_runs)
-    if store.complete:
-        tell(campaign.runs)
-        return store
-    # a cluster that is not there is found out before anything is written
-    with _connected(scheduler) as client, store.claimed() as store:
-        tell(sum(part.stop - part.start for part in store.finished()))
-        with _map(campaign, count, client) as run_parts:
-            warm_up(campaign)  # while the workers start
-            for part, rows in run_parts(store.missing()):
-                store.write(part, rows)
-                tell(part.stop - part.start)
-    return store
+
+    name: str
+    title: str
+    unit: str
+    read: Callable[[Run], float]
+    of_stop: bool = False
+    scale: float = 1.0
+    shown_unit: str = ""
+
+    def of(self, run: Run) -> float | None:
+        """The number of a run; None where it has none."""
+        value = float(self.read(run)) if run.stopped or not self.of_stop else math.nan
+        return None if math.isnan(value) else value
 
 
-@checked
-def campaign(
-    scenario: Scenario,
-    controllers: Sequence[Any],
-    runs: int = 200,
-    *,
-    quantities: Sequence[Quantity] = (),
-    seed: int = 0,
-    folder: str | Path | None = None,
-    workers: int = 1,
-) -> CampaignSummary:
-    """Many runs of a scenario, each with noise of its own, the same for every controller.
+MEASURES = (
+    Measure("braking_time_s", "braking time", "s", lambda run: run.braking_time, of_stop=True),
+    Measure("braking_distance_m", "braking distance", "m", lambda run: run.braking_distance, of_stop=True),
+    Measure("brake_energy_j", "brake energy", "J", lambda run: run.brake_energy, True, 1e-6, "MJ"),
+    Measure("mean_abs_slip_error", "mean abs slip error", "1", lambda run: run.mean_abs_slip_error, of_stop=True),
+    Measure("max_slip", "highest slip", "1", lambda run: run.max_slip),
+    Measure("locked_fraction", "share of time locked", "1", lambda run: run.locked_fraction),
+    Measure("max_torque_nm", "highest torque", "N*m", lambda run: run.max_torque),
+    Measure("rms_torque_rate", "rms torque rate", "N*m/s", lambda run: run.rms_torque_rate),
+)
+"""What statistics are made of."""
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The run, SI.
-    controllers : sequence
-        One or more, whatever `simulate` takes.
-    runs : int
-        Number of runs of each.
-    quantities : sequence of Quantity
-        What else differs from run to run, SI.
-    seed : int
-        Number that the runs repeat with.
-    folder : str or Path, optional
-        Where the runs are kept, and resumed; left out, nothing is kept.
-    workers : int, optional
-        Number of processes; more than this one import the calling script again, which then needs its
-        `if __name__ == "__main__"`.
+OTHERS = (
+    Measure("ended_at_s", "time at the end, stop or not", "s", lambda run: run.braking_time),
+    Measure("ended_at_m", "distance at the end, stop or not", "m", lambda run: run.braking_distance),
+    Measure("first_lock_s", "first lock; null: never", "s", lambda run: run.first_lock),
+    Measure("final_speed", "speed at the end", "m/s", lambda run: run.final_speed),
+    Measure(
+        "mean_abs_slip_error_published",
+        "mean abs slip error against 0.132/0.092",
+        "1",
+        lambda run: run.mean_abs_slip_error_published,
+        of_stop=True,
+    ),
+    Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
+    Measure("energy_error", "what the energy balance lacks", "1", lambda run: run.energies.error),
+)
+"""What is kept beside them."""
 
-    Returns
-    -------
-    CampaignSummary
-        Statistics in SI; its `table()` has a line a controller.
-
-    Raises
-    ------
-    InputError
-        As of `Campaign` and `execute`.
-    """
-    told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
-    with ExitStack() as kept:
-        place = kept.enter_context(TemporaryDirectory()) if folder is None else folder
-        return summarise(execute(told, Path(place) / "campaign" if folder is None else Path(place), workers=workers))
+COLUMNS = MEASURES + OTHERS
 
 
-def warm_up(campaign: Campaign) -> None:
-    """Compile every controller's kernel, once and not in every worker. InputError for a controller that fails."""
-    for controller in campaign.controllers:
-        Simulator(campaign.scenario, controller).run()
+def measured(name: str) -> Measure:
+    """The measure of a column."""
+    return next(measure for measure in MEASURES if measure.name == name)
+
+
+def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
+    """The row of a run, with None where it has no such number; without a run, of one that was refused."""
+    outcome = REFUSED if run is None else run.outcome.value
+    kept = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
+    return {"run": number, "controller": controller, **values, "outcome": outcome, **kept}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
@@ -146,16 +119,23 @@ def run_rows(campaign: Campaign, i: int) -> Rows:
     try:
         case = campaign.case(i)
     except InputError:
-        return [refused_row(i, campaign.values(i), name) for name in campaign.controller_names]
+        return [row(i, campaign.values(i), name, None) for name in campaign.controller_names]
     rows = []
     for controller in case.controllers:
         try:
             simulator = Simulator(case.scenario, controller)
         except InputError:
-            rows.append(refused_row(i, case.values, controller.name))
+            rows.append(row(i, case.values, controller.name, None))
             continue
         rows.append(row(i, case.values, controller.name, simulator.run(case.seed)))
     return rows
+
+
+class Part(NamedTuple):
+    """Runs `start` to `stop` - 1."""
+
+    start: int
+    stop: int
 
 
 def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
@@ -167,112 +147,248 @@ def run_part(campaign: Campaign, part: Part, version: str) -> Rows:
     return [row for i in range(*part) for row in run_rows(campaign, i)]
 
 
+# --- the folder -----------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
-class Replay:
-    """A run of a campaign again, with its time series.
+class Store:
+    """The folder of a campaign, begun or finished; a part, the unit of writing, has `part_runs` runs."""
 
-    Attributes
-    ----------
-    number : int
-    values : dict
-        What was sampled, SI, by name.
-    runs : dict
-        By controller, with signals.
-    stored : bool
-        Whether the campaign's folder has the run; then every number of it was found equal to the last bit.
-    """
+    campaign: Campaign
+    folder: Path
+    part_runs: int
 
-    number: int
-    values: dict[str, float]
-    runs: dict[str, Run]
-    stored: bool
+    @classmethod
+    def open(cls, campaign: Campaign, folder: Path, *, part_runs: int | None = None) -> Store:
+        """The store of a campaign in a folder; one that is there keeps its `part_runs`. Nothing is written.
 
+        InputError where the folder holds something else: another campaign, another version's, or no campaign at all.
+        """
+        if (folder / MANIFEST).exists():
+            return cls._resumed(campaign, folder)
+        if folder.exists() and (not folder.is_dir() or _foreign(folder)):
+            raise InputError(f"--out: {str(folder)!r} holds something else; choose a new or empty folder")
+        usual = max(_FEWEST_RUNS, min(_MOST_RUNS, campaign.runs // _PARTS))
+        size = usual if part_runs is None else part_runs
+        if size < 1:
+            raise InputError(f"part_runs: {size} is not allowed; give an integer >= 1")
+        return cls(campaign, folder, size)
 
-def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
-    """Run number i of a campaign again, with its time series.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    i : int
-        From 0.
-    folder : Path, optional
-        Where the campaign was run: the numbers are compared with the row stored there, if there is one.
-    record_every : int
-        Samples from one row of signals to the next.
-
-    Raises
-    ------
-    InputError
-        A number out of range, values that were refused, or a stored row that is not reproduced (another processor or
-        another NumPy may round differently).
-    """
-    case = campaign.case(i)
-    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}
-    stored = None if folder is None else Store.open(campaign, folder).row(i)
-    for name, run in runs.items():
-        if stored is not None:
-            _check_same(row(i, case.values, name, run), stored[name])
-    return Replay(i, case.values, runs, stored is not None)
-
-
-def _check_same(found: dict[str, Any], kept: dict[str, Any]) -> None:
-    for column, value in kept.items():
-        again = found[column]
-        if again != value:
+    @classmethod
+    def _resumed(cls, campaign: Campaign, folder: Path) -> Store:
+        where = f"--out: {str(folder)!r}"
+        try:
+            content = json.loads((folder / MANIFEST).read_text("utf-8"))
+            known = content["package"], content["format"]
+            version, fingerprint, size = content["version"], content["hash"], int(content["part_runs"])
+        except (OSError, ValueError, LookupError, TypeError):
+            raise InputError(f"{where} has a {MANIFEST} that is no campaign's; choose another folder") from None
+        if known != ("railslip_ctrl", FORMAT) or version != __version__:
             raise InputError(
-                f"run {found['run']}, {found['controller']}: {column} is {again!r} and {value!r} is stored; replay it "
-                "where the campaign ran, with the same versions"
+                f"{where} was begun with version {version} (format {known[1]}), this is {__version__} (format "
+                f"{FORMAT}); finish it with that one, or choose another folder"
             )
+        if fingerprint != campaign.fingerprint:
+            raise InputError(
+                f"{where} holds another campaign; choose another folder, or the campaign it was begun with"
+            )
+        return cls(campaign, folder, size)
+
+    @contextmanager
+    def claimed(self) -> Iterator[Store]:
+        """The store to write into, begun if it is not there; nobody else can claim it meanwhile.
+
+        InputError where another process has it or the folder cannot be written to.
+        """
+        with claimed(self.folder):
+            store = Store.open(self.campaign, self.folder, part_runs=self.part_runs)  # begun by now?
+            store._begin()
+            yield store
+
+    def _begin(self) -> None:
+        """Write the manifest, if there is none, and remove what a killed campaign had not finished writing."""
+        content = {
+            "format": FORMAT,
+            "package": "railslip_ctrl",
+            "version": __version__,
+            "hash": self.campaign.fingerprint,
+            "part_runs": self.part_runs,
+            "campaign": described(self.campaign),
+        }
+        try:
+            (self.folder / PARTS).mkdir(exist_ok=True)
+            for path in list(self.folder.rglob(f"{INCOMPLETE}*")):
+                shutil.rmtree(path, ignore_errors=True)
+            if not (self.folder / MANIFEST).exists():
+                with staged(self.folder) as new:
+                    (new / MANIFEST).write_text(json.dumps(content, indent=2) + "\n", "utf-8")
+        except OSError as error:
+            raise unwritable(self.folder, error) from None
+
+    def part(self, i: int) -> Part:
+        """The part that has run number i."""
+        start = i // self.part_runs * self.part_runs
+        return Part(start, min(start + self.part_runs, self.campaign.runs))
+
+    def parts(self) -> Iterator[Part]:
+        """Every part, in order."""
+        return map(self.part, range(0, self.campaign.runs, self.part_runs))
+
+    def path(self, part: Part) -> Path:
+        """Where a part is, or will be."""
+        return self.folder / PARTS / f"runs-{part.start:010d}-{part.stop - 1:010d}.parquet"
+
+    def finished(self) -> Iterator[Part]:
+        """The parts that are there, in order."""
+        return (part for part in self.parts() if self.path(part).is_file())
+
+    @property
+    def complete(self) -> bool:
+        """Whether every part is there."""
+        return all(self.path(part).is_file() for part in self.parts())
+
+    def write(self, part: Part, rows: Rows) -> None:
+        """Write the `rows` of a part, all or nothing. InputError where the folder cannot be written to."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.Table.from_pylist(rows, schema=self.schema())
+        try:
+            with staged(self.folder / PARTS) as new:
+                pq.write_table(table, new / self.path(part).name, compression="zstd")
+        except OSError as error:
+            raise unwritable(self.folder, error) from None
+
+    def read(self, part: Part, columns: list[str] | None = None) -> pa.Table:
+        """The rows of a part, in order of run and controller; all or some `columns`.
+
+        InputError for a file that is damaged.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        path = self.path(part)
+        try:
+            table = pq.ParquetFile(path).read(columns)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); delete it and resume") from None
+        expected = (part.stop - part.start) * len(self.campaign.controllers)
+        if table.num_rows != expected:
+            raise InputError(f"{path}: has {table.num_rows} rows in place of {expected}; delete it and resume")
+        return table
+
+    def row(self, i: int) -> dict[str, dict[str, Any]]:
+        """The rows of run number i by controller; empty where its part is not there."""
+        rows = self.read(self.part(i)).to_pylist() if self.path(self.part(i)).is_file() else []
+        return {row["controller"]: row for row in rows if row["run"] == i}
+
+    def schema(self) -> pa.Schema:
+        """Columns, each with its unit and what it is."""
+        import pyarrow as pa
+
+        def number(name: str, unit: str, title: str) -> pa.Field:
+            return pa.field(name, pa.float64(), metadata={"unit": unit, "title": title})
+
+        sampled = [number(name, unit, "sampled") for name, unit in self.campaign.quantity_units.items()]
+        kept = [number(measure.name, measure.unit, measure.title) for measure in COLUMNS]
+        texts = {name: pa.field(name, pa.string()) for name in ("controller", "outcome")}
+        return pa.schema([pa.field("run", pa.int64()), texts["controller"], *sampled, texts["outcome"], *kept])
+
+
+def _foreign(folder: Path) -> bool:
+    """Whether a folder without a manifest has anything in it that a killed beginning cannot have left."""
+    return any(
+        not path.name.startswith((INCOMPLETE, LOCK))
+        and not (path.name == PARTS and path.is_dir() and not any(path.iterdir()))
+        for path in folder.iterdir()
+    )
+
+
+# --- running --------------------------------------------------------------------------------------------------------
+
+
+def execute(
+    campaign: Campaign,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    part_runs: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Store:
+    """Run what of a `campaign` is not in its `folder` yet; the folder is made, or resumed where it holds the same one.
+
+    Returns the store, complete. Its rows depend on none of the options:
+
+    - `workers`: number of processes; left out, one for each core; 1 runs in this process.
+    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run the campaign in their place; they
+      need this package in the same version, and no common file system.
+    - `part_runs`: number of runs from one checkpoint to the next; left out, by the number of runs.
+    - `progress`: told the number of runs that are done, first of those that were already there.
+
+    InputError where the folder holds something else, is being written to or cannot be; where a worker died; where the
+    cluster cannot be reached or has another version.
+    """
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
+    count = cpu_count() if workers is None else workers
+    if count < 1:
+        raise InputError(f"--workers: {count} is not allowed; give an integer >= 1")
+    tell = progress or (lambda runs: None)
+    store = Store.open(campaign, folder, part_runs=part_runs)
+    if store.complete:
+        tell(campaign.runs)
+        return store
+    # a cluster that is not there is found out before anything is written
+    with _workers(campaign, count, scheduler) as (submit, ahead), store.claimed() as store:
+        tell(sum(part.stop - part.start for part in store.finished()))
+        _warm_up(campaign)  # while the workers start
+        waiting: dict[Future[Rows], Part] = {}
+        parts = (part for part in store.parts() if not store.path(part).is_file())
+        while True:
+            for part in islice(parts, ahead - len(waiting)):
+                waiting[submit(part)] = part
+            if not waiting:
+                return store
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                part = waiting.pop(future)
+                store.write(part, future.result())
+                tell(part.stop - part.start)
+
+
+def _warm_up(campaign: Campaign) -> None:
+    """Compile every controller's kernel, once and not in every worker. InputError for a controller that fails."""
+    for controller in campaign.controllers:
+        Simulator(campaign.scenario, controller).run()
 
 
 # --- where parts are run --------------------------------------------------------------------------------------------
 
-Parts = Callable[[Iterable[Part]], Iterator[tuple[Part, Rows]]]
+Workers = tuple[Callable[[Part], "Future[Rows]"], int]
+"""What submits a part, and the number of parts that keeps every worker busy."""
 
 
-def _workers(workers: int | None, scheduler: str | None) -> int:
-    if workers is None:
-        return cores()
+def _workers(campaign: Campaign, count: int, scheduler: str | None) -> AbstractContextManager[Workers]:
     if scheduler is not None:
-        raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
-    if workers < 1:
-        raise InputError(f"--workers: {workers} is not allowed; give an integer >= 1")
-    return workers
+        return _cluster(campaign, scheduler)
+    return nullcontext((partial(_at_once, campaign), 1)) if count == 1 else _processes(campaign, count)
+
+
+def _at_once(campaign: Campaign, part: Part) -> Future[Rows]:
+    done: Future[Rows] = Future()
+    done.set_result(run_part(campaign, part, __version__))
+    return done
 
 
 @contextmanager
-def _map(campaign: Campaign, workers: int, client: Client | None) -> Iterator[Parts]:
-    """What runs parts and hands back their rows as they are done."""
-    if client is not None:
-        with _cluster(campaign, client) as parts:
-            yield parts
-    elif workers == 1:
-        yield lambda missing: ((part, run_part(campaign, part, __version__)) for part in missing)
-    else:
-        with _processes(campaign, workers) as parts:
-            yield parts
-
-
-@contextmanager
-def _processes(campaign: Campaign, workers: int) -> Iterator[Parts]:
-    """In processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
-
-    def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
-        waiting: dict[Future[Rows], Part] = {}
-        for part in missing:
-            waiting[submit(run_part, campaign, part, __version__)] = part
-            if len(waiting) >= _AHEAD * workers:
-                yield from _done(waiting)
-        while waiting:
-            yield from _done(waiting)
-
+def _processes(campaign: Campaign, count: int) -> Iterator[Workers]:
+    """Processes, not threads: making a run ready takes a third of its time and holds the interpreter's lock."""
     cache_folder()  # theirs too, where there is none but for this run
     try:
-        with processes(workers) as submit:
-            for _ in range(workers):
+        with processes(count) as submit:
+            for _ in range(count):
                 submit(_nothing)  # starts a process each
-            yield run
+            yield lambda part: submit(run_part, campaign, part, __version__), _AHEAD * count
     except BrokenProcessPool:
         raise InputError(
             "--workers: a worker process died (out of memory?); run the same command again, with fewer workers, and it "
@@ -284,19 +400,10 @@ def _nothing() -> None:
     """Makes a worker start and import what it needs."""
 
 
-def _done(waiting: dict[Future[Rows], Part]) -> Iterator[tuple[Part, Rows]]:
-    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-        yield waiting.pop(future), future.result()
-
-
 @contextmanager
-def _connected(scheduler: str | None) -> Iterator[Client | None]:
-    """A client of the cluster; None without one."""
-    if scheduler is None:
-        yield None
-        return
+def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise InputError(
             '--scheduler: dask.distributed is not installed; pip install "railslip_ctrl[cluster]"'
@@ -307,8 +414,17 @@ def _connected(scheduler: str | None) -> Iterator[Client | None]:
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or f"no answer within {_REACH:g} s"
         raise InputError(f"--scheduler: {scheduler!r} cannot be reached ({reason}); give its address") from None
-    with client:
-        yield client
+    try:
+        with client:
+            shared = client.scatter(campaign, broadcast=True, hash=False)
+            submit = client.get_executor(pure=False).submit
+            ahead = _AHEAD * max(1, sum(client.nthreads().values()))
+            yield lambda part: submit(run_part, shared, part, __version__), ahead
+    except (KilledWorker, CancelledError, TimeoutError) as error:
+        raise InputError(
+            f"--scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
+            "and it goes on from what is there"
+        ) from None
 
 
 async def _reach(scheduler: str) -> None:
@@ -323,38 +439,38 @@ async def _reach(scheduler: str) -> None:
         await ask.close_rpc()
 
 
-@contextmanager
-def _cluster(campaign: Campaign, client: Client) -> Iterator[Parts]:
-    from distributed import KilledWorker, as_completed
-    from distributed.client import FutureCancelledError
-
-    def run(missing: Iterable[Part]) -> Iterator[tuple[Part, Rows]]:
-        shared = client.scatter(campaign, broadcast=True, hash=False)
-        ahead = _AHEAD * max(1, sum(client.nthreads().values()))
-        parts = iter(missing)
-        waiting = as_completed(loop=client.loop, with_results=True)
-        numbers: dict[str, Part] = {}
-
-        def submit(part: Part) -> None:
-            future = client.submit(run_part, shared, part, __version__, pure=False)
-            numbers[future.key] = part
-            waiting.add(future)
-
-        for _, part in zip(range(ahead), parts, strict=False):  # in this order: zip asks the first one once more
-            submit(part)
-        for future, rows in waiting:
-            yield numbers.pop(future.key), rows
-            for part in parts:
-                submit(part)
-                break
-
-    try:
-        yield run
-    except (KilledWorker, FutureCancelledError) as error:
-        raise InputError(
-            f"--scheduler: the cluster gave up ({' '.join(str(error).split())[:200]}); run the same command again "
-            "and it goes on from what is there"
-        ) from None
+# --- a run again ----------------------------------------------------------------------------------------------------
 
 
-_REACH = 5.0  # s; a scheduler that does not answer by then is not there
+@dataclass(frozen=True)
+class Replay:
+    """Run `number` of a campaign again: the sampled `values`, SI, by name, and, by controller, `runs` with signals.
+
+    `stored`: the campaign's folder has the run, and every number of it was found equal to the last bit.
+    """
+
+    number: int
+    values: dict[str, float]
+    runs: dict[str, Run]
+    stored: bool
+
+
+def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
+    """Run number `i` (from 0) of a `campaign` again, with its time series, a row every `record_every` samples.
+
+    The numbers are compared with those stored in the campaign's `folder`, if it has that run. InputError for a number
+    out of range, values that were refused, or a stored row that is not reproduced (another processor or another NumPy
+    may round differently).
+    """
+    case = campaign.case(i)
+    runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}
+    stored = {} if folder is None else Store.open(campaign, folder).row(i)
+    for name, kept in stored.items():
+        again = row(i, case.values, name, runs[name])
+        for column, value in kept.items():
+            if again[column] != value:
+                raise InputError(
+                    f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "
+                    "campaign ran, with the same versions"
+                )
+    return Replay(i, case.values, runs, bool(stored))

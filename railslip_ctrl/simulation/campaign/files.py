@@ -6,7 +6,7 @@ Numbers are in SI, or strings with a unit, which is converted to that of the num
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -24,23 +24,15 @@ from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 from railslip_ctrl.simulation.step_objects import as_control
 
-from .sampling import Choice, Distribution, Grid, LogNormal, Normal, Sampling, Triangular, Uniform
-from .specification import LARGEST_SEED, MOST_RUNS, Campaign, Quantity
+from .specification import DISTRIBUTIONS, LARGEST_SEED, MOST_RUNS, Campaign, Distribution, Quantity, Sampling
 
 T = TypeVar("T")
 
-KEYS_OF = {
-    "uniform": ("low", "high"),
-    "normal": ("mean", "std", "low", "high"),
-    "lognormal": ("median", "spread", "low", "high"),
-    "triangular": ("low", "mode", "high"),
-    "choice": ("values", "weights"),
-    "grid": ("values",),
-}
+KEYS_OF = {kind: tuple(field.name for field in fields(made)) for kind, made in DISTRIBUTIONS.items()}
 """Keys of each distribution."""
 
-_OPTIONAL = {"normal": ("low", "high"), "lognormal": ("low", "high"), "choice": ("weights",)}
 _WITHOUT_UNIT = ("spread", "weights")
+_LISTS = ("values", "weights")
 
 
 class ControllerKeys(Record):
@@ -83,7 +75,7 @@ class CampaignKeys(BaseModel):
     scenario: str = Field(description="a built-in scenario or a TOML file beside this one")
     runs: int = Field(strict=True, ge=1, le=MOST_RUNS, description="number of runs")
     seed: int = Field(0, strict=True, ge=0, le=LARGEST_SEED)
-    sampling: str = Sampling.RANDOM.value
+    sampling: Sampling = Sampling.RANDOM
     controller: list[ControllerKeys] = Field([], description="one table for each controller")
     quantity: list[QuantityKeys] = []
 
@@ -99,26 +91,18 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
     path = given_path(path)
     where = file_name(path)
     keys = validated(CampaignKeys, read_toml(path), where)
-    if keys.sampling not in tuple(Sampling):
-        near = close_match(keys.sampling, [sampling.value for sampling in Sampling])
-        raise InputError(
-            f"{where}: sampling: {keys.sampling!r} is not known; {near}choose one of {', '.join(Sampling)}"
-        )
-    scenario = _located(f"{where}: scenario", lambda: _scenario(keys.scenario, path.parent))
-    given = [
-        _located("--controller", partial(_controller, ControllerKeys(controller=text), scenario, Path()))
-        for text in controllers
-    ]
-    own = [
-        _located(f"{where}: controller {i}", partial(_controller, table, scenario, path.parent))
-        for i, table in enumerate(keys.controller if not given else ())
-    ]
-    made = (*given, *own)
+    named = path.parent / keys.scenario if keys.scenario.lower().endswith(".toml") else keys.scenario
+    scenario = _located(f"{where}: scenario", lambda: load_scenario(named))
+    if controllers:
+        tables = [("--controller", ControllerKeys(controller=text), Path()) for text in controllers]
+    else:
+        tables = [(f"{where}: controller {i}", table, path.parent) for i, table in enumerate(keys.controller)]
+    made = tuple(_located(place, partial(_controller, table, scenario, beside)) for place, table, beside in tables)
     nominal = _located(where, lambda: Campaign(scenario, made, 1))
     quantities = tuple(
         _located(f"{where}: quantity {i}", partial(_quantity, given, nominal)) for i, given in enumerate(keys.quantity)
     )
-    return _located(where, lambda: Campaign(scenario, made, keys.runs, quantities, keys.seed, Sampling(keys.sampling)))
+    return _located(where, lambda: Campaign(scenario, made, keys.runs, quantities, keys.seed, keys.sampling))
 
 
 def _located(where: str, make: Callable[[], T]) -> T:
@@ -128,10 +112,6 @@ def _located(where: str, make: Callable[[], T]) -> T:
     except InputError as error:
         table = where.rpartition(": ")[2].partition(" ")[0]  # "quantity" of "file: quantity 0"
         raise InputError(f"{where}: {str(error).removeprefix(f'{table}: ')}") from None
-
-
-def _scenario(name: str, beside: Path) -> Scenario:
-    return load_scenario(beside / name if name.lower().endswith(".toml") else name)
 
 
 def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Controller:
@@ -180,32 +160,20 @@ def _distribution(keys: QuantityKeys, unit: str) -> Distribution:
         raise InputError(
             f"distribution: {kind!r} is not known; {close_match(kind, KEYS_OF)}choose one of {', '.join(KEYS_OF)}"
         )
-    numbers = {name: getattr(keys, name) for name in QuantityKeys.model_fields if _is_number(name)}
-    given = {name: value for name, value in numbers.items() if value is not None}
+    given = keys.model_dump(exclude={"path", "distribution", "relative"}, exclude_none=True)
     for name in given:
         if name not in KEYS_OF[kind]:
             raise InputError(f"{name}: {kind} has no such key; it has {', '.join(KEYS_OF[kind])}")
-    for name in KEYS_OF[kind]:
-        if name not in given and name not in _OPTIONAL.get(kind, ()):
-            raise InputError(f"{name}: missing; {kind} needs it")
-    si = {name: _si(value, "1" if name in _WITHOUT_UNIT else unit, name) for name, value in given.items()}
-    makers: dict[str, Callable[..., Distribution]] = {
-        "uniform": Uniform,
-        "normal": Normal,
-        "lognormal": LogNormal,
-        "triangular": Triangular,
-        "choice": Choice,
-        "grid": Grid,
-    }
-    return makers[kind](**si)
-
-
-def _is_number(name: str) -> bool:
-    return any(name in keys for keys in KEYS_OF.values())
+    for field in fields(DISTRIBUTIONS[kind]):
+        if field.name not in given and field.default is MISSING:
+            raise InputError(f"{field.name}: missing; {kind} needs it")
+    made: Distribution = DISTRIBUTIONS[kind](**{name: _si(value, unit, name) for name, value in given.items()})
+    return made
 
 
 def _si(value: Any, unit: str, name: str) -> Any:
     """A number, or a tuple of them, in SI; where no unit is known a plain number is asked for."""
-    if isinstance(value, list):
-        return tuple(to_unit(member, unit or "1", name=name, text_needs_unit=True) for member in value)
-    return to_unit(value, unit or "1", name=name, text_needs_unit=True)
+    unit = "1" if name in _WITHOUT_UNIT else unit or "1"
+    if name in _LISTS:
+        return tuple(to_unit(member, unit, name=name, text_needs_unit=True) for member in value)
+    return to_unit(value, unit, name=name, text_needs_unit=True)

@@ -1,47 +1,363 @@
-"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed."""
+"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed.
+
+Every sampled value is a function of the campaign and the run's number alone: nothing is drawn from a shared stream.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from enum import Enum
-from functools import cached_property
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import Enum, StrEnum
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import close_match
+from railslip_ctrl.core.user_files import close_match, validated
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.simulation.step_objects import UserStep, as_control
 
-from .paths import Place, numbers, replaced
-from .rows import headed
-from .sampling import Distribution, Grid, Sampling, draw, grid_points
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 MOST_RUNS = 10**9
 LARGEST_SEED = 2**63 - 1
+CUT = 4.0
+"""Standard deviations at which a normal distribution ends where no bounds are given: no part has infinite mass."""
+
+_FARTHEST = 8.0  # standard deviations: a tail beyond (1e-15) is a mistake in the file, not a measured quantity
 _LISTED = 200  # characters of the list of paths in an error
+_DRAW = 2  # the simulation's random force and noise have the children 0 and 1 of a run's seed
+_DESIGN = 2**32 - 1  # the child of the campaign's seed for points that are laid out together; no run has this number
+
+
+# --- distributions --------------------------------------------------------------------------------------------------
+
+
+class Distribution:
+    """A quantity's distribution, SI, by its quantile function."""
+
+    low: Any
+    high: Any
+    _positive: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for name in self._positive:
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(f"{self.kind}: {name} {value:g} is not allowed; give a finite value > 0")
+        low, high = self.ends
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise InputError(f"{self.kind}: from {low:g} to {high:g} is not allowed; give finite bounds, low < high")
+
+    @property
+    def kind(self) -> str:
+        """Its name in files and errors."""
+        return type(self).__name__.lower()
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest value."""
+        return self.low, self.high
+
+    def at(self, u: float) -> float:
+        """The value at a share `u` of the distribution, 0 <= u < 1."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Uniform(Distribution):
+    """Equally likely from `low` to `high`, SI. InputError unless low < high."""
+
+    low: float
+    high: float
+
+    def at(self, u: float) -> float:
+        return self.low + u * (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """Normal with `mean` and standard deviation `std`, SI, cut off at `low` and `high`; left out, at `CUT` deviations.
+
+    InputError for a `std` <= 0 or bounds that leave next to nothing of the distribution.
+    """
+
+    mean: float
+    std: float
+    low: float | None = None
+    high: float | None = None
+    _positive = ("std",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        low, high = self._cut
+        if low > _FARTHEST or high < -_FARTHEST:
+            raise InputError("normal: the bounds leave nothing of the distribution; give bounds nearer to its middle")
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        low = self.mean - CUT * self.std if self.low is None else self.low
+        return low, self.mean + CUT * self.std if self.high is None else self.high
+
+    @property
+    def _cut(self) -> tuple[float, float]:
+        low, high = self.ends
+        return (low - self.mean) / self.std, (high - self.mean) / self.std
+
+    def at(self, u: float) -> float:
+        from scipy.special import ndtr, ndtri  # a worker starts half a second sooner without scipy.stats
+
+        (low, high), (least, most) = self._cut, self.ends
+        if low > 0.0:  # beyond the mean the other tail has the digits
+            above, below = ndtr(-low), ndtr(-high)
+            z = -float(ndtri(above - u * (above - below)))
+        else:
+            below, above = ndtr(low), ndtr(high)
+            z = float(ndtri(below + u * (above - below)))
+        return min(max(self.mean + self.std * z, least), most)
+
+
+@dataclass(frozen=True)
+class LogNormal(Distribution):
+    """A quantity, SI, with normal logarithm: `median`, and `spread`, the standard deviation of the logarithm.
+
+    Cut off at `low` and `high`; left out, at `CUT` standard deviations. InputError for a median, spread or low that is
+    not positive.
+    """
+
+    median: float
+    spread: float
+    low: float | None = None
+    high: float | None = None
+    _positive = ("median", "spread", "low")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self._logarithm
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        low = self.median * math.exp(-CUT * self.spread) if self.low is None else self.low
+        return low, self.median * math.exp(CUT * self.spread) if self.high is None else self.high
+
+    @cached_property
+    def _logarithm(self) -> Normal:
+        return Normal(math.log(self.median), self.spread, *(math.log(end) for end in self.ends))
+
+    def at(self, u: float) -> float:
+        return math.exp(self._logarithm.at(u))
+
+
+@dataclass(frozen=True)
+class Triangular(Distribution):
+    """Most likely at `mode`, falling linearly to `low` and `high`, SI. InputError unless low <= mode <= high."""
+
+    low: float
+    mode: float
+    high: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.low <= self.mode <= self.high:
+            raise InputError(
+                f"triangular: mode {self.mode:g} is not allowed; give a value from {self.low:g} to {self.high:g}"
+            )
+
+    def at(self, u: float) -> float:
+        width, rise, fall = self.high - self.low, self.mode - self.low, self.high - self.mode
+        if u * width < rise:
+            return self.low + math.sqrt(u * width * rise)
+        return self.high - math.sqrt((1.0 - u) * width * fall)
+
+
+@dataclass(frozen=True)
+class _Listed(Distribution):
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.values or not all(map(math.isfinite, self.values)):
+            raise InputError(f"{self.kind}: values {list(self.values)} are not allowed; give at least one, all finite")
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        return min(self.values), max(self.values)
+
+    def at(self, u: float) -> float:
+        return self.values[min(int(u * len(self.values)), len(self.values) - 1)]
+
+
+@dataclass(frozen=True)
+class Choice(_Listed):
+    """One of some `values`, SI, equally likely or by `weights`, factors > 0.
+
+    InputError for no value, or weights that do not fit.
+    """
+
+    weights: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        weights = self.weights
+        if weights is not None and (len(weights) != len(self.values) or any(not 0 < w < math.inf for w in weights)):
+            raise InputError(
+                f"choice: weights {list(weights)} are not allowed; give a value > 0 for each of the values"
+            )
+
+    def at(self, u: float) -> float:
+        if self.weights is None:
+            return super().at(u)
+        upto = list(accumulate(self.weights))
+        return next((v for v, w in zip(self.values, upto, strict=True) if u * upto[-1] < w), self.values[-1])
+
+
+@dataclass(frozen=True)
+class Grid(_Listed):
+    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids.
+
+    InputError for none, or one that is not finite.
+    """
+
+
+DISTRIBUTIONS: dict[str, Any] = {
+    made.__name__.lower(): made for made in (Uniform, Normal, LogNormal, Triangular, Choice, Grid)
+}
+"""By their names in files."""
+
+
+class Sampling(StrEnum):
+    """How points are laid out in the unit cube."""
+
+    RANDOM = "random"
+    LATIN_HYPERCUBE = "latin-hypercube"
+    SOBOL = "sobol"
+
+
+def _unit_point(sampling: Sampling, dimensions: int, runs: int, seed: int, i: int) -> Floats:
+    """Point number i of the unit cube."""
+    if dimensions == 0 or sampling is Sampling.RANDOM:
+        return _rng(seed, i, _DRAW).random(dimensions)
+    if sampling is Sampling.LATIN_HYPERCUBE:
+        point: Floats = _latin_hypercube(dimensions, runs, seed)[i]
+    else:
+        from scipy.stats import qmc
+
+        points = qmc.Sobol(dimensions, rng=_rng(seed, _DESIGN))
+        if i:  # SciPy has no way forward by nothing
+            points.fast_forward(i)
+        point = points.random(1)[0]
+    return point
+
+
+@lru_cache(maxsize=4)
+def _latin_hypercube(dimensions: int, runs: int, seed: int) -> Floats:
+    """All points: each depends on every other, so that they are made together (8 bytes a number)."""
+    from scipy.stats import qmc
+
+    points: Floats = qmc.LatinHypercube(dimensions, rng=_rng(seed, _DESIGN)).random(runs)
+    return points
+
+
+def _rng(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+# --- numbers inside records, by dotted path: "vehicle.actuator.lag", "events.0.time" --------------------------------
+
+
+class Place(NamedTuple):
+    """A number in a record: its value (None where the record has none there) and unit ("" where nobody says it)."""
+
+    value: float | None
+    unit: str
+
+
+def _members(record: Any) -> dict[str, Any]:
+    """The members of a record or tuple, by name; none of anything else."""
+    if isinstance(record, tuple):
+        return {str(i): value for i, value in enumerate(record)}
+    if isinstance(record, BaseModel):
+        return {name: getattr(record, name) for name in type(record).model_fields}
+    return {one.name: getattr(record, one.name) for one in fields(record)} if is_dataclass(record) else {}
+
+
+def numbers(record: Any, prefix: str = "") -> dict[str, Place]:
+    """Every number in a record, its records and its tuples, by path; those that are left out but could be given too."""
+    units: dict[str, str] = {}  # of members that are, or may be, a number
+    if isinstance(record, BaseModel):
+        extras = {name: info.json_schema_extra for name, info in type(record).model_fields.items()}
+        units = {name: str(e["unit"]) for name, e in extras.items() if isinstance(e, dict) and "unit" in e}
+    elif is_dataclass(record):
+        units = {one.name: "" for one in fields(record) if str(one.type) in ("float", "float | None")}
+    found: dict[str, Place] = {}
+    for name, value in _members(record).items():
+        if isinstance(value, bool):
+            continue
+        if isinstance(value, (int, float)) or (value is None and name in units):
+            found[prefix + name] = Place(None if value is None else float(value), units.get(name, ""))
+        else:
+            found |= numbers(value, f"{prefix}{name}.")
+    return found
+
+
+def replaced(record: Any, changes: Mapping[str, float], where: str = "") -> Any:
+    """The record with other numbers at some of its paths, checked as a new one.
+
+    InputError, which names the record by `where`, for a number that it refuses.
+    """
+    new: dict[str, Any] = {}
+    inner: dict[str, dict[str, float]] = {}
+    for path, value in changes.items():
+        head, _, rest = path.partition(".")
+        if rest:
+            inner.setdefault(head, {})[rest] = value
+        else:
+            new[head] = value
+    members = _members(record)
+    for head, deeper in inner.items():
+        new[head] = replaced(members[head], deeper, f"{where}.{head}".lstrip("."))
+    if isinstance(record, tuple):
+        return tuple({**members, **new}.values())
+    if isinstance(record, BaseModel):
+        given = {name: value for name, value in members.items() if value is not None}  # None: left out, and stays so
+        return validated(type(record), {**given, **new}, where or "campaign")
+    return replace(record, **new)
+
+
+def described(value: Any) -> Any:
+    """A record as plain data for JSON: its kind, and its members by name."""
+    if isinstance(value, Enum):
+        return value.value
+    if value is None or isinstance(value, (str, bool, int, float)):
+        return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, (tuple, list)):
+        return [described(member) for member in value]
+    if isinstance(value, UserStep):
+        return value.fingerprint
+    if not isinstance(value, BaseModel) and not is_dataclass(value):
+        raise InputError(f"campaign: {type(value).__name__} cannot be written down; give records and numbers")
+    return {"kind": type(value).__name__, **{name: described(member) for name, member in _members(value).items()}}
+
+
+# --- the campaign ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What differs from run to run.
+    """What differs from run to run: where its value goes, `paths`, and its `distribution`, SI.
 
-    Attributes
-    ----------
-    paths : tuple of str
-        Where the value goes. A path is looked up in the scenario ("vehicle.mass"), then in the controllers, all that
-        have it ("design.gains.kp"); behind a controller's name it is meant there alone ("pi.design.gains.kp").
-    distribution : Distribution
-        SI.
-    relative : bool
-        The value is a factor on the number that each path has in the campaign's scenario or controller.
+    A path is looked up in the scenario ("vehicle.mass"), then in the controllers, all that have it ("design.gains.kp");
+    behind a controller's name it is meant there alone ("pi.design.gains.kp"). A `relative` value is a factor on the
+    number that each path has in the campaign's scenario or controller.
     """
 
     paths: tuple[str, ...]
@@ -56,9 +372,8 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Case:
-    """Run number `number`: the sampled values, the scenario and the controllers that have them."""
+    """One run: the sampled values, by name, the scenario and the controllers that have them, and its seed."""
 
-    number: int
     values: dict[str, float]
     scenario: Scenario
     controllers: tuple[Controller, ...]
@@ -69,29 +384,13 @@ class Case:
 class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
-    Each run gives every controller the same sampled vehicle, rail and noise.
+    Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
+    `controllers`, one or more of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says
+    how they are drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` a number from 0 to 2^63 - 1.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What the quantities change.
-    controllers : tuple of Controller
-        One or more, of different names; whatever `simulation.step_objects.as_control` takes.
-    runs : int
-        1 to `MOST_RUNS`.
-    quantities : tuple of Quantity
-        What differs from run to run.
-    seed : int
-        0 to 2^63 - 1.
-    sampling : Sampling
-        How the quantities are drawn together.
-
-    Raises
-    ------
-    InputError
-        No controller or two of one name, a path that is not there or is named twice, a number of runs or a seed out of
-        range, a number of runs that does not fit the grid or the Sobol sequence, a distribution whose ends the scenario
-        or controller refuses.
+    InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
+    seed out of range, a number of runs that does not fit the grid or the Sobol sequence, a distribution whose ends the
+    scenario or controller refuses.
     """
 
     scenario: Scenario
@@ -107,15 +406,13 @@ class Campaign:
         names = self.controller_names
         if not names:
             raise InputError("controllers: none given; give at least one")
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"controllers: two have the name {name!r}; give each its own")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"controllers: two have the name {twice[0]!r}; give each its own")
         if not 1 <= self.runs <= MOST_RUNS:
             raise InputError(f"runs: {self.runs} is not allowed; give an integer from 1 to {MOST_RUNS}")
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"seed: {self.seed} is not allowed; give an integer from 0 to 2^63 - 1")
         self._check_points()
-        _ = self._targets
         self._check_ends()
 
     @property
@@ -124,113 +421,113 @@ class Campaign:
         return tuple(controller.name for controller in self.controllers)
 
     @property
-    def quantity_units(self) -> dict[str, str]:
-        """Unit of each quantity's column, by name; "" where none is known, "1" for a factor."""
-        return {
-            quantity.name: "1" if quantity.relative else self.place(quantity.paths[0]).unit
-            for quantity in self.quantities
-        }
+    def grid_points(self) -> int:
+        """Combinations of all grids; 1 without any."""
+        return math.prod(len(d.values) for d in self._distributions if isinstance(d, Grid))
 
     @property
-    def quantity_heads(self) -> dict[str, str]:
-        """Of each quantity's column, by name: as much of the end of its path as tells it apart, and its unit."""
-        parts = {name: name.split(".") for name in self.quantity_units}
-
-        def ending(name: str, length: int) -> str:
-            return ".".join(parts[name][-length:])
-
-        heads = {}
-        for name, unit in self.quantity_units.items():
-            apart = (n for n in range(1, len(parts[name])) if [ending(o, n) for o in parts].count(ending(name, n)) == 1)
-            heads[name] = headed(ending(name, next(apart, len(parts[name]))), unit)
-        return heads
+    def quantity_units(self) -> dict[str, str]:
+        """Unit of each quantity's column, by name; "" where none is known, "1" for a factor."""
+        return {q.name: "1" if q.relative else self.place(q.paths[0]).unit for q in self.quantities}
 
     @cached_property
     def fingerprint(self) -> str:
         """A hash of everything that the results depend on."""
-        return hashlib.sha256(json.dumps(self.described(), sort_keys=True).encode()).hexdigest()
-
-    def described(self) -> dict[str, Any]:
-        """The campaign as plain data, equal for equal campaigns."""
-        found: dict[str, Any] = described(self)
-        return found
+        return hashlib.sha256(json.dumps(described(self), sort_keys=True).encode()).hexdigest()
 
     def place(self, path: str) -> Place:
         """The number at a path, as in `Quantity`; InputError, with the nearest path, for none."""
-        if path not in self._known:
-            near = close_match(path, self._known) or f"scenario: {', '.join(self._known)[:_LISTED]} ... "
+        if path not in self._places:
+            near = close_match(path, self._places) or f"scenario: {', '.join(self._places)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is no number of the scenario or of a controller; {near.rstrip()}")
-        return self._known[path]
+        return self._places[path]
 
     def case(self, i: int) -> Case:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
         values = self.values(i)
-        scenario, controllers = self._with_values(tuple(values.values()))
-        return Case(i, values, scenario, controllers, np.random.SeedSequence(self.seed, spawn_key=(i,)))
+        return Case(values, *self._with_values(values.values()), np.random.SeedSequence(self.seed, spawn_key=(i,)))
 
     def values(self, i: int) -> dict[str, float]:
-        """The sampled values of run number i alone, by name; InputError for a number out of range."""
+        """The sampled values of run number i alone, by name; InputError for a number out of range.
+
+        The grids' point is i modulo their number of points, the first grid's value changing fastest.
+        """
         if not 0 <= i < self.runs:
             raise InputError(f"run: {i} is not allowed; the campaign has runs 0 to {self.runs - 1}")
-        distributions = [quantity.distribution for quantity in self.quantities]
-        values = draw(distributions, self.sampling, self.runs, self.seed, i)
-        return {quantity.name: value for quantity, value in zip(self.quantities, values, strict=True)}
+        dimensions = sum(not isinstance(d, Grid) for d in self._distributions)
+        shares = iter(_unit_point(self.sampling, dimensions, self.runs, self.seed, i).tolist())
+        point, values = i % self.grid_points, {}
+        for quantity in self.quantities:
+            if isinstance(quantity.distribution, Grid):
+                point, place = divmod(point, len(quantity.distribution.values))
+                values[quantity.name] = quantity.distribution.values[place]
+            else:
+                values[quantity.name] = quantity.distribution.at(next(shares))
+        return values
 
     def grid_values(self, point: int) -> dict[str, float]:
         """The values of the grids at one of their points, a `point` by its number from 0, by name."""
-        return {q.name: v for q, v in zip(self.quantities, self.values(point).values(), strict=True) if _is_grid(q)}
+        grids = {quantity.name for quantity in self.quantities if isinstance(quantity.distribution, Grid)}
+        return {name: value for name, value in self.values(point).items() if name in grids}
+
+    @property
+    def _distributions(self) -> list[Distribution]:
+        return [quantity.distribution for quantity in self.quantities]
 
     @cached_property
-    def _known(self) -> dict[str, Place]:
-        return _places(self.scenario, self.controllers)
+    def _numbers(self) -> tuple[dict[str, Place], ...]:
+        """Of the scenario, then of each controller: its numbers by path."""
+        return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
-    def _targets(self) -> tuple[tuple[tuple[int, str], ...], ...]:
-        """Of each quantity: (-1 for the scenario or the controller's number, path there)."""
+    def _places(self) -> dict[str, Place]:
+        """Every path that may be named; the scenario's win over the controllers'."""
+        found: dict[str, Place] = {}
+        for name, own in zip(self.controller_names, self._numbers[1:], strict=True):
+            found |= own | {f"{name}.{path}": place for path, place in own.items()}
+        return found | self._numbers[0]
+
+    @cached_property
+    def _targets(self) -> list[list[tuple[int, str, float]]]:
+        """Of each quantity: places in `_numbers`, paths there, and what its value is multiplied with."""
         taken: set[tuple[int, str]] = set()
-        found = []
+        found: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
-            targets = tuple(target for path in quantity.paths for target in self._targets_of(path))
-            for target in targets:
-                if target in taken:
-                    raise InputError(f"quantity: {target[1]!r} is given twice; leave one out")
-                taken.add(target)
-            found.append(targets)
-        return tuple(found)
+            found.append([])
+            for owner, path in (target for given in quantity.paths for target in self._owners(given)):
+                if (owner, path) in taken:
+                    raise InputError(f"quantity: {path!r} is given twice; leave one out")
+                scale = self._numbers[owner][path].value if quantity.relative else 1.0
+                if scale is None:
+                    raise InputError(
+                        f"quantity: {path!r} has no number for a factor to stand on; give the value itself"
+                    )
+                taken.add((owner, path))
+                found[-1].append((owner, path, scale))
+        return found
 
-    def _targets_of(self, path: str) -> list[tuple[int, str]]:
+    def _owners(self, path: str) -> list[tuple[int, str]]:
         self.place(path)
-        if path in numbers(self.scenario):
-            return [(-1, path)]
-        head, _, rest = path.partition(".")
-        if head in self.controller_names and rest in numbers(self.controllers[self.controller_names.index(head)]):
-            return [(self.controller_names.index(head), rest)]
-        return [(k, path) for k, controller in enumerate(self.controllers) if path in numbers(controller)]
+        if path in self._numbers[0]:
+            return [(0, path)]
+        name, _, rest = path.partition(".")
+        for k, controller in enumerate(self.controllers, 1):
+            if controller.name == name and rest in self._numbers[k]:
+                return [(k, rest)]
+        return [(k, path) for k in range(1, len(self._numbers)) if path in self._numbers[k]]
 
-    def _with_values(self, values: tuple[float, ...]) -> tuple[Scenario, tuple[Controller, ...]]:
+    def _with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
         changes: dict[int, dict[str, float]] = {}
-        for quantity, targets, value in zip(self.quantities, self._targets, values, strict=True):
-            for owner, path in targets:
-                changes.setdefault(owner, {})[path] = value * self._nominal(owner, path) if quantity.relative else value
-        scenario = replaced(self.scenario, changes[-1]) if -1 in changes else self.scenario
-        controllers = tuple(
-            replaced(controller, changes[k]) if k in changes else controller
-            for k, controller in enumerate(self.controllers)
-        )
-        return scenario, controllers
-
-    @cached_property
-    def _nominals(self) -> tuple[dict[str, Place], ...]:
-        return (*(numbers(controller) for controller in self.controllers), numbers(self.scenario))
-
-    def _nominal(self, owner: int, path: str) -> float:
-        value = self._nominals[owner][path].value
-        if value is None:
-            raise InputError(f"quantity: {path!r} has no number for a factor to stand on; give the value itself")
-        return value
+        for targets, value in zip(self._targets, values, strict=True):
+            for owner, path, scale in targets:
+                changes.setdefault(owner, {})[path] = value * scale
+        records: list[Any] = [self.scenario, *self.controllers]
+        for owner, change in changes.items():
+            records[owner] = replaced(records[owner], change)
+        return records[0], tuple(records[1:])
 
     def _check_points(self) -> None:
-        points = grid_points([quantity.distribution for quantity in self.quantities])
+        points = self.grid_points
         if self.runs % points:
             less, more = self.runs // points * points, (self.runs // points + 1) * points
             raise InputError(
@@ -245,42 +542,7 @@ class Campaign:
 
     def _check_ends(self) -> None:
         """Both ends of every quantity, the others in their middle, must make a scenario and its controllers."""
-        ends = [quantity.distribution.ends for quantity in self.quantities]
-        middle = [quantity.distribution.at(0.5) for quantity in self.quantities]
-        for k, pair in enumerate(ends):
-            for end in pair:
+        middle = [distribution.at(0.5) for distribution in self._distributions]
+        for k, distribution in enumerate(self._distributions):
+            for end in distribution.ends:
                 self._with_values((*middle[:k], end, *middle[k + 1 :]))
-
-
-def _is_grid(quantity: Quantity) -> bool:
-    return isinstance(quantity.distribution, Grid)
-
-
-def _places(scenario: Scenario, controllers: tuple[Controller, ...]) -> dict[str, Place]:
-    """Every path that may be named; the scenario's win over the controllers'."""
-    found: dict[str, Place] = {}
-    for controller in controllers:
-        own = numbers(controller)
-        found |= own | {f"{controller.name}.{path}": place for path, place in own.items()}
-    return found | numbers(scenario)
-
-
-def described(value: Any) -> Any:
-    """A record as plain data for JSON: its kind, and its members by name."""
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, BaseModel):
-        members: Mapping[str, Any] = {name: getattr(value, name) for name in type(value).model_fields}
-    elif is_dataclass(value):
-        members = {field.name: getattr(value, field.name) for field in fields(value)}
-    elif isinstance(value, (tuple, list)):
-        return [described(member) for member in value]
-    elif isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    elif value is None or isinstance(value, (str, bool, int, float)):
-        return value
-    elif isinstance(value, UserStep):
-        return value.fingerprint
-    else:
-        raise InputError(f"campaign: {type(value).__name__} cannot be written down; give records and numbers")
-    return {"kind": type(value).__name__, **{name: described(member) for name, member in members.items()}}

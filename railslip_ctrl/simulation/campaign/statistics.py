@@ -1,34 +1,41 @@
-"""What a campaign shows: statistics over its parts, read one after the other; comparisons; the worst runs."""
+"""What a campaign shows: statistics, comparisons on the same runs, the worst runs; and a campaign in one call.
+
+Columns are read from its parts one at a time: memory takes some tens of bytes a run.
+"""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
-from heapq import nlargest
 from importlib import import_module
 from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match
 from railslip_ctrl.simulation.run import Outcome
+from railslip_ctrl.simulation.scenario import Scenario
 
-from .intervals import Estimate, Moments, quantile_ranks, share
-from .rows import MEASURES
-from .sampling import grid_points
-from .selection import order_statistics
-from .specification import Campaign
-from .storage import Store
+from .execution import MEASURES, Store, execute
+from .specification import Campaign, Quantity
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
+    Columns = dict[str, Floats]
+
+CONFIDENCE = 0.95
+"""Of every interval."""
 
 LEVELS = (0.05, 0.5, 0.95)
 """Quantiles reported."""
@@ -41,11 +48,89 @@ LISTED = 20
 
 BINS = 120
 _SHOWN = 2000  # runs in the record for pictures: the first ones, which are as random as any
-_HELD = 2_000_000  # numbers kept in memory between two passes; a longer campaign is read again
 
-Series = tuple[str, str]  # controller, measure
-Batch = dict[str, "NDArray[Any]"]
-Quantiles = dict[float, Estimate]
+
+# --- estimates with their confidence intervals ----------------------------------------------------------------------
+
+
+class Estimate(NamedTuple):
+    """A value and the bounds of its interval; an infinite bound: too few runs to say."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean and sum of squares about it, of data that comes in parts (Chan, Golub and LeVeque 1979)."""
+
+    count: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+    low: float = math.inf
+    high: float = -math.inf
+
+    @classmethod
+    def of(cls, parts: Sequence[Floats]) -> Moments:
+        """Of all parts; an empty one counts for nothing."""
+        found = cls()
+        for values in parts:
+            if values.size:
+                mean = float(np.mean(values))
+                squares = float(np.sum((values - mean) ** 2))
+                found = found._joined(cls(values.size, mean, squares, float(values.min()), float(values.max())))
+        return found
+
+    def _joined(self, other: Moments) -> Moments:
+        count = self.count + other.count
+        step = other.mean - self.mean
+        return Moments(
+            count,
+            self.mean + step * other.count / count,
+            self.squares + other.squares + step * step * self.count * other.count / count,
+            min(self.low, other.low),
+            max(self.high, other.high),
+        )
+
+    @property
+    def std(self) -> float:
+        """Standard deviation, of a sample; NaN below two values."""
+        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else math.nan
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean with Student's interval; NaN without values."""
+        if self.count == 0:
+            return Estimate(math.nan, math.nan, math.nan)
+        if self.count == 1:
+            return Estimate(self.mean, -math.inf, math.inf)
+        from scipy import stats
+
+        half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.count - 1)) * self.std / math.sqrt(self.count)
+        return Estimate(self.mean, self.mean - half, self.mean + half)
+
+
+def share(count: int, total: int) -> Estimate:
+    """A share with Wilson's interval; NaN of nothing."""
+    if total == 0:
+        return Estimate(math.nan, math.nan, math.nan)
+    from scipy import stats
+
+    interval = stats.binomtest(count, total).proportion_ci(CONFIDENCE, method="wilson")
+    return Estimate(count / total, float(interval.low), float(interval.high))
+
+
+def quantile(values: Floats, level: float) -> Estimate:
+    """A quantile between two order statistics (Conover, Practical Nonparametric Statistics, 3.2)."""
+    from scipy import stats
+
+    low, high = stats.quantile_test(values, p=level).confidence_interval(CONFIDENCE)
+    return Estimate(
+        float(np.quantile(values, level, method="inverted_cdf")),
+        -math.inf if math.isnan(low) else float(low),
+        math.inf if math.isnan(high) else float(high),
+    )
 
 
 class Histogram(NamedTuple):
@@ -53,6 +138,13 @@ class Histogram(NamedTuple):
 
     edges: Floats
     counts: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, values: Floats) -> Histogram:
+        """Of finite values, with `BINS` bins from the least to the greatest; a single value gets a width of its own."""
+        low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+        edges = np.linspace(low, high if high > low else low + max(abs(low), 1.0) * 1e-3, BINS + 1)
+        return cls(edges, np.histogram(values, edges)[0])
 
     def merged(self) -> Histogram:
         """With no more bins than its number of values can fill: about 2 n^(1/3), the rule of Rice University."""
@@ -62,20 +154,17 @@ class Histogram(NamedTuple):
         return Histogram(self.edges[::size], self.counts.reshape(-1, size).sum(axis=1))
 
 
+# --- the summary ----------------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class MeasureSummary:
     """A measure over the runs that stopped and have a finite value of it; `excluded` stopped without one."""
 
-    name: str
     moments: Moments
     excluded: int
-    quantiles: Quantiles
+    quantiles: dict[float, Estimate]
     histogram: Histogram
-
-    @property
-    def mean(self) -> Estimate:
-        """With its interval."""
-        return self.moments.estimate
 
 
 @dataclass(frozen=True)
@@ -88,11 +177,11 @@ class ControllerSummary:
 
     name: str
     outcomes: dict[str, int]
-    failed: dict[str, tuple[int, ...]]
+    failed: dict[str, list[int]]
     not_stopped: Estimate
     locked: Estimate
     measures: dict[str, MeasureSummary]
-    worst: tuple[dict[str, Any], ...]
+    worst: list[dict[str, Any]]
 
     @property
     def stopped(self) -> int:
@@ -117,7 +206,7 @@ class PointSummary:
     """One point of the campaign's grids: its values, and by controller the means and the runs that did not stop."""
 
     values: dict[str, float]
-    means: dict[Series, Estimate]
+    means: dict[tuple[str, str], Estimate]
     not_stopped: dict[str, Estimate]
 
 
@@ -125,16 +214,17 @@ class PointSummary:
 class CampaignSummary:
     """Results of the `runs` of a `campaign` that are there: by `controllers`, `paired`, and by `points` of the grids.
 
-    `worst_by` is what the worst runs have most of; `sample` has the first runs' columns by controller, for pictures.
+    `worst_by` is what the worst runs have most of; `sample` has the first runs' quantities and `worst_by`, SI, for
+    pictures, by controller, NaN of a run that did not stop.
     """
 
     campaign: Campaign
     runs: int
     controllers: dict[str, ControllerSummary]
-    paired: tuple[Paired, ...]
-    points: tuple[PointSummary, ...]
+    paired: list[Paired]
+    points: list[PointSummary]
     worst_by: str
-    sample: dict[str, Batch]
+    sample: dict[str, Columns]
 
     def table(self) -> str:
         """A line a controller: runs that stopped, braking distance, slip, and runs that locked a wheel."""
@@ -152,24 +242,6 @@ class CampaignSummary:
         return any(found.stopped for found in self.controllers.values())
 
 
-def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """The statistics of a campaign's `store`, finished or not; memory does not grow with its runs.
-
-    Raises
-    ------
-    InputError
-        `worst_by` is no measure, or the campaign has no finished part.
-    """
-    check_measure(worst_by)
-    read = _reader(store)
-    first = _FirstPass(store.campaign, worst_by)
-    for batch in read():
-        first.take(batch)
-    if first.runs == 0:
-        raise InputError(f"--out: {str(store.folder)!r} has no finished part yet; run the campaign")
-    return first.summary(*_distributions(read, first.moments))
-
-
 def check_measure(name: str) -> None:
     """InputError, with the nearest name, unless a measure has this name."""
     names = [measure.name for measure in MEASURES]
@@ -179,227 +251,180 @@ def check_measure(name: str) -> None:
         )
 
 
-# --- reading --------------------------------------------------------------------------------------------------------
+class _Runs:
+    """The runs that are there, column by column: arrays of runs by controllers."""
+
+    def __init__(self, store: Store) -> None:
+        self._store, self._parts = store, list(store.finished())
+        self.names = store.campaign.controller_names
+        if not self._parts:
+            raise InputError(f"--out: {str(store.folder)!r} has no finished part yet; run the campaign")
+        self.part = np.repeat(np.arange(len(self._parts)), [part.stop - part.start for part in self._parts])
+        self.number = np.concatenate([np.arange(*part) for part in self._parts])
+        outcomes = self._column("outcome").combine_chunks().dictionary_encode()
+        self.outcomes: list[str] = outcomes.dictionary.to_pylist()
+        self.outcome = outcomes.indices.to_numpy().reshape(-1, len(self.names))
+        self.stopped = np.isin(self.outcome, [k for k, o in enumerate(self.outcomes) if o == Outcome.STOPPED.value])
+
+    def _column(self, name: str) -> pa.ChunkedArray:
+        import pyarrow as pa
+
+        return pa.concat_tables(self._store.read(part, [name]) for part in self._parts).column(0)
+
+    def column(self, name: str) -> Floats:
+        """NaN where a run has no number."""
+        values: Floats = self._column(name).to_numpy().reshape(-1, len(self.names))
+        return values
+
+    def of_stopped(self, name: str) -> Floats:
+        """NaN where a run did not stop, too."""
+        values = np.where(self.stopped, self.column(name), np.nan)
+        return np.where(np.isfinite(values), values, np.nan)
+
+    def moments(self, values: Floats, at: slice | NDArray[np.int64] = slice(None)) -> Moments:
+        """Of one controller's finite values, or of some of them."""
+        values, part = values[at], self.part[at]
+        finite = np.isfinite(values)
+        return Moments.of(np.split(values[finite], np.flatnonzero(np.diff(part[finite])) + 1))
+
+    def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
+        """Of controller number k, the rows with the highest values."""
+        order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
+        found = []
+        for i in self.number[order].tolist():
+            row = self._store.row(i)[self.names[k]]
+            del row["controller"], row["outcome"]
+            found.append({name: math.nan if value is None else value for name, value in row.items()})
+        return found
 
 
-class _Rows(NamedTuple):
-    """Rows of one controller in a part, by column, and which of them stopped."""
+def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
+    """The statistics of a campaign's `store`, finished or not.
 
-    run: NDArray[np.int64]
-    outcome: NDArray[np.str_]
-    columns: Batch
-    stopped: NDArray[np.bool_]
-
-
-_Read = Callable[[], Iterable[dict[str, _Rows]]]
-
-
-def _reader(store: Store) -> _Read:
-    """Gives the parts from the beginning, by controller; kept where they are few."""
-    width = len(store.schema().names)
-    total = sum(part.stop - part.start for part in store.finished()) * len(store.campaign.controllers) * width
-
-    def read() -> Iterator[dict[str, _Rows]]:
-        return (_by_controller(table, store.campaign.controller_names) for table in store.tables())
-
-    if total > _HELD:
-        return read
-    held = list(read())
-    return lambda: held
-
-
-def _by_controller(table: pa.Table, names: tuple[str, ...]) -> dict[str, _Rows]:
-    """Rows come run by run, controllers in order within each."""
-    plain = {name: table.column(name).to_numpy() for name in table.column_names}
-    found = {}
-    for k, name in enumerate(names):
-        own = {column: values[k :: len(names)] for column, values in plain.items()}
-        run, outcome = own.pop("run"), own.pop("outcome").astype(str)
-        assert (own.pop("controller") == name).all(), "written in the order of the controllers"
-        found[name] = _Rows(run, outcome, own, outcome == Outcome.STOPPED.value)
-    return found
-
-
-def _usable(rows: _Rows, measure: str) -> Floats:
-    values = rows.columns[measure][rows.stopped]
-    return values[np.isfinite(values)]
-
-
-# --- passes ---------------------------------------------------------------------------------------------------------
-
-
-def _moments(values: Floats) -> Moments:
-    if values.size == 0:
-        return Moments()
-    mean = float(np.mean(values))
-    return Moments(values.size, mean, float(np.sum((values - mean) ** 2)), float(values.min()), float(values.max()))
-
-
-class _FirstPass:
-    """Everything that one reading of the parts can tell."""
-
-    def __init__(self, campaign: Campaign, worst_by: str) -> None:
-        self._campaign, self._worst_by, self.runs = campaign, worst_by, 0
-        names = campaign.controller_names
-        self.moments = {(name, measure.name): Moments() for name in names for measure in MEASURES}
-        self._outcomes = {name: Counter[str]() for name in names}
-        self._failed: dict[str, dict[str, list[int]]] = {name: {} for name in names}
-        self._stopped, self._locked = Counter[str](), Counter[str]()
-        self._worst: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
-        self._pairs = list(combinations(names, 2))
-        self._differences = {(*pair, measure.name): Moments() for pair in self._pairs for measure in MEASURES}
-        self._smaller = Counter[tuple[str, str, str]]()
-        self._points = grid_points([quantity.distribution for quantity in campaign.quantities])
-        self._at_point: dict[tuple[int, str, str], Moments] = {}
-        self._of_point, self._stopped_at = Counter[tuple[int, str]](), Counter[tuple[int, str]]()
-        self._sample: dict[str, list[Batch]] = {name: [] for name in names}
-
-    def take(self, batch: dict[str, _Rows]) -> None:
-        """A part."""
-        sampled = self.runs < _SHOWN
-        self.runs += len(next(iter(batch.values())).run)
-        for name, rows in batch.items():
-            self._count(name, rows)
-            self._keep_worst(name, rows)
-            for measure in MEASURES:
-                key = name, measure.name
-                self.moments[key] = self.moments[key].joined(_moments(_usable(rows, measure.name)))
-            if self._points > 1:
-                self._group(name, rows)
-            if sampled:
-                self._sample[name].append({**rows.columns, "run": rows.run, "stopped": rows.stopped})
-        for pair in self._pairs:
-            self._compare(pair, batch[pair[0]], batch[pair[1]])
-
-    def _count(self, name: str, rows: _Rows) -> None:
-        self._outcomes[name].update(rows.outcome.tolist())
-        self._stopped[name] += int(rows.stopped.sum())
-        self._locked[name] += int(np.isfinite(rows.columns["first_lock_s"]).sum())
-        for outcome in set(rows.outcome[~rows.stopped].tolist()):
-            listed = self._failed[name].setdefault(outcome, [])
-            listed += rows.run[rows.outcome == outcome][: LISTED - len(listed)].tolist()
-
-    def _keep_worst(self, name: str, rows: _Rows) -> None:
-        values = np.where(rows.stopped, rows.columns[self._worst_by], np.nan)
-        usable = np.flatnonzero(np.isfinite(values))
-        most = usable[np.argsort(values[usable], kind="stable")[-WORST:]]
-        rows_of = [
-            {"run": int(rows.run[i]), **{column: float(v[i]) for column, v in rows.columns.items()}} for i in most
-        ]
-        self._worst[name] = nlargest(WORST, [*self._worst[name], *rows_of], key=lambda row: row[self._worst_by])
-
-    def _compare(self, pair: tuple[str, str], first: _Rows, second: _Rows) -> None:
-        both = first.stopped & second.stopped
-        for measure in MEASURES:
-            difference = second.columns[measure.name][both] - first.columns[measure.name][both]
-            difference, key = difference[np.isfinite(difference)], (*pair, measure.name)
-            self._differences[key] = self._differences[key].joined(_moments(difference))
-            self._smaller[key] += int((difference < 0).sum())
-
-    def _group(self, name: str, rows: _Rows) -> None:
-        points = rows.run % self._points
-        for point in np.unique(points).tolist():
-            here = points == point
-            self._of_point[point, name] += int(here.sum())
-            self._stopped_at[point, name] += int((here & rows.stopped).sum())
-            for measure in MEASURES:
-                values = rows.columns[measure.name][here & rows.stopped]
-                key = point, name, measure.name
-                self._at_point[key] = self._at_point.get(key, Moments()).joined(_moments(values[np.isfinite(values)]))
-
-    def summary(self, quantiles: dict[Series, Quantiles], shapes: dict[Series, Histogram]) -> CampaignSummary:
-        """All of it, with what the later passes found."""
-        return CampaignSummary(
-            campaign=self._campaign,
-            runs=self.runs,
-            controllers={name: self._controller(name, quantiles, shapes) for name in self._campaign.controller_names},
-            paired=tuple(
-                Paired(*key, found.count, found.estimate, share(self._smaller[key], found.count))
-                for key, found in self._differences.items()
-            ),
-            points=tuple(self._point(point) for point in range(self._points)) if self._points > 1 else (),
-            worst_by=self._worst_by,
-            sample={
-                name: {column: np.concatenate([part[column] for part in parts])[:_SHOWN] for column in parts[0]}
-                for name, parts in self._sample.items()
-            },
-        )
-
-    def _controller(
-        self, name: str, quantiles: dict[Series, Quantiles], shapes: dict[Series, Histogram]
-    ) -> ControllerSummary:
-        stopped = self._stopped[name]
-        measures = {}
-        for measure in MEASURES:
-            key = name, measure.name
-            moments = self.moments[key]
-            excluded = stopped - moments.count
-            measures[measure.name] = MeasureSummary(measure.name, moments, excluded, quantiles[key], shapes[key])
-        return ControllerSummary(
-            name=name,
-            outcomes=dict(self._outcomes[name]),
-            failed={outcome: tuple(runs) for outcome, runs in self._failed[name].items()},
-            not_stopped=share(self.runs - stopped, self.runs),
-            locked=share(self._locked[name], self.runs),
-            measures=measures,
-            worst=tuple(self._worst[name]),
-        )
-
-    def _point(self, point: int) -> PointSummary:
-        names = self._campaign.controller_names
-        values = self._campaign.grid_values(point)
-        means = {
-            (name, measure.name): self._at_point.get((point, name, measure.name), Moments()).estimate
-            for name in names
-            for measure in MEASURES
-        }
-        failed = {}
-        for name in names:
-            total = self._of_point[point, name]
-            failed[name] = share(total - self._stopped_at[point, name], total)
-        return PointSummary(values, means, failed)
+    Raises
+    ------
+    InputError
+        `worst_by` is no measure, or the campaign has no finished part.
+    """
+    check_measure(worst_by)
+    runs, campaign = _Runs(store), store.campaign
+    pairs = list(combinations(range(len(runs.names)), 2))
+    point, count = runs.number % campaign.grid_points, campaign.grid_points
+    points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # the runs at each
+    measures: dict[str, list[MeasureSummary]] = {}
+    paired: list[list[Paired]] = []
+    means: list[dict[tuple[str, str], Estimate]] = [{} for _ in points]
+    for measure in MEASURES:
+        values = runs.of_stopped(measure.name)
+        measures[measure.name] = [_measure(runs, k, values[:, k]) for k in range(len(runs.names))]
+        paired.append([_paired(runs, first, second, measure.name, values) for first, second in pairs])
+        for p, at in enumerate(points):
+            for k, name in enumerate(runs.names):
+                means[p][name, measure.name] = runs.moments(values[:, k], at).estimate
+        if measure.name == worst_by:
+            worst = [runs.rows(k, values[:, k]) for k in range(len(runs.names))]
+            shown = values[:_SHOWN].copy()
+    locked = np.isfinite(runs.column("first_lock_s"))
+    sampled = {name: runs.column(name)[:_SHOWN].copy() for name in campaign.quantity_units}
+    return CampaignSummary(
+        campaign=campaign,
+        runs=runs.number.size,
+        controllers={
+            name: _controller(runs, k, locked[:, k], {m: found[k] for m, found in measures.items()}, worst[k])
+            for k, name in enumerate(runs.names)
+        },
+        paired=[row[p] for p in range(len(pairs)) for row in paired],
+        points=[
+            PointSummary(
+                campaign.grid_values(p),
+                {(name, measure.name): means[p][name, measure.name] for name in runs.names for measure in MEASURES},
+                {name: share(int((~runs.stopped[at, k]).sum()), at.size) for k, name in enumerate(runs.names)},
+            )
+            for p, at in enumerate(points)
+        ],
+        worst_by=worst_by,
+        sample={
+            name: {**{q: v[:, k] for q, v in sampled.items()}, worst_by: shown[:, k]}
+            for k, name in enumerate(runs.names)
+        },
+    )
 
 
-def _distributions(
-    read: _Read, moments: dict[Series, Moments]
-) -> tuple[dict[Series, Quantiles], dict[Series, Histogram]]:
-    """Quantiles and histograms of every measure of every controller."""
-
-    def batches() -> Iterator[dict[Series, Floats]]:
-        return ({key: _usable(batch[key[0]], key[1]) for key in moments} for batch in read())
-
-    ranks = {
-        key: {level: quantile_ranks(level, found.count) for level in LEVELS}
-        for key, found in moments.items()
-        if found.count
-    }
-    flat = {key: sorted({r for of in levels.values() for r in of if r is not None}) for key, levels in ranks.items()}
-    values = {
-        key: dict(zip(flat[key], found.tolist(), strict=True)) for key, found in order_statistics(batches, flat).items()
-    }
-    quantiles = {key: _quantiles(ranks.get(key, {}), values.get(key, {})) for key in moments}
-    edges = {key: np.linspace(*_range(found), BINS + 1) for key, found in moments.items()}
-    counts = {key: np.zeros(BINS, dtype=np.int64) for key in moments}
-    for batch in batches():
-        for key, data in batch.items():
-            counts[key] += np.histogram(data, edges[key])[0]
-    return quantiles, {key: Histogram(edges[key], counts[key]) for key in moments}
+def _measure(runs: _Runs, k: int, values: Floats) -> MeasureSummary:
+    moments, finite = runs.moments(values), values[np.isfinite(values)]
+    quantiles = {level: quantile(finite, level) for level in LEVELS if finite.size}
+    return MeasureSummary(moments, int(runs.stopped[:, k].sum()) - moments.count, quantiles, Histogram.of(finite))
 
 
-def _quantiles(
-    ranks: dict[float, tuple[int, int | None, int | None]], values: dict[int, float]
-) -> dict[float, Estimate]:
-    return {
-        level: Estimate(
-            values[own], -math.inf if low is None else values[low], math.inf if high is None else values[high]
-        )
-        for level, (own, low, high) in ranks.items()
-    }
+def _paired(runs: _Runs, first: int, second: int, measure: str, values: Floats) -> Paired:
+    difference = values[:, second] - values[:, first]
+    moments = runs.moments(difference)
+    smaller = share(int((difference < 0).sum()), moments.count)
+    return Paired(runs.names[first], runs.names[second], measure, moments.count, moments.estimate, smaller)
 
 
-def _range(found: Moments) -> tuple[float, float]:
-    """Of a histogram: a single value gets a width of its own."""
-    if found.count == 0:
-        return 0.0, 1.0
-    width = found.high - found.low or max(abs(found.low), 1.0) * 1e-3
-    return found.low, found.low + width
+def _controller(
+    runs: _Runs, k: int, locked: Flags, measures: dict[str, MeasureSummary], worst: list[dict[str, Any]]
+) -> ControllerSummary:
+    outcome, total = runs.outcome[:, k], runs.number.size
+    found = {name: runs.number[outcome == i] for i, name in enumerate(runs.outcomes)}
+    return ControllerSummary(
+        name=runs.names[k],
+        outcomes={name: own.size for name, own in found.items() if own.size},
+        failed={
+            name: own[:LISTED].tolist() for name, own in found.items() if own.size and name != Outcome.STOPPED.value
+        },
+        not_stopped=share(int((~runs.stopped[:, k]).sum()), total),
+        locked=share(int(locked.sum()), total),
+        measures=measures,
+        worst=worst,
+    )
+
+
+# --- in one call ----------------------------------------------------------------------------------------------------
+
+
+@checked
+def campaign(
+    scenario: Scenario,
+    controllers: Sequence[Any],
+    runs: int = 200,
+    *,
+    quantities: Sequence[Quantity] = (),
+    seed: int = 0,
+    folder: str | Path | None = None,
+    workers: int = 1,
+) -> CampaignSummary:
+    """Many runs of a scenario, each with noise of its own, the same for every controller.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The run, SI.
+    controllers : sequence
+        One or more, whatever `simulate` takes.
+    runs : int
+        Number of runs of each.
+    quantities : sequence of Quantity
+        What else differs from run to run, SI.
+    seed : int
+        Number that the runs repeat with.
+    folder : str or Path, optional
+        Where the runs are kept, and resumed; left out, nothing is kept.
+    workers : int, optional
+        Number of processes; more than this one import the calling script again, which then needs its
+        `if __name__ == "__main__"`.
+
+    Returns
+    -------
+    CampaignSummary
+        Statistics in SI; its `table()` has a line a controller.
+
+    Raises
+    ------
+    InputError
+        As of `Campaign` and `execute`.
+    """
+    told = Campaign(scenario, tuple(controllers), runs, tuple(quantities), seed)
+    with nullcontext(folder) if folder is not None else TemporaryDirectory() as place:
+        return summarise(execute(told, Path(place), workers=workers))

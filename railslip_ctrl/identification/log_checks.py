@@ -1,0 +1,671 @@
+"""Can a log be right? What it shows of itself that does not fit: a list of `Finding`s.
+
+Rolling without brake: a released brake has no torque and a wheel without torque no slip, so that what the columns read
+there is a torque's offset and a wrong wheel radius. The adhesion: beside what steel on steel has. The train: whether it
+slows down as its wheel's adhesion makes it. The clock, the steps in which columns come, wheel loads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.vehicle import Vehicle
+
+from .cleaning import Resolution
+from .columns import UNITS, Column
+from .logs import Rows
+from .observed import LOWEST_SPEED, Record, Survey
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something of a log that is not as it should be: the `check` that found it, and a sentence."""
+
+    check: str
+    text: str
+
+
+# --- rolling without brake: where torque and slip stand still, at the lowest torque at which there are some ----------
+
+
+_SECONDS, _LEAST_ROWS = 0.2, 16  # of a window, whichever is longer
+_ROUNDING = 1e-6  # of an interval that a median of differences leaves
+_GAP_INTERVALS = 5.0
+_MOST_WINDOWS = 8192
+_ABSURD = 1e12  # of any column in SI: no measurement, and its square may leave the range of doubles
+
+_STEADY = 3.0  # standard errors within which a trend is none
+_STEADY_MU = 0.001  # of the torque over a window, by radius and wheel load: no trend, and no other zero in one log
+_STEADY_SLIP = 0.03  # a wheel swings about rolling, as its contact is a spring; beyond, it comes back from braking
+
+_LEAST_WINDOWS = 2
+_LEAST_SHARE = 0.02  # of the steady windows: a sensor that drops out for a moment is no zero
+_BRAKES = 0.02  # of wheel load times radius: a torque above it is one only if the train is not slowed down by it
+_SLOWED = 0.5  # of the deceleration that the torque would give
+
+_MEDIAN = 1.2533  # standard error of a median over that of a mean
+_SIGMA_PER_MAD = 1.4826
+_UNIFORM = math.sqrt(12.0)
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """What the wheel showed while it rolled freely, SI: slip ratio and brake torque with their standard errors.
+
+    The others are medians; `freedom` are degrees of freedom of the errors.
+    """
+
+    slip: float
+    slip_error: float
+    torque: float
+    torque_error: float
+    speed: float
+    omega: float
+    load: float
+    deceleration: float
+    freedom: float
+
+    @property
+    def sure(self) -> float:
+        """Standard errors beyond which a value is told: Student's quantile of `_DOUBT`."""
+        from scipy.special import stdtrit
+
+        return float(stdtrit(self.freedom, 1.0 - _DOUBT / 2.0))
+
+
+class FreeRolling:
+    """Windows of rows in which torque and slip stand still; rows come in blocks of any size.
+
+    Kept are `_MOST_WINDOWS` of them at most, spread over the log.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle, self._radius = vehicle, vehicle.wheel.radius
+        self._rows = np.empty((5, 0))
+        self._interval = math.nan
+        self._windows = np.empty((len(_KEPT), 0))
+        self._stride, self._seen = 1, 0
+
+    @property
+    def window(self) -> int:
+        """Rows of a window; 0 until there are rows."""
+        return 0 if math.isnan(self._interval) else max(_LEAST_ROWS, math.ceil(_SECONDS / self._interval - _ROUNDING))
+
+    def add(self, rows: Floats) -> None:
+        """Take rows in: 5 by k, s, m/s, rad/s, N*m, N, time growing also from block to block."""
+        rows = np.concatenate([self._rows, rows[:, np.all(np.abs(rows[1:]) < _ABSURD, axis=0)]], axis=1)
+        if rows.shape[1] < 2:
+            self._rows = rows
+            return
+        if math.isnan(self._interval):
+            self._interval = float(np.median(np.diff(rows[0])))
+        cuts = np.flatnonzero(np.diff(rows[0]) > _GAP_INTERVALS * self._interval) + 1
+        for part in np.split(rows, cuts, axis=1):
+            self._rows = self._stretch(part)
+
+    def _stretch(self, rows: Floats) -> Floats:
+        """Windows of rows without a gap, half over each other; the rows that the next window begins with."""
+        size, hop = self.window, self.window // 2
+        count = (rows.shape[1] - size) // hop + 1
+        if count < 1:
+            return rows
+        views = np.lib.stride_tricks.sliding_window_view(rows, size, axis=1)[:, : (count - 1) * hop + 1 : hop]
+        self._keep(self._steady(views))
+        return rows[:, count * hop :]
+
+    def _steady(self, views: Floats) -> Floats:
+        """What is kept of the windows (5, m, rows) that are steady."""
+        rolling = (views[1] > LOWEST_SPEED).all(axis=1) & (views[4] > 0.0).all(axis=1)
+        time, v, omega, torque, load = views[:, rolling]
+        slip = 1.0 - self._radius * omega / v
+        still = _stands(time, slip, np.full(len(time), _STEADY_SLIP))
+        still &= _stands(time, torque, _STEADY_MU * self._radius * load.mean(axis=1))
+        time, v, omega, torque, load = (x[still] for x in (time, v, omega, torque, load))
+        return np.stack(
+            [
+                torque.mean(axis=1),
+                torque.std(axis=1) / math.sqrt(self.window),
+                v.mean(axis=1),
+                omega.mean(axis=1),
+                load.mean(axis=1),
+                -_slopes(time, v),
+                np.ptp(omega, axis=1) > 0.0,
+            ]
+        )
+
+    def _keep(self, windows: Floats) -> None:
+        number = self._seen + np.arange(windows.shape[1])
+        self._seen += windows.shape[1]
+        self._windows = np.concatenate([self._windows, windows[:, number % self._stride == 0]], axis=1)
+        while self._windows.shape[1] > _MOST_WINDOWS:
+            self._stride *= 2
+            self._windows = self._windows[:, ::2]
+
+    def found(self, *, speed_step: float = 0.0, omega_step: float = 0.0) -> Rolling | None:
+        """What was seen, with speeds that come in steps (m/s, rad/s); None where the wheel never rolled freely."""
+        windows = self._lowest()
+        if windows is None:
+            return None
+        torque, _, v, omega, load, deceleration, moves = windows
+        zero, centre = float(np.median(torque)), float(np.median(load))
+        speed, slows = float(np.median(v)), float(np.median(deceleration))
+        by_brake = slows - _resistance(self._vehicle, speed) / self._vehicle.effective_mass
+        slowed = by_brake > _SLOWED * zero / (self._radius * self._vehicle.effective_mass)
+        if zero >= _BRAKES * self._radius * centre and slowed:
+            return None
+        slip = 1.0 - self._radius * omega / v
+        # an encoder's counts add up over a window; a speed that stands still may be off by its rounding all along
+        rounding = omega_step / _UNIFORM / (self.window if moves.any() else 1.0)
+        of_steps = math.hypot(self._radius * rounding, speed_step / _UNIFORM) / speed
+        return Rolling(
+            slip=float(np.median(slip)),
+            slip_error=math.hypot(_error_of_median(slip), of_steps),
+            torque=zero,
+            torque_error=_error_of_median(torque),
+            speed=speed,
+            omega=float(np.median(omega)),
+            load=centre,
+            deceleration=slows,
+            freedom=max(len(slip) / 2.0 - 1.0, 1.0),
+        )
+
+    def _lowest(self) -> Floats | None:
+        """The windows at the lowest torque at which there are enough of them."""
+        order = np.argsort(self._windows[0])
+        windows = self._windows[:, order]
+        torque, noise, load = windows[0], windows[1], windows[4]
+        least = max(_LEAST_WINDOWS, math.ceil(_LEAST_SHARE * len(torque)))
+        if len(torque) < least:
+            return None
+        reach = torque + np.maximum(_STEADY_MU * self._radius * load, 2.0 * _STEADY * noise)
+        ends = np.searchsorted(torque, reach, side="right")
+        enough = np.flatnonzero(ends - np.arange(len(torque)) >= least)
+        return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
+
+
+_KEPT = ("torque", "its standard error", "speed", "omega", "load", "deceleration", "whether omega moves")
+
+
+def _resistance(vehicle: Vehicle, speed: Any) -> Any:
+    """The train's own, N, of the quarter car, at a speed in m/s."""
+    r = vehicle.resistance
+    return r.constant + r.linear * speed + r.quadratic * speed**2
+
+
+def _slopes(time: Floats, values: Floats) -> Floats:
+    """Of the straight lines through values, window by window."""
+    t = time - time.mean(axis=1, keepdims=True)
+    result: Floats = np.sum(t * values, axis=1) / np.sum(t**2, axis=1)
+    return result
+
+
+def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
+    """In which windows values neither rise nor bend, beyond their noise or beyond a least change over the window.
+
+    The noise is that of differences of neighbours, so that a wheel that swings is not taken for a noisy one.
+    """
+    x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
+    bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
+    noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
+    stands = np.ones(len(time), dtype=bool)
+    for shape in (x, bend):
+        squares = np.sum(shape**2, axis=1)
+        change = 2.0 * np.abs(np.sum(shape * values, axis=1)) / squares
+        stands &= change <= np.maximum(least, 2.0 * _STEADY * np.sqrt(noise / squares))
+    return stands
+
+
+def _error_of_median(values: Floats) -> float:
+    """Standard error of the median of windows that lie half over each other."""
+    scatter = _SIGMA_PER_MAD * float(np.median(np.abs(values - np.median(values))))
+    return _MEDIAN * scatter / math.sqrt(max(len(values) / 2.0, 1.0))
+
+
+# --- what does not fit ---------------------------------------------------------------------------------------------
+
+_DOUBT = 0.001  # probability with which a log without fault is told to have one
+_LEAST_SLIP = 5e-4  # 0.2 mm of a radius; below, a log's speeds have errors of their own
+_LEAST_OF_PEAK = 0.003  # of the slip at the peak: what is less shifts a fit by less than its errors
+_LEAST_MU = 0.001  # a torque's zero by wheel load and radius: as the errors of a good fit
+_OTHER_UNIT = 0.15  # slip ratio: no wheel wears so much
+MOST_FREE_SLIP = 0.5
+"""Slip ratio of a wheel without brake beyond which a log is refused: no radius is so wrong."""
+
+_UNITS_APART = ((1.0 / KMH, "km/h and m/s"), (30.0 / math.pi, "rpm and rad/s"), (2.0 * math.pi, "turns and radians"))
+_ALIKE = 0.05  # relative, of a ratio: more than a radius is wrong by
+_MOST_CREEP = 0.002  # of a wheel without brake, if a wrong wheel has bent the curve that its slope is taken from
+_UNTRUSTED = 0.005  # slip ratio
+_EXPLAINED = 0.25  # of the slip that is left without a zero that was given, below which the zero is the cause
+
+
+@dataclass(frozen=True)
+class Known:
+    """What rolling is judged by: the vehicle, and what the log and its user say.
+
+    `slope` is dmu/dslip where the curve begins, inf where it is not known, as `peak_slip` is 0; `wheel_column` the
+    quantity that the wheel's speed was read from, `zeros` the offsets that were taken off, SI.
+    """
+
+    vehicle: Vehicle
+    slope: float
+    peak_slip: float
+    wheel_column: str
+    zeros: Mapping[str, float]
+
+    def excess(self, rolling: Rolling) -> float:
+        """Slip ratio beside that which the rail needs to turn the wheel against its friction, and to slow it down."""
+        return rolling.slip - self._creep(rolling)
+
+    def tolerance(self, rolling: Rolling) -> float:
+        """Slip ratio of `excess` up to which free rolling is as it should be."""
+        least = max(_LEAST_SLIP, _LEAST_OF_PEAK * self.peak_slip)
+        return max(rolling.sure * rolling.slip_error + abs(self._creep(rolling)), least)
+
+    def _creep(self, rolling: Rolling) -> float:
+        if not self.slope > 0.0:
+            return 0.0
+        vehicle, radius = self.vehicle, self.vehicle.wheel.radius
+        friction = vehicle.effective_viscous_friction * rolling.omega / radius
+        force = friction - vehicle.effective_inertia * rolling.deceleration / radius**2
+        return min(max(force / (rolling.load * self.slope), -_MOST_CREEP), _MOST_CREEP)
+
+
+def is_wrong_wheel(rolling: Rolling | None) -> bool:
+    """Whether a rolling wheel has so much slip that what else a log shows is not to be trusted."""
+    return rolling is not None and abs(rolling.slip) > max(_UNTRUSTED, rolling.sure * rolling.slip_error)
+
+
+def rolling_findings(rolling: Rolling | None, known: Known) -> Iterator[Finding]:
+    """What a wheel without brake shows to be wrong."""
+    if rolling is None:
+        return
+    if abs(known.excess(rolling)) > known.tolerance(rolling):
+        yield Finding("free rolling", _wrong_wheel(rolling, known))
+    load = known.vehicle.wheel.radius * rolling.load
+    if abs(rolling.torque) >= max(_LEAST_MU * load, rolling.sure * rolling.torque_error):
+        given = known.zeros.get("brake_torque", 0.0)
+        beside = f" beside the {given:.4g} N*m that is taken off" if given else ""
+        option = f"--zero brake_torque={rolling.torque + given:.4g} takes it off"
+        if abs(rolling.torque + given) < _LEAST_MU * load:
+            option = "leave --zero brake_torque out"
+        yield Finding(
+            "torque offset",
+            f"the brake torque reads {rolling.torque:.4g} N*m{beside} where the wheel rolls freely, which is "
+            f"{rolling.torque / load:.2g} of mu: {option}",
+        )
+
+
+def _wrong_wheel(rolling: Rolling, known: Known) -> str:
+    radius, slip = known.vehicle.wheel.radius, rolling.slip
+    shown = f"free rolling shows a slip of {_percent(slip, rolling.slip_error)} %"
+    for name, given in known.zeros.items():
+        without = _slip_without(rolling, known, name, given)
+        if without is not None and abs(without) < max(known.tolerance(rolling), _EXPLAINED * abs(slip)):
+            option = f"--zero {name}={given:.4g}"
+            return f"{shown}, and without the {option} that is given {100.0 * without:.2g} %: leave it out"
+    likely = f"the wheel radius may be {radius / (1.0 - known.excess(rolling)):.4g} m, not {radius:.4g} m"
+    if abs(slip) < _OTHER_UNIT:
+        return f"{shown}: {likely}"
+    text = (
+        f"{shown}, the wheel's speed is {1.0 - slip:.3g} times the train's: "
+        f"check the units of {known.wheel_column} and train_speed{_apart(1.0 - slip)}, and that no columns are swapped"
+    )
+    return f"{text}; else {likely}" if abs(slip) <= MOST_FREE_SLIP else text
+
+
+def rolling_fault(rolling: Rolling | None, known: Known) -> str | None:
+    """A sentence where a wheel without brake has so much slip that no curve can be had from the log; else None."""
+    if rolling is None or abs(rolling.slip) <= MOST_FREE_SLIP:
+        return None
+    return _wrong_wheel(rolling, known)
+
+
+def _apart(ratio: float) -> str:
+    """The units whose ratio that of wheel and train is; empty for none."""
+    for factor, units in _UNITS_APART:
+        if min(abs(abs(ratio) * factor - 1.0), abs(abs(ratio) / factor - 1.0)) < _ALIKE:
+            return f" ({units} are {factor:.3g} apart)"
+    return ""
+
+
+def _slip_without(rolling: Rolling, known: Known, name: str, given: float) -> float | None:
+    """The slip with a speed's zero put on again; None for a zero of no speed."""
+    rim, speed = known.vehicle.wheel.radius * rolling.omega, rolling.speed
+    if name == "train_speed":
+        return 1.0 - rim / (speed + given)
+    if name != known.wheel_column:
+        return None
+    return 1.0 - (rim + given * (known.vehicle.wheel.radius if name == "wheel_angular_speed" else 1.0)) / speed
+
+
+def _percent(slip: float, error: float) -> str:
+    """A slip ratio in %, with as many digits as its error leaves, three at most."""
+    digits = 3 - 1 - math.floor(math.log10(abs(100.0 * slip)))
+    if error > 0.0:
+        digits = min(digits, max(-math.floor(math.log10(100.0 * error)), 1))
+    return f"{100.0 * slip:.{max(digits, 1)}f}"
+
+
+# --- the adhesion --------------------------------------------------------------------------------------------------
+
+HIGHEST_MU, LOWEST_MU = 0.7, 0.01
+"""Adhesion coefficients of steel on steel: some 0.6 with sand, 0.02 with leaves."""
+
+_UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {"brake_torque": {"N*m": 1.0, "kN*m": 1e3}, "wheel_load": {"N": 1.0, "kN": 1e3}}
+)
+
+
+def unit_hint(mu: float, factors: Mapping[str, float]) -> str:
+    """The option with a unit that makes an adhesion coefficient an ordinary one; empty where none does.
+
+    `factors` are what one of the unit that was read is in SI, by quantity, of the columns of the log.
+    """
+    found, other = [], math.nan
+    for quantity, units in _UNITS.items():
+        for unit, factor in units.items():
+            ratio = factor / factors.get(quantity, factor)
+            made = mu * ratio if quantity == "brake_torque" else mu / ratio
+            if ratio != 1.0 and LOWEST_MU <= made <= HIGHEST_MU:
+                found.append(f"{quantity} seems to be in {unit} (--unit {quantity}={unit})")
+                other = made
+    return f"{', or '.join(found)}, which would make it {other:.2g}" if found else ""
+
+
+def units_or(mu: float, factors: Mapping[str, float]) -> str:
+    """`unit_hint`, or what to check else."""
+    check = "check the unit of the brake torque (--unit), the wheel load and the wheel's radius (--vehicle)"
+    return unit_hint(mu, factors) or check
+
+
+def mu_findings(mean_mu: Floats, factors: Mapping[str, float]) -> Iterator[Finding]:
+    """Whether the highest mean of mu, by bins, is one of steel on steel; `factors` as of `unit_hint`."""
+    highest = float(mean_mu.max(initial=-math.inf))
+    if not LOWEST_MU <= highest <= HIGHEST_MU:
+        yield Finding(
+            "adhesion",
+            f"the highest mean adhesion coefficient is {highest:.3g}, where steel on steel has {LOWEST_MU:g} to "
+            f"{HIGHEST_MU:g}: {units_or(highest, factors)}",
+        )
+
+
+# --- the train's deceleration, and the unit of the time ------------------------------------------------------------
+
+_OTHER_DECELERATION = 1.15  # ratio: mass, load and the pull of what is not in the model are known to less
+_SLOWED_DOWN = 0.02  # of its speed that the train loses in the runs: on a rig that keeps its speed this tells nothing
+_OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a train brakes with more than the one wheel
+_PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
+
+
+def _lost(record: Record) -> float:
+    """Speed that the train loses in the runs, m/s; NaN where that is hardly any."""
+    inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
+    lost = -float(np.diff(record.speed)[inside].sum())
+    return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
+
+
+def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
+    """By how much more the train slows down in the runs than the wheel's own adhesion and the resistance make it.
+
+    By momentum from the first row to the last of each run, of the wheel (3) and of the train (4) [Park2008]: the
+    adhesion force is what is left of the brake torque when the wheel has been turned slower. NaN where the train hardly
+    slows down, or no torque is left.
+    """
+    inside = np.diff(record.run) == 0
+    step = np.diff(record.time)[inside]
+    v, omega, torque = ((x[1:] + x[:-1])[inside] / 2.0 for x in (record.speed, record.omega, record.torque))
+    turned = -float(np.diff(record.omega)[inside].sum())
+    adhesion = float(step @ (torque + vehicle.effective_viscous_friction * omega)) - vehicle.effective_inertia * turned
+    resistance = float(step @ _resistance(vehicle, v))
+    asked = (adhesion / vehicle.wheel.radius + resistance) / vehicle.effective_mass
+    return _lost(record) / asked if asked > 0.0 else math.nan
+
+
+def deceleration_differs(ratio: float) -> bool:
+    """Whether a ratio of decelerations is another than 1; not where it is not known."""
+    return not math.isnan(ratio) and not 1.0 / _OTHER_DECELERATION < ratio < _OTHER_DECELERATION
+
+
+def deceleration_findings(ratio: float) -> Iterator[Finding]:
+    """Whether the train slows down as the adhesion of its wheel makes it."""
+    if deceleration_differs(ratio):
+        yield Finding(
+            "deceleration",
+            f"the train slows down {ratio:.3g} times as much as the adhesion of this wheel makes its mass: the unit or "
+            "the scale of the brake torque (--unit brake_torque=), or the mass (--vehicle), is wrong and mu with it, "
+            "unless other brakes or a slope act on the train",
+        )
+
+
+def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | None:
+    """A sentence where the train slows down as if its time had another unit than it is read in; else None.
+
+    The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
+    own. `highest_pull` as of `Survey`.
+    """
+    if not len(record) or not _PULLS[0] < highest_pull < _PULLS[1]:
+        return None
+    asked = float((np.diff(record.time) * record.torque[1:])[np.diff(record.run) == 0].sum())
+    ratio = _lost(record) * vehicle.wheel.radius * vehicle.effective_mass / asked if asked > 0.0 else math.nan
+    if math.isnan(ratio) or 1.0 / _OTHER_CLOCK < ratio < _OTHER_CLOCK:
+        return None
+    likely, read, shown, less = ("ms", "s", 1.0 / ratio, "less") if ratio < 1.0 else ("s", "ms", ratio, "more")
+    return (
+        f"the train slows down {shown:.2g} times {less} than the brake torque on it makes it: the time seems to be in "
+        f"{likely}, and is read as {read}; give --unit time={likely}"
+    )
+
+
+# --- loads, two wheel speeds, steps --------------------------------------------------------------------------------
+
+_OTHER_LOAD = 1.5  # ratio of the log's wheel load to the vehicle's: empty and full trains differ by less
+_OTHER_SPEED = 0.02  # ratio of two speeds of a wheel, less one: more than wear of its radius
+_COARSE = 0.005
+
+LOADS_DIFFER = 1.05
+"""Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
+
+
+def load_findings(record: Record, of_vehicle: float) -> Iterator[Finding]:
+    """Whether the runs have one wheel load, and one near to that of the vehicle, N."""
+    if not len(record):
+        return
+    run = record.run.astype(np.int64)
+    rows = np.bincount(run)
+    loads = np.bincount(run, record.load)[rows > 0] / rows[rows > 0]
+    if loads.min() * LOADS_DIFFER < loads.max():
+        yield Finding(
+            "loads",
+            f"the wheel load lies between {loads.min():.4g} and {loads.max():.4g} N from run to run: parameters that "
+            f"are forces are of the mean, {np.average(loads, weights=rows[rows > 0]):.4g} N, and a law whose force "
+            "does not follow the load, as bristles, fits none of them; a log for each load shows the difference",
+        )
+    logged = float(record.load.mean())
+    if not of_vehicle / _OTHER_LOAD < logged < of_vehicle * _OTHER_LOAD:
+        yield Finding(
+            "load",
+            f"the wheel load of the log is {logged:.4g} N on average, that of the vehicle {of_vehicle:.4g} N: mu is by "
+            "the log's; check the unit of the column (--unit wheel_load=), and whether it is one wheel's, or the "
+            "vehicle (--vehicle, --loaded)",
+        )
+
+
+class WheelSpeeds:
+    """The two speeds of a wheel, where a log has both: their ratio by a straight line through 0 over all rows."""
+
+    def __init__(self) -> None:
+        self._product = self._square = 0.0
+
+    def add(self, rows: Rows) -> None:
+        """Take rows in."""
+        rim, angular = rows.columns.get("wheel_speed"), rows.columns.get("wheel_angular_speed")
+        if rim is not None and angular is not None:
+            self._product += float(rim @ angular)
+            self._square += float(angular @ angular)
+
+    def findings(self, radius: float) -> Iterator[Finding]:
+        """Whether they are one, of a wheel with a radius in m."""
+        ratio = self._product / (radius * self._square) if self._square > 0.0 else math.nan
+        if abs(ratio - 1.0) > _OTHER_SPEED:
+            yield Finding(
+                "wheel speeds",
+                f"the log has two wheel speeds, and wheel speed is {ratio:.3g} times the angular speed by the wheel's "
+                "radius: the angular speed is used; check the units of both and the wheel's radius (--vehicle)",
+            )
+
+
+@dataclass(frozen=True)
+class ColumnStep:
+    """A column that comes in steps: its header, the step in the file's unit, and its `share`.
+
+    The share is of slip at the initial speed, or of mu for a torque.
+    """
+
+    label: str
+    step: float
+    share: float
+    is_torque: bool
+
+    @property
+    def matters(self) -> bool:
+        """Whether the step is coarser than the lowest slips that are used, or than that of mu."""
+        return self.share >= _COARSE
+
+    def __str__(self) -> str:
+        share = (
+            f"{self.share:.2g} of mu" if self.is_torque else f"{100.0 * self.share:.2g} % of slip at the initial speed"
+        )
+        return f"{self.label!r} in steps of {self.step:.4g}, {share}"
+
+
+def column_steps(
+    resolution: Resolution, columns: Mapping[str, Column], radius: float, speed: float, load: float
+) -> tuple[ColumnStep, ...]:
+    """The steps of the columns of a log (none: SI), at a wheel radius, m, initial speed, m/s, and wheel load, N."""
+    shares = {"train_speed": 1.0 / speed, "wheel_speed": 1.0 / speed, "wheel_angular_speed": radius / speed}
+    found = []
+    for name, share in (*shares.items(), ("brake_torque", 1.0 / (radius * load))):
+        if step := resolution[name]:
+            column = columns.get(name)
+            label, factor = (f"{name} [{UNITS[name]}]", 1.0) if column is None else (column.header, column.factor)
+            found.append(ColumnStep(label, step / factor, step * share, name == "brake_torque"))
+    return tuple(found)
+
+
+def step_findings(steps: tuple[ColumnStep, ...]) -> Iterator[Finding]:
+    """The steps that matter."""
+    for step in steps:
+        if step.matters:
+            yield Finding("steps", f"column {step}: what is finer is known from means alone")
+
+
+# --- the train's speed ---------------------------------------------------------------------------------------------
+
+TRAIN_LAG = 0.01
+"""s, of the train's speed, that is told what it would do: a message of a bus, or a short filter."""
+
+_ABOUT_PEAK = (0.7, 1.3)  # of the slip of the peak, between which the deceleration is taken
+_LEAST_ROWS_ABOUT_PEAK = 3  # of a run between them, to have a slope
+
+
+@dataclass(frozen=True)
+class TrainLag:
+    """What a lag of the train's speed of `TRAIN_LAG` would do to the slip at the peak of the adhesion.
+
+    A train that slows down by a m/s^2 reads a tau faster than it is, so that the slip ratio is (1 - slip) a tau/v too
+    large. While the adhesion alone slows it down, a is proportional to mu, and the shift cannot be told from a softer
+    contact: no single log shows such a lag. A fit takes it for one, so that its peak moves by more than the rows do: of
+    the brush model, whose peak is near 3 mu N/Kx and whose 1/Kx grows by the shift over mu N, by three times as much
+    where the rise alone tells Kx.
+
+    Attributes
+    ----------
+    lag : float
+        s.
+    slip_shift : float
+        By how much the slip ratio at the peak would be too large.
+    peak_slip : float
+    deceleration, speed : float
+        Of the train about the peak, m/s^2 and m/s.
+    """
+
+    lag: float
+    slip_shift: float
+    peak_slip: float
+    deceleration: float
+    speed: float
+
+    def __str__(self) -> str:
+        return (
+            f"a lag of {1e3 * self.lag:g} ms, which this log cannot show, moves slip by {self.slip_shift:.2g} at the "
+            f"peak (slip of peak {self.peak_slip:.3g}), and that of a fit by up to three times as much; give "
+            "--delay train_speed= if there is one"
+        )
+
+
+def train_lag(record: Record, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
+    """The shift of the slip at the peak by a lag in s, from deceleration and speed on the runs' way up there.
+
+    `radius` of the wheel in m. None where no run has rows enough about the peak, or the train does not slow down there.
+    """
+    low, high = (share * peak_slip for share in _ABOUT_PEAK)
+    slip = 1.0 - radius * record.omega / record.speed
+    products, squares, speeds = 0.0, 0.0, []
+    for run in np.unique(record.run):
+        at = record.run == run
+        time, speed, of_run = record.time[at], record.speed[at], slip[at]
+        beyond = of_run > high
+        end = int(np.argmax(beyond)) if beyond.any() else len(of_run)
+        near = np.flatnonzero(of_run[:end] >= low)
+        if len(near) >= _LEAST_ROWS_ABOUT_PEAK:
+            t = time[near] - time[near].mean()
+            products, squares = products + float(t @ speed[near]), squares + float(t @ t)
+            speeds.append(float(speed[near].mean()))
+    if not products < 0.0:
+        return None
+    deceleration, speed_there = -products / squares, float(np.mean(speeds))
+    return TrainLag(lag, (1.0 - peak_slip) * deceleration * lag / speed_there, peak_slip, deceleration, speed_there)
+
+
+# --- what was met while the log was observed -----------------------------------------------------------------------
+
+_LEAST_LOST = 0.01  # share of the braking rows lost to settling from which it is told
+
+
+def survey_findings(survey: Survey) -> Iterator[Finding]:
+    """Impossible rows, gaps, braking that is not used, runs from several speeds."""
+    if survey.implausible:
+        yield Finding("rows", f"{survey.implausible} impossible rows left out; {survey.first_implausible}")
+    if survey.bridged:
+        yield Finding(
+            "gaps",
+            f"{survey.bridged} long intervals, up to {survey.longest_bridged:.4g} s, are bridged: the observer's time "
+            "constant is no shorter",
+        )
+    for line, seconds in survey.gaps:
+        yield Finding("gaps", f"gap of {seconds:.4g} s before line {line}: the observer starts anew")
+    if survey.gap_count > len(survey.gaps):
+        yield Finding("gaps", f"{survey.gap_count} gaps in all")
+    if survey.lost_share >= _LEAST_LOST:
+        yield Finding(
+            "settling",
+            f"{100.0 * survey.lost_share:.2g} % of the braking data ({survey.lost} rows) lies within the settling time "
+            "after gaps or the start, and is not used",
+        )
+    if survey.is_mixed:
+        yield Finding(
+            "initial speed",
+            f"braking begins between {survey.slowest_start / KMH:.4g} and {survey.fastest_start / KMH:.4g} km/h: "
+            f"v0, with which the parameters change, is taken as {survey.initial_speed / KMH:.4g} km/h "
+            "(--initial-speed); a log for each speed shows the change",
+        )

@@ -1,0 +1,90 @@
+"""Gains of the law, and what its generated text has in it without SymPy: times, fields, the hash of its sources."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
+
+
+@dataclass(frozen=True)
+class LawGains:
+    """Gains of the law (45) and of its robust variants; InputError for one that is not finite or below its bound.
+
+    K, gain on the switching term, N*m, >= 0; D, gain on s, N*m/(m/s), > 0, added to the torque like K; rho, weight of
+    the integral in s, 1/s, > 0; k1, k2, adaptation gains, s^2/(kg^2 m^4) and 1, >= 0: theta_hat_i' = k_i s phi_i;
+    layer, width Phi of the boundary layer, m/s, 0 is sgn s; leak, rate of sigma-modification, 1/s, >= 0: theta_hat_i' =
+    k_i s phi_i - leak theta_hat_i; box, projection: bounds of theta_hat1 (1/(kg m)) and theta_hat2 (m/s); dead_zone:
+    the adaptation is driven by s - Phi sat(s/Phi) in place of s.
+    """
+
+    K: float
+    D: float
+    rho: float
+    k1: float = 0.0
+    k2: float = 0.0
+    layer: float = 0.0
+    leak: float = 0.0
+    box: tuple[tuple[float, float], tuple[float, float]] | None = None
+    dead_zone: bool = False
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self) if f.name not in ("box", "dead_zone")):
+            value, positive = getattr(self, name), name in ("D", "rho")
+            if not (math.isfinite(value) and (value > 0 if positive else value >= 0)):
+                sign = ">" if positive else ">="
+                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
+
+
+def gain_parameters(gains: LawGains) -> dict[str, float]:
+    """The generated law's parameters of those names, from the record of the robust variants.
+
+    InputError for a box without width: 0 .. 0 in the generated law is no projection.
+    """
+    values = {name: getattr(gains, name) for name in ("K", "D", "rho", "k1", "k2", "leak")}
+    values |= {"boundary": gains.layer, "dead_zone": float(gains.dead_zone)}
+    for i, (low, high) in enumerate(gains.box or (), 1):
+        if not low < high:
+            raise InputError(
+                f"box: {low:g} .. {high:g} of theta{i}_hat is not allowed; give a lower bound below the upper"
+            )
+        values |= {f"theta{i}_min": low, f"theta{i}_max": high}
+    return values
+
+
+_PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
+
+# In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
+PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=_PRINTED.k, k2=3.6**2 * _PRINTED.k)
+"""[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
+
+
+# --- what generated code shares ---------------------------------------------------------------------------------------
+
+HOLD_TIME = 0.1
+"""s, for which samples that are left out hold the last command: shorter than the dead time of the published brake."""
+
+KEPT = ("command", "missing", "ready")
+"""Fields of the generated state that are not the law's but are for samples left out and parameters refused."""
+
+PACKAGE = Path(__file__).parents[1]
+
+SOURCES = (
+    *("model/plant.py", "core/notation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/law.py"),
+    *("sliding/proof.py", "sliding/sampled_law.py"),
+)
+"""What the text of the law without adhesion follows from."""
+
+
+def sources_hash() -> str:
+    """SHA-256 of the text of `SOURCES`."""
+    return hashlib.sha256("".join(file_hash(PACKAGE / name) for name in SOURCES).encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a text file; line ends do not count."""
+    return hashlib.sha256(path.read_text(encoding="utf-8").encode("utf-8")).hexdigest()

@@ -1,0 +1,204 @@
+"""What the derivation is made of: symbols, machine-checked identities, and the step as it is shown and was checked.
+
+The symbols of the sliding-mode law stand beside those of the plant (`core.notation`): name, LaTeX, unit, meaning. The
+estimation error is theta_tilde = theta - theta_hat. A rate is a symbol of its own (`_rate`) wherever it is measured,
+estimated or still to be solved for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import sympy as sp
+
+from railslip_ctrl.core.notation import Notation, latex_names
+
+_ENTRIES = (
+    Notation("s", "s", "m/s", "sliding variable e + rho * integral of e"),
+    Notation("e", "e", "m/s", "tracking error sigma_d - sigma"),
+    Notation(
+        "e_integral",
+        r"\left({\textstyle\int_0^t e\,\mathrm{d}t}\right)",
+        "m",
+        "integral of the tracking error since the brake was applied",
+    ),
+    Notation("sigma_d", r"\sigma_d", "m/s", "reference slip velocity"),
+    Notation("lambda_d", r"\lambda_d", "1", "reference slip ratio; sigma_d = lambda_d v", positive=True),
+    Notation("sigma_d_rate", r"\dot\sigma_d", "m/s^2", "rate of the reference slip velocity"),
+    Notation("v_rate_hat", r"\hat{\dot v}", "m/s^2", "estimate of the acceleration of the train"),
+    Notation("Ta_hat", r"\hat T_a", "N*m", "estimate of the adhesion torque"),
+    Notation("rho", r"\rho", "1/s", "weight of the integral in the sliding variable", positive=True),
+    Notation("Ueq", "U_{eq}", "N*m", "equivalent control"),
+    Notation("Ur", "U_r", "N*m", "robust control"),
+    Notation("D", "D", "N*m/(m/s)", "gain of the robust control on s", positive=True),
+    Notation("K", "K", "N*m", "gain of the robust control on sgn s", positive=True),
+    Notation("D0", "D_0", "1/s", "rate at which s is made to fall, per s", positive=True),
+    Notation("K0", "K_0", "m/s^2", "rate at which s is made to fall", positive=True),
+    Notation("Mn", "M_n", "kg", "nominal mass", positive=True),
+    Notation("Mp", "M_p", "kg", "perturbation of the mass, M = Mn + Mp > 0"),
+    Notation("Bn", "B_n", "N*m*s", "nominal viscous torque coefficient"),
+    Notation("Bp", "B_p", "N*m*s", "perturbation of the viscous torque coefficient, B = Bn + Bp"),
+    Notation("theta1", r"\theta_1", "1/(kg*m)", "unknown coefficient of Ta in s'"),
+    Notation("theta2", r"\theta_2", "m/s", "unknown coefficient of omega in s' (m/s^2 per rad/s)"),
+    Notation("theta1_hat", r"\hat\theta_1", "1/(kg*m)", "estimate of theta1"),
+    Notation("theta2_hat", r"\hat\theta_2", "m/s", "estimate of theta2"),
+    Notation("theta1_tilde", r"\tilde\theta_1", "1/(kg*m)", "estimation error theta1 - theta1_hat"),
+    Notation("theta2_tilde", r"\tilde\theta_2", "m/s", "estimation error theta2 - theta2_hat"),
+    Notation("theta1_hat_rate", r"\dot{\hat\theta}_1", "1/(kg*m*s)", "rate of theta1_hat"),
+    Notation("theta2_hat_rate", r"\dot{\hat\theta}_2", "m/s^2", "rate of theta2_hat"),
+    Notation("s_rate", r"\dot s", "m/s^2", "rate of s"),
+    Notation("s_rate_change", r"\Delta\dot s", "m/s^2", "what estimates in the law add to the rate of s"),
+    Notation("s_times_s_rate", r"s\dot s", "m^2/s^3", "s times its rate: negative where s approaches 0"),
+    Notation("sigma_rate", r"\dot\sigma", "m/s^2", "rate of the slip velocity"),
+    Notation("Ga", "G_a", "1", "transfer function of the actuator, commanded to acting brake torque"),
+    Notation("Tb_rate", r"\dot T_b", "N*m/s", "rate of the acting brake torque"),
+    Notation("V", "V", "m^2/s^2", "Lyapunov function"),
+    Notation("V_rate", r"\dot V", "m^2/s^3", "rate of V"),
+    Notation("k", "k", "mixed", "scalar adaptation gain; its unit cannot fit both components", positive=True),
+    Notation("k1", "k_1", "s^2/(kg^2*m^4)", "adaptation gain of theta1: theta1_hat' = k1 s Ta", positive=True),
+    Notation("k2", "k_2", "1", "adaptation gain of theta2: theta2_hat' = k2 s omega", positive=True),
+)
+
+_OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d"))
+
+SLIDING_NOTATION = MappingProxyType({entry.name: entry for entry in _ENTRIES})
+"""The table, by name."""
+
+
+def sliding_symbol(name: str) -> sp.Symbol:
+    """The SymPy symbol of a name in `SLIDING_NOTATION`; KeyError for another."""
+    entry = SLIDING_NOTATION[name]
+    return sp.Symbol(name, positive=True) if entry.positive else sp.Symbol(name, real=True)
+
+
+def latex(expression: sp.Basic) -> str:
+    """LaTeX of an expression in the source's letters."""
+    own = {sp.Symbol(name, positive=True): text for name, text in _OTHER_LATEX}
+    names = {**latex_names(), **own, **{sliding_symbol(entry.name): entry.latex for entry in _ENTRIES}}
+    return str(sp.latex(expression, symbol_names=names)).replace(r"\operatorname{sign}", r"\operatorname{sgn}")
+
+
+def plain(expression: sp.Basic) -> str:
+    """An expression as plain text; a column as a tuple."""
+    if isinstance(expression, sp.MatrixBase):
+        return "(" + ", ".join(plain(entry) for entry in expression) + ")"
+    return str(sp.sstr(expression)).replace("sign(", "sgn(")
+
+
+# --- identities -------------------------------------------------------------------------------------------------------
+
+
+POINTS = 32
+"""Random points of the numeric check."""
+
+_TOLERANCE = 1e-9
+_SEED = 2008
+
+
+def vanishes(expression: sp.Expr) -> bool:
+    """True where a rational expression in symbols, sgn and absolute values is proved to be zero.
+
+    Each sgn x is taken as 1, as -1 and, where x is a symbol, as 0 with x = 0; functions and cases of an adhesion law
+    are generators like any symbol. Complete for what the control law consists of, and much faster than `simplify`.
+    """
+    functions = {part for part in expression.atoms(sp.Function) if not isinstance(part, (sp.sign, sp.Abs))}
+    opaque = {part: sp.Dummy() for part in functions | expression.atoms(sp.Piecewise)}
+    plain = expression.xreplace(opaque).replace(sp.Abs, lambda x: x * sp.sign(x))
+    return all(_is_zero(case) for case in _sign_cases(plain))
+
+
+def _sign_cases(expression: sp.Expr) -> Iterator[sp.Expr]:
+    signs = sorted(expression.atoms(sp.sign), key=str)
+    if not signs:
+        yield expression
+        return
+    argument = signs[0].args[0]
+    for value in (1, -1):
+        yield from _sign_cases(expression.xreplace({signs[0]: sp.Integer(value)}))
+    if argument.is_Symbol:
+        yield from _sign_cases(expression.subs(argument, 0))
+
+
+def _is_zero(expression: sp.Expr) -> bool:
+    return bool(sp.expand(sp.numer(sp.together(sp.expand(expression)))) == 0)
+
+
+def agree_at_random_points(left: sp.Expr, right: sp.Expr) -> bool:
+    """True where both sides have the same value at `POINTS` random points, to rounding.
+
+    Positive symbols are drawn from 0.2 to 3, the others from -2 to 2; the same points on every run.
+    """
+    import numpy as np
+
+    symbols = sorted(left.free_symbols | right.free_symbols, key=str)
+    generator = np.random.default_rng(_SEED)
+    points = [
+        generator.uniform(0.2, 3.0, POINTS) if symbol.is_positive else generator.uniform(-2.0, 2.0, POINTS)
+        for symbol in symbols
+    ]
+    sides = sp.lambdify(symbols, [left, right], "numpy")(*points)
+    values = [np.broadcast_to(np.asarray(side, dtype=float), POINTS) for side in sides]
+    scale = 1.0 + np.abs(values[0]) + np.abs(values[1])
+    return bool(np.all(np.abs(values[0] - values[1]) <= _TOLERANCE * scale))
+
+
+def identical(left: sp.Expr, right: sp.Expr) -> bool:
+    """True where left = right is proved and holds at random points."""
+    return vanishes(left - right) and agree_at_random_points(left, right)
+
+
+def linear_solution(equation: sp.Basic, unknown: sp.Symbol) -> sp.Expr:
+    """The unknown from an equation that is linear in it, as `sympy.solve` gives it.
+
+    Without its `simplify` and `check`, which take most of its time: of a linear equation there is one solution, which
+    is the same without them, and what is made of it is proved by its step.
+    """
+    return sp.solve(equation, unknown, simplify=False, check=False)[0]
+
+
+# --- a step -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DerivationStep:
+    """One step: short name, unique in a derivation; the statement that holds after it; what was done to get there; the
+    result as an equation, in LaTeX and as plain text (a column as a tuple); where the source has it; whether the
+    machine check holds, and how it was checked.
+    """
+
+    name: str
+    statement: str
+    done: str
+    equation: sp.Eq
+    equation_latex: str
+    equation_text: str
+    source: str
+    checked: bool
+    check: str
+
+
+def step(
+    name: str,
+    equation: tuple[sp.Basic, sp.Basic],
+    *,
+    statement: str,
+    done: str,
+    source: str,
+    holds: Sequence[bool],
+    check: str,
+) -> DerivationStep:
+    """A step whose `equation` is (left, right); `holds` are the outcomes of its checks."""
+    left, right = equation
+    return DerivationStep(
+        name=name,
+        statement=statement,
+        done=done,
+        equation=sp.Eq(left, right, evaluate=False),
+        equation_latex=f"{latex(left)} = {latex(right)}",
+        equation_text=f"{plain(left)} = {plain(right)}",
+        source=source,
+        checked=all(holds),
+        check=check,
+    )

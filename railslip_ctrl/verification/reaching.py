@@ -1,0 +1,493 @@
+"""The reaching condition (40) as a bound on K, and the set it is asked over; in torque at the wheel, (J/r) d.
+
+Td is a fraction q of the acting torque, which is the law's own: Tb = Ueq + D s + K sgn s, K in it. With |q| <= c < 1
+
+    (J/r) s' sgn s = sgn s [(J/r) d(Tr, Fr) - q Ueq] - (1 + q)(D |s| + K),
+
+so that (40) asks K > (sgn s [...] + (J/r) eta)/(1 + q) - D |s|: D |s| helps in full, and c/(1 - c) of |Ueq|, in it
+(J/r) rho e, is added. The law has estimates Ta_hat = (1 + a) Ta and v'_hat = (1 + b) v', whose errors are part of d.
+That is affine in each of 1/M, Tr, Fr, Ta, v, slip, theta_hat1, theta_hat2, a and b alone, and monotone in q, hence
+largest at a corner of a box of them: the bound is exact over the box, with the adhesion torque a state of its own (as
+in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/M: the corners stay.
+
+`search` looks for a counterexample independently of that: the torque is the law's, Td its fraction, s' the plant's.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from inspect import signature
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model import plant
+from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
+from railslip_ctrl.sliding.derivation import Derivation, derive
+from railslip_ctrl.sliding.generate import generated_law
+from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
+from railslip_ctrl.sliding.proof import sliding_symbol
+
+Floats = NDArray[np.float64]
+
+
+ADHESION_NOISE = 431.0 / RIG_WHEEL_LOAD
+"""Standard deviation of the random adhesion force over the wheel load: 431 N at 34.5 kN ([Park2008] p. 55)."""
+
+TORQUE_FRACTION = 0.05
+"""Td = 0.05 Tb exp(-4t) sin(10 pi t): its bound as a fraction of the acting brake torque ([Park2008] p. 55)."""
+
+TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
+"""Its decay, 1/s, and frequency, rad/s."""
+
+LOWEST_SPEED_KMH = 5.0
+"""The published stop ends here ([Park2008] p. 56)."""
+
+_VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ReachingSet:
+    """The box over which (40) is asked. Ranges are (lowest, highest); InputError for one that is not, or c >= 1.
+
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction; resistance: Fr, N; adhesion_torque: Ta, N*m;
+    speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the inertia
+    scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta - 1 and
+    v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
+    """
+
+    random_torque: float
+    torque_fraction: float
+    resistance: Range
+    adhesion_torque: Range
+    speed: Range
+    slip: Range
+    mass: Range
+    theta_hat1: Range = (0.0, 0.0)
+    theta_hat2: Range = (0.0, 0.0)
+    torque_error: Range = (0.0, 0.0)
+    rate_error: Range = (0.0, 0.0)
+    heavier: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            value = getattr(self, name)
+            low, high = value if isinstance(value, tuple) else (0.0, value)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise InputError(f"{name}: {value} is not allowed; give finite bounds, the lowest first, sizes >= 0")
+        if self.torque_fraction >= 1:
+            raise InputError(f"torque_fraction: {self.torque_fraction:g} is not allowed; give a fraction below 1")
+
+    def error(self, slip_d: float) -> Range:
+        """Smallest and largest e, m/s, for the reference slip."""
+        ends = [(slip_d - slip) * v for slip in self.slip for v in self.speed]
+        return min(ends), max(ends)
+
+    def text(self) -> str:
+        """The box in one line."""
+        kmh, mass, Ta = ([f"{x:.5g}" for x in pair] for pair in (_in_kmh(self.speed), self.mass, self.adhesion_torque))
+        loaded = "" if self.heavier == 1.0 else f" (loaded times {self.heavier:.4g})"
+        errors = (("Ta_hat/Ta", self.torque_error), ("v'_hat/v'", self.rate_error))
+        known = "".join(f", {name} {1 + low:.4g}..{1 + high:.4g}" for name, (low, high) in errors if low < high)
+        return (
+            f"v {_span(kmh)} km/h, slip {_span([f'{x:.4g}' for x in self.slip])}, M {_span(mass)} kg, Ta {_span(Ta)} "
+            f"and |Tr| <= {self.random_torque:.4g} N m{loaded}, |Td| <= {self.torque_fraction:g} |Tb|{known}"
+        )
+
+
+def _in_kmh(speed: Range) -> Range:
+    return speed[0] / KMH, speed[1] / KMH
+
+
+def _span(ends: list[str]) -> str:
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]}..{ends[1]}"
+
+
+def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
+    """The mildest point of the published run: 100 km/h, dry, at the reference slip, adhesion at rest, so e = 0.
+
+    The random force at `sigmas` standard deviations; `with_torque=False` leaves Td out, as it has decayed by exp(-4)
+    after one second.
+    """
+    slip, speed = reference_slip(), INITIAL_SPEED_KMH * KMH
+    torque = rest_adhesion_torque(vehicle, speed, slip)
+    return ReachingSet(
+        random_torque=vehicle.wheel.radius * sigmas * ADHESION_NOISE * vehicle.wheel_load,
+        torque_fraction=TORQUE_FRACTION if with_torque else 0.0,
+        resistance=(0.0, resistance_force(vehicle, speed)),
+        adhesion_torque=(torque, torque),
+        speed=(speed, speed),
+        slip=(slip, slip),
+        mass=(vehicle.mass, vehicle.mass),
+    )
+
+
+def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
+    """The published run on dry rail: 100 to 5 km/h, from free rolling to twice the reference slip, empty to loaded.
+
+    The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
+    the random force are the loaded wheel load's where the vehicle is loaded. The estimates are right.
+    """
+    speed = INITIAL_SPEED_KMH * KMH
+    return replace(
+        reference_set(vehicle, sigmas=sigmas, with_torque=with_torque),
+        adhesion_torque=(0.0, rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP)),
+        speed=(LOWEST_SPEED_KMH * KMH, speed),
+        slip=(0.0, 2.0 * reference_slip()),
+        mass=(vehicle.mass, vehicle.mass_loaded),
+        heavier=vehicle.wheel_load_loaded / vehicle.wheel_load,
+    )
+
+
+def reference_slip() -> float:
+    """The bristle column's on dry rail."""
+    slip = published_law("bristle", Rail.DRY).reference_slip(Rail.DRY)
+    assert slip is not None, "the bristle model has a published reference"
+    return slip
+
+
+def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
+    """Fr, N, at a speed or an array of speeds, m/s."""
+    resistance = vehicle.resistance
+    return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
+
+
+def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
+    """Ta, N*m, of the bristle model at rest at a speed, m/s, and a slip ratio."""
+    law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
+    functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
+    z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
+    return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
+
+
+def wet_share(vehicle: Vehicle) -> float:
+    """Ta of the wet rail over that of the dry one, at rest at vanishing slip and 100 km/h."""
+    wet, dry = (
+        rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY)
+    )
+    return wet / dry
+
+
+def holding_torque(vehicle: Vehicle, speed: float) -> float:
+    """Brake torque, N*m, that holds the published reference slip on dry rail at a speed, m/s."""
+    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+    functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
+    sigma = reference_slip() * speed
+    z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
+    return float(functions.trim_torque(speed, sigma, z, 0.0, 0.0, 0.0, p))
+
+
+# --- the bound, derived ---------------------------------------------------------------------------------------------
+
+_FRACTION = sp.Symbol("q", real=True)  # Td/Tb
+_SIDE = sp.Symbol("side", real=True)  # sgn s, 1 or -1
+_SIZE = sp.Symbol("s_size", nonnegative=True)
+_ETA = sp.Symbol("eta", nonnegative=True)
+_INVERSE_MASS = sp.Symbol("m_inverse", positive=True)
+_SLIP = sp.Symbol("slip", real=True)
+_s, _D, _K, _e, _lambda = (sliding_symbol(name) for name in ("s", "D", "K", "e", "lambda_d"))
+_HATS = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
+_Mn, _Mp, _Bn, _rho = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "rho"))
+
+_ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 1, v'_hat/v' - 1
+
+BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS)
+"""What the bound is affine in, one at a time."""
+
+_PARAMETERS = (_SIDE, _FRACTION, _SIZE, _ETA, _D, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
+
+
+def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
+    """s' under (45) less theta_tilde' phi_hat, phi_hat = (Ta_hat, omega), m/s^2, with Td = (share - 1) Tb.
+
+    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
+    """
+    estimates = (plant.Ta * (1 + _ERRORS[0]), plant.v_rate * (1 + _ERRORS[1]))
+    seen = dict(zip((plant.Ta, plant.v_rate), estimates, strict=True))
+    hats = dict(zip((sliding_symbol("Ta_hat"), sliding_symbol("v_rate_hat")), estimates, strict=True))
+    # share - 1 first: the torque that Td is a fraction of has the estimates in it
+    disturbed = made.error_dynamics.subs(plant.Td, (share - 1) * made.adaptive_law_control.subs(seen))
+    tilde = [sliding_symbol(f"theta{i}_tilde") for i in (1, 2)]
+    taken = sum(one * phi.subs(seen) for one, phi in zip(tilde, made.phi, strict=True))
+    rate = disturbed + made.estimation_disturbance.subs(hats) - taken
+    true = {one: theta - hat for one, theta, hat in zip(tilde, made.theta, _HATS, strict=True)}
+    return sp.expand(rate.subs(true))
+
+
+@cache
+def required_gain() -> sp.Expr:
+    """K, N*m, at which s s' = -eta |s| under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`, side.
+
+    ArithmeticError where it is not affine in each of them, as with another plant.
+    """
+    rate = effective_rate(derive(), 1 + _FRACTION)
+    sign = sp.Dummy("sgn", real=True)
+    on_side = sp.expand(rate.subs(sp.sign(_s), sign).subs({_s: _SIDE * _SIZE, sign: _SIDE}))
+    approach = sp.expand(_SIDE * on_side).subs(_SIDE**2, 1) + _ETA
+    slope = sp.expand(sp.diff(approach, _K))  # it is linear in K
+    train = sp.solve(plant.TRAIN.subs(plant.Fa, sp.solve(plant.ADHESION_TORQUE, plant.Fa)[0]), plant.v_rate)[0]
+    rest = approach.subs(_K, 0).subs(plant.v_rate, train.subs(plant.M, _Mn + _Mp)).subs(_Mp, 1 / _INVERSE_MASS - _Mn)
+    wheel_speed = sp.solve(plant.SLIP_VELOCITY, plant.omega)[0].subs(plant.sigma, _SLIP * plant.v)
+    rest = sp.expand(rest.subs({_e: (_lambda - _SLIP) * plant.v, plant.omega: wheel_speed}))
+    # both linear in q: K = -rest/slope is monotone in it
+    if any(sp.diff(rest, x, 2) != 0 for x in (*BOX_VARIABLES, _FRACTION)) or sp.diff(slope, _FRACTION, 2) != 0:
+        raise ArithmeticError("the bound on K is not affine in what it is asked over; the plant has been changed")
+    return -rest / slope
+
+
+@cache
+def _required_function() -> Callable[..., Any]:
+    made: Callable[..., Any] = sp.lambdify((*BOX_VARIABLES, *_PARAMETERS), required_gain(), "numpy", cse=True)
+    return made
+
+
+def least_gain(
+    vehicle: Vehicle,
+    box: ReachingSet,
+    *,
+    D: float = 0.0,
+    surface: float = 0.0,
+    eta: float = 0.0,
+    rho: float = PUBLISHED_LAW.rho,
+) -> float:
+    """K_min, N*m: (40) holds over the box for every K above it, and below it fails at a corner; never below 0.
+
+    D in N*m/(m/s); `surface` is |s|, m/s, from which on it is asked (0: down to the surface itself); eta in m/s^2; the
+    law's nominal parameters are the vehicle's.
+    """
+    return max(0.0, float(np.max(_at_corners(vehicle, box, D=D, surface=surface, eta=eta, rho=rho))))
+
+
+def _at_corners(
+    vehicle: Vehicle,
+    box: ReachingSet,
+    *,
+    D: float = 0.0,
+    surface: float = 0.0,
+    eta: float = 0.0,
+    rho: float = PUBLISHED_LAW.rho,
+) -> Any:
+    """What (40) asks of K, N*m, at every corner, in an order that does not depend on the numbers."""
+    random, c = (-box.random_torque, box.random_torque), box.torque_fraction
+    axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
+    errors, sides = (box.torque_error, box.rate_error), ((-1.0, 1.0), (-c, c))
+    loads = ((box.mass[0], 1.0), (box.mass[1], box.heavier))
+    corners = [
+        (1.0 / (vehicle.inertia_scale * mass), factor * Tr, Fr, factor * Ta, *others)
+        for mass, factor in loads
+        for Tr, Fr, Ta, *others in itertools.product(*axes, *errors, *sides)
+    ]
+    parameters = (surface, eta, D, rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
+    nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
+    return _required_function()(*np.array(corners).T, *parameters, *nominal)
+
+
+def tolerated_error(
+    vehicle: Vehicle, box: ReachingSet, name: Literal["torque_error", "rate_error"], *, K: float
+) -> float:
+    """Largest error of that name, a share either way, with which K (N*m) meets (40) over the box.
+
+    The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
+    """
+    exact, wrong = (
+        _at_corners(
+            vehicle,
+            replace(box, torque_error=(-x, x)) if name == "torque_error" else replace(box, rate_error=(-x, x)),
+        )
+        for x in (0.0, 1.0)
+    )
+    if np.max(exact) >= K:
+        return 0.0
+    grows = wrong > exact
+    return float(np.min((K - exact[grows]) / (wrong - exact)[grows], initial=math.inf))
+
+
+def surface_needed(vehicle: Vehicle, box: ReachingSet, *, K: float, D: float) -> float:
+    """|s|, m/s, from which on D |s| makes up for a K (N*m) below `least_gain`; 0 where K suffices; D > 0."""
+    return max(0.0, least_gain(vehicle, box) - K) / D
+
+
+def reaching_time(vehicle: Vehicle, *, K: float, D: float, start: float) -> float:
+    """Seconds until s = 0 from s = start (m/s) without disturbances: ln(1 + D |start|/K)/D0; inf for K = 0."""
+    if K == 0.0:
+        return math.inf
+    return math.log1p(D * abs(start) / K) * vehicle.effective_inertia / (vehicle.wheel.radius * D)
+
+
+# --- the derived expressions as functions ---------------------------------------------------------------------------
+
+
+def _symbols(*names: str) -> list[sp.Symbol]:
+    return [sliding_symbol(name) for name in names]
+
+
+_SWITCH = sp.Symbol("switch", real=True)
+
+
+@cache
+def control_function() -> Callable[..., Any]:
+    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
+    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
+    """
+    s = sliding_symbol("s")
+    law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
+    arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
+    arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
+    return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
+
+
+def law_parameters(**values: float) -> Any:
+    """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
+    free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
+    return generated_law().Parameters(**{**free, **values})
+
+
+def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
+    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
+
+    `parameters`: as of `law_parameters`, one for each column.
+    """
+    control = generated_law().control
+    columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
+    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
+
+
+@cache
+def disturbance_function() -> Callable[..., Any]:
+    """d, m/s^2, of (Tr, Fr, Td, M, J, r)."""
+    return _function([plant.Tr, plant.Fr, plant.Td, plant.M, plant.J, plant.r], derive().disturbance)
+
+
+@cache
+def lyapunov_function() -> Callable[..., Any]:
+    """V of (s, theta1_tilde, theta2_tilde, k1, k2), the matrix gain's."""
+    return _function(_symbols("s", "theta1_tilde", "theta2_tilde", "k1", "k2"), derive().V_matrix)
+
+
+@cache
+def _theta_function() -> Callable[..., Any]:
+    names = [plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")]
+    return _function(names, sp.Matrix(derive().theta))
+
+
+def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
+    """theta, (44) corrected, of a vehicle against the nominal one: 1/(kg m), m/s."""
+    Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
+    known = (vehicle.wheel.radius, vehicle.effective_inertia)
+    perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
+    return np.asarray(_theta_function()(*known, Mn, *perturbation), dtype=float).ravel()
+
+
+def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
+    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
+    return made
+
+
+# --- a counterexample, searched ---------------------------------------------------------------------------------------
+
+
+SEARCHED = ("v", "slip", "Ta", "M", "Tr", "Td/Tb", "theta_hat1", "theta_hat2", "a", "b", "side")
+"""Coordinates: m/s, 1, N*m, kg, N*m, 1, 1/(kg m), m/s, Ta_hat/Ta - 1, v'_hat/v' - 1, and sgn s by its sign."""
+
+_RANDOM_POINTS, _STARTS = 20_000, 2
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """The largest s s'/|s| found, m/s^2 (negative: the condition holds there), where, and after how many points."""
+
+    excess: float
+    point: tuple[float, ...]
+    evaluations: int
+
+    def text(self) -> str:
+        """The point in one line."""
+        v, slip, Ta, M, Tr, fraction, _, _, a, b, side = self.point
+        return (
+            f"v = {v / KMH:.4g} km/h, slip {slip:.3g}, Ta = {Ta:.4g} N m, M = {M:.4g} kg, Tr = {Tr:.4g} N m, Td/Tb = "
+            f"{fraction:.3g}, Ta_hat {100 * a:+.3g} %, v' {100 * b:+.3g} %, s {'> 0' if side > 0 else '< 0'}"
+        )
+
+
+def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float) -> Floats:
+    """s' sgn s, m/s^2, at points of `SEARCHED` (11, n) with |s| = surface, m/s, less theta_tilde' phi_hat sgn s.
+
+    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0. Dry rail; the
+    law's nominal parameters are the vehicle's.
+    """
+    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+    v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, side = points
+    sign, slip_d, r = np.where(side >= 0, 1.0, -1.0), reference_slip(), vehicle.wheel.radius
+    sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
+    M, Mn = vehicle.inertia_scale * mass, vehicle.effective_mass
+    p = (M, *plant_parameters(law, vehicle)[1:])
+    functions = numeric_plant(type(law))
+    # the force is proportional to the adhesion state
+    z = Ta / (r * functions.force(v, sigma, np.ones_like(v), 0.0, 0.0, 0.0, p))
+    v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
+    e, omega = slip_d * v - sigma, (v - sigma) / r
+    Ta_hat = (1.0 + a) * Ta
+    arguments = (sign * surface, sign, e, (1.0 + b) * v_rate, Ta_hat, omega, theta1, theta2, J, r)
+    Tb = control_function()(*arguments, gains.D, gains.K, gains.rho, slip_d, Mn, B)
+    rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
+    unknown = ((1.0 / M - 1.0 / Mn) / r - theta1) * Ta_hat - theta2 * omega
+    return np.asarray(sign * (slip_d * rates[0] - rates[1] + gains.rho * e - unknown), dtype=float)
+
+
+def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, surface: float = 0.0) -> Counterexample:
+    """Largest `approach` over the corners of the box and random points in it, then uphill from the best (L-BFGS-B).
+
+    The resistance is the vehicle's own at the speed.
+    """
+    from scipy.optimize import minimize
+
+    corners = np.array(list(product((0.0, 1.0), repeat=len(SEARCHED)))).T
+    inside = np.random.default_rng(seed).random((len(SEARCHED), _RANDOM_POINTS))
+    evaluated = 0
+
+    def value(shares: Floats) -> Floats:
+        nonlocal evaluated
+        columns = shares.reshape(len(SEARCHED), -1)
+        evaluated += columns.shape[1]
+        return approach(points_of(box, columns), vehicle, gains, surface)
+
+    tried = np.hstack((corners, inside))
+    starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
+    found = [minimize(lambda x: -float(value(x)[0]), x, bounds=[(0.0, 1.0)] * len(SEARCHED)) for x in starts]
+    best = min(found, key=lambda one: float(one.fun))
+    return Counterexample(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
+
+
+def points_of(box: ReachingSet, shares: Floats) -> Floats:
+    """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (11, n); Ta and Tr grow with the mass."""
+    random, fraction = box.random_torque, box.torque_fraction
+    sides = (
+        box.speed,
+        box.slip,
+        box.adhesion_torque,
+        box.mass,
+        (-random, random),
+        (-fraction, fraction),
+        box.theta_hat1,
+        box.theta_hat2,
+        box.torque_error,
+        box.rate_error,
+        (-1.0, 1.0),
+    )
+    low, high = np.array(sides).T[:, :, None]
+    points = np.asarray(low + (high - low) * shares, dtype=float)
+    points[[2, 4]] *= 1.0 + (box.heavier - 1.0) * shares[3]
+    return points

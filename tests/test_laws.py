@@ -1,0 +1,531 @@
+"""Adhesion laws against [Park2008], their sources, closed forms and independent integration; their files."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+from project import refused
+from sample_laws import ALL_LAWS, UNPUBLISHED, sample_law
+from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
+from sympy.core.function import ArgumentIndexError
+
+from railslip_ctrl.core.errors import DomainError, InputError, MissingParametersError
+from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
+from railslip_ctrl.model.adhesion.base import curtius_kniffler
+from railslip_ctrl.model.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
+from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
+from railslip_ctrl.model.adhesion.curve import Curve, curve_force
+from railslip_ctrl.model.adhesion.polach import Polach
+from railslip_ctrl.model.adhesion.table import Table, table_force, table_slope
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, peak, plant_parameters
+from railslip_ctrl.model.vehicle import PARK2008, Rail
+
+LOAD = 34_500.0
+V100 = 100.0 * KMH
+DRY, WET = Rail.DRY, Rail.WET
+
+# Published and tabulated values hold to their printed digits: half a unit of the last one.
+FIVE_DIGITS, FOUR_DIGITS, THREE_DIGITS = 0.5e-5, 0.5e-4, 0.5e-3
+
+
+def forces(name: str, rail: Rail = DRY):
+    """A law's numeric functions and their parameters."""
+    law = sample_law(name, rail)
+    return numeric_plant(type(law)), plant_parameters(law, PARK2008)
+
+
+# --- published values ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "rail", "v0", "slip", "mu", "digits"),
+    [
+        ("beam", DRY, 100, 0.0897, 0.2483, FOUR_DIGITS),
+        ("beam", WET, 100, 0.0448, None, FOUR_DIGITS),
+        ("beam", DRY, 30, 0.1319, 0.3547, FOUR_DIGITS),
+        ("curve", DRY, 100, 0.129, 0.299, THREE_DIGITS),
+        ("curve", WET, 100, 0.096, 0.153, THREE_DIGITS),
+        ("polach", DRY, 100, 0.0142, 0.42778, FOUR_DIGITS),
+        ("polach", WET, 100, 0.0388, 0.23867, FOUR_DIGITS),
+        ("burckhardt", WET, 100, 0.13069, 0.80391, FIVE_DIGITS),
+        ("bristle", DRY, 100, 1e-6, 0.32744, FIVE_DIGITS),  # falls from the start: 11 296.6 N there
+    ],
+)
+def test_peaks(name: str, rail: Rail, v0: float, slip: float, mu: float | None, digits: float) -> None:
+    found = peak(published_law(name, rail, v0), v0 * KMH, LOAD)
+    assert found.slip == pytest.approx(slip, abs=digits)
+    assert mu is None or found.coefficient == pytest.approx(mu, abs=digits)
+
+
+@pytest.mark.parametrize(
+    ("name", "rail", "slip", "mu", "digits"),
+    [
+        # mu_max - a sigma = 0.261 - 0.0013 * 100 slip, exact in the tabulated digits; rounding only
+        *(("beam", DRY, slip, mu, 1e-14) for slip, mu in ((0.2, 0.2350), (0.5, 0.1960), (1.0, 0.1310))),
+        *(("polach", DRY, slip, mu, FIVE_DIGITS) for slip, mu in ((0.01, 0.42182), (0.1, 0.27965))),
+        *(("polach", WET, slip, mu, FIVE_DIGITS) for slip, mu in ((0.01, 0.19947), (0.1, 0.21584))),
+        ("bristle", DRY, 0.132, 0.29850, FIVE_DIGITS),
+    ],
+)
+def test_coefficients(name: str, rail: Rail, slip: float, mu: float, digits: float) -> None:
+    assert adhesion_coefficient(published_law(name, rail), V100, slip, LOAD) == pytest.approx(mu, abs=digits)
+
+
+def test_parameters_of_table_1_and_30_to_32() -> None:
+    beam, bristle = published_law("beam", DRY), published_law("bristle", DRY)
+    assert beam.Kx == pytest.approx(274_360.0, rel=1e-15)  # (9) gives it exactly
+    for v0, mu_max in ((30, 0.360), (45, 0.335), (60, 0.310), (100, 0.261), (140, 0.226)):
+        assert published_law("beam", DRY, v0).mu_max == pytest.approx(mu_max, rel=1e-14)
+    for rail, slip in ((DRY, 0.0985), (WET, 0.0492)):  # full slip, and references beyond it
+        (kink,) = published_law("beam", rail).kinks(V100, LOAD)
+        assert kink.slip == pytest.approx(slip, abs=FOUR_DIGITS)
+        assert beam.reference_slip(rail) > kink.slip
+    # printed digits of (30)-(32) evaluated at v0 = 100 km/h
+    assert bristle.alpha == pytest.approx(21_938.0, abs=0.5)
+    assert bristle.beta / KMH == pytest.approx(0.013221, abs=0.5e-6)
+    assert bristle.gamma / KMH == pytest.approx(149.353, abs=0.5e-3)
+    for name, dry, wet in (("beam", 0.119, 0.059), ("bristle", 0.132, 0.092), ("curve", 0.132, 0.092)):  # p. 55
+        law = published_law(name, DRY)
+        assert (law.reference_slip(DRY), law.reference_slip(WET)) == (dry, wet)
+
+
+def test_curtius_kniffler() -> None:
+    assert curtius_kniffler(V100) == pytest.approx(0.21308, abs=FIVE_DIGITS)
+    assert curtius_kniffler(np.array([[0.0], [10.0]])) == pytest.approx(np.array([[7.5 / 44 + 0.161], [0.25475]]))
+    for speed in (-1e-9, math.nan, math.inf, [1.0, -1.0]):
+        with pytest.raises(DomainError, match="speed"):
+            curtius_kniffler(speed)
+
+
+# --- the curve -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rail", Rail)
+@pytest.mark.parametrize("v0", [30.0, 100.0, 140.0])
+def test_curve_is_the_bristle_model_along_a_ramp(v0: float, rail: Rail) -> None:
+    """Independent integration of the ramp's differential equation."""
+    law = published_law("curve", rail, v0)
+    s = np.linspace(0.0, min(1.0, 0.98 * law.domain_limit(V100)[0]), 80) * law.v0
+    solution = solve_ivp(
+        lambda s, force: law.alpha * (1.0 - law.beta * force / (law.gamma - s)) * s / law.R,
+        (0.0, s[-1]),
+        [0.0],
+        t_eval=s,
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-8,
+    )
+    force = adhesion_coefficient(law, V100, s / law.v0, 1.0)
+    # the integrator's tolerance per step, some hundreds of steps
+    np.testing.assert_allclose(force, solution.y[0], rtol=1e-10, atol=1e-6)
+
+
+def test_curve_is_odd_differentiable_and_nan_outside_its_domain() -> None:
+    law, h = published_law("curve", DRY), 1e-5
+    p = law.parameters()
+    for slip in (0.01, 0.1, 0.132, 0.5, 0.95):
+        difference = (curve_force(slip + h, *p) - curve_force(slip - h, *p)) / (2 * h)
+        s, force = slip * law.v0, curve_force(slip, *p)
+        derivative = law.v0 * law.alpha * (1 - law.beta * force / (law.gamma - s)) * s / law.R
+        # truncation h^2/6 F''' and rounding eps F/h, both below 1e-5 of 1e5 N
+        assert difference == pytest.approx(derivative, rel=1e-6, abs=1e-2)
+    slip = np.linspace(0.0, 1.0, 11)
+    np.testing.assert_array_equal(curve_force(-slip, *p), -curve_force(slip, *p))
+    fast = published_law("curve", DRY, 140.0).parameters()
+    assert np.isnan(curve_force(np.array([0.83, -0.9]), *fast)).all()
+    assert np.isfinite(curve_force(np.array([0.82, 0.0, -0.82]), *fast)).all()
+    with pytest.raises(ArgumentIndexError):
+        Curve.statement().force.fdiff(2)
+
+
+# --- the beam's derivation and errata ------------------------------------------------------------------------------
+
+
+def test_beam_closed_form_is_the_integral_of_its_equations() -> None:
+    """[Park2008] (10) must be the integral of (6) with (5), (7)-(9); the print with both errors mended is."""
+    mu_max, a, Kx = Beam.symbols()
+    v, sigma, N = symbol("v"), symbol("sigma"), symbol("N")
+    u = Kx * sigma / v / (3 * mu_max * N)
+    closed = N * mu_max * (1 - (1 - u) ** 3) - N * a * sigma * (3 * u - 2 * u**2)
+    assert sp.simplify(integrated_force() - closed) == 0
+    positive = sp.Symbol("sigma_p", positive=True)
+    statement = Beam.statement().force.args[0].expr  # the branch |u| <= 1
+    assert sp.simplify((statement - closed).subs(sigma, positive)) == 0
+    assert sp.simplify(printed_force(width=False, last_factor=sp.Rational(1, 4)) - integrated_force()) == 0
+
+
+def test_errata_of_the_printed_beam_force() -> None:
+    """Of (10): with w and 1/2 about -120 N at slip 0.001 (+271 N follows from (5)-(9)); half the force at u = 1."""
+    law = published_law("beam", DRY)
+    values = dict(zip(Beam.symbols(), law.parameters(), strict=True)) | {symbol("v"): V100, symbol("N"): LOAD}
+
+    def number(expression: sp.Expr, slip: float) -> float:
+        at = expression.subs({**values, symbol("sigma"): slip * V100})
+        return float(at.subs(sp.Symbol("w", positive=True), CONTACT_WIDTH))
+
+    assert number(printed_force(), 0.001) == pytest.approx(-120.0, abs=5.0)  # two digits given
+    assert number(integrated_force(), 0.001) > 0.0
+    full = law.kinks(V100, LOAD)[0].slip
+    half = number(printed_force(width=False), full) / number(integrated_force(), full)
+    assert half == pytest.approx(0.5, rel=1e-12)  # rounding
+
+
+# --- the laws as printed -------------------------------------------------------------------------------------------
+
+# of alpha and so on: a, a1, a2 and d of Fa = a z + a1 z' + a2 sigma, z' = sigma - d z
+DYNAMIC = {
+    "dahl": lambda s, alpha, Fc: (alpha, 0.0, 0.0, alpha * s / Fc),
+    "bristle": lambda s, alpha, beta, gamma: (alpha, 0.0, 0.0, alpha * s * beta / (gamma - s)),
+    "lugre": lambda s, alpha, a1, a2, Fs, Fc, vs: (
+        *(alpha, a1, a2, alpha * s / (Fc + (Fs - Fc) * math.exp(-((s / vs) ** 2)))),
+    ),
+    "tyre_lugre": lambda s, alpha, a1, a2, mu_s, mu_c, vs: (
+        *(LOAD * alpha, LOAD * a1, LOAD * a2, alpha * s / (mu_c + (mu_s - mu_c) * math.exp(-math.sqrt(s / vs)))),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DYNAMIC)
+def test_dynamic_laws_as_printed(name: str) -> None:
+    """(11)-(22); at rest z = sigma/d."""
+    functions, p = forces(name)
+    for sigma, z in ((0.7, 0.2), (6.0, -0.3)):
+        a, a1, a2, d = DYNAMIC[name](sigma, *p[8:])
+        rate = sigma - d * z
+        assert functions.rates(20.0, sigma, z, 0.0, 0.0, 0.0, p)[2] == pytest.approx(rate, rel=1e-13)
+        force = a * z + a1 * rate + a2 * sigma
+        assert functions.force(20.0, sigma, z, 0.0, 0.0, 0.0, p) == pytest.approx(force, rel=1e-13)
+        assert functions.rest_state(20.0, sigma, 0.0, 0.0, 0.0, 0.0, p) == pytest.approx(sigma / d, rel=1e-13)
+
+
+def printed_polach(law: Polach, slip: float, v: float, load: float) -> float:
+    mu = law.mu0 * ((1 - law.A) * math.exp(-law.Bw * abs(slip) * v) + law.A)
+    e = law.G * math.pi * law.a * law.b * law.c11 * slip / (4 * load * mu)
+    return 2 * mu / math.pi * (law.kA * e / (1 + (law.kA * e) ** 2) + math.atan(law.kS * e))
+
+
+def printed_burckhardt(law: Burckhardt, slip: float, *_: float) -> float:
+    return law.c1 * (1 - math.exp(-law.c2 * slip)) - law.c3 * slip
+
+
+@pytest.mark.parametrize("rail", Rail)
+@pytest.mark.parametrize(("name", "printed"), [("polach", printed_polach), ("burckhardt", printed_burckhardt)])
+def test_static_laws_as_printed_odd_and_finite(name: str, printed, rail: Rail) -> None:
+    law, (functions, p) = published_law(name, rail), forces(name, rail)
+    for v in (0.3, V100):
+        for slip in (0.0, 1e-9, 1e-4, 0.01, 0.13, 0.6, 1.0):
+            for load in (LOAD, 60e3):
+                # 1 - exp(-x) of Burckhardt's printed form loses eps absolutely for small x
+                expected = pytest.approx(printed(law, slip, v, load), rel=1e-13, abs=4e-16)
+                assert adhesion_coefficient(law, v, slip, load) == expected
+            mirrored = functions.force(v, -slip * v, 0.0, 0.0, 0.0, 0.0, p)
+            assert mirrored == -functions.force(v, slip * v, 0.0, 0.0, 0.0, 0.0, p)
+    for slip in (-50.0, 50.0):  # a wheel that spins backwards at a crawl; warnings of overflow are errors here
+        rows = functions.jacobian(0.1, slip * 0.1, 0.0, 0.0, 0.0, 0.0, p)
+        assert np.isfinite(np.array(rows, dtype=float)).all()
+
+
+@pytest.mark.parametrize("rail", Rail)
+def test_slip_0_is_no_kink_of_polach_and_burckhardt(rail: Rail) -> None:
+    """The same slope from both sides; of the Polach model it does not depend on mu."""
+    law, tyre = published_law("polach", rail), published_law("burckhardt", rail)
+    stiffness = (law.kA + law.kS) / 2 * law.G * law.a * law.b * law.c11
+    for each, slope in ((law, stiffness), (tyre, LOAD * (tyre.c1 * tyre.c2 - tyre.c3))):
+        assert each.kinks(V100, LOAD) == ()
+        plant = linearize(operating_point(each, PARK2008, V100, 0.0))
+        expected = -(1 / 3517 + 0.43**2 / 60.35) * slope / V100 - 0.25 / 60.35  # system.md, section 2
+        assert plant.poles[0].real == pytest.approx(expected, rel=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("surface", sorted(SURFACES))
+def test_burckhardt_peak_and_domain_in_closed_form(surface: str) -> None:
+    """mu' = 0 at log(c1 c2/c3)/c2."""
+    law = Burckhardt(**SURFACES[surface])
+    found, slip = peak(law, V100, LOAD), math.log(law.c1 * law.c2 / law.c3) / law.c2
+    assert found.slip == pytest.approx(slip, rel=1e-6)  # a flat maximum is found to the root of rounding
+    assert found.coefficient == pytest.approx(printed_burckhardt(law, slip), rel=1e-13)
+    assert law.domain_limit(V100)[0] > 1.0
+    short = Burckhardt(c1=0.3, c2=5.0, c3=0.5)
+    limit, _ = short.domain_limit(V100)
+    assert 0.0 < limit < 1.0
+    assert printed_burckhardt(short, limit) == pytest.approx(0.0, abs=1e-15)  # rounding
+    short.check_domain(V100, 0.999 * limit * V100)
+    with pytest.raises(DomainError, match="no longer positive"):
+        short.check_domain(V100, limit * V100)
+    assert Burckhardt(c1=0.3, c2=1.0, c3=0.5).domain_limit(V100)[0] == pytest.approx(0.0, abs=1e-15)  # never positive
+    assert Burckhardt(c1=0.05, c2=306.39, c3=0.0).domain_limit(V100)[0] == math.inf
+
+
+# --- parameters ----------------------------------------------------------------------------------------------------
+
+MAY_BE_NOUGHT = {
+    *(("beam", "a"), ("polach", "Bw"), ("burckhardt", "c3")),
+    *((law, name) for law in ("lugre", "tyre_lugre") for name in ("alpha1", "alpha2")),
+}
+
+
+@pytest.mark.parametrize("name", ALL_LAWS)
+def test_parameters_are_positive_but_for_some_and_slips_are_from_0_to_1(name: str) -> None:
+    law = sample_law(name)
+    for key in law.parameter_names():
+        for value in (1e-9, 0.0, -1e-9):
+            if value > 0.0 or (value == 0.0 and (name, key) in MAY_BE_NOUGHT):
+                assert getattr(type(law)(**{**dict(law), key: value}), key) == value
+            else:
+                with pytest.raises(ValueError, match=key):
+                    type(law)(**{**dict(law), key: value})
+    for slip in (-1e-9, 1.0001, math.nan, math.inf):
+        with pytest.raises(DomainError, match=r"slip: .* is outside 0 to 1"):
+            law.check_domain(10.0, np.array([0.1, slip * 10.0]))
+    for v in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(DomainError, match="speed"):
+            law.check_domain(v, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "factors"),
+    [
+        *(("beam", {"mu_max": 0.5}), ("bristle", {"beta": 2.0}), ("curve", {"beta": 2.0}), ("dahl", {"Fc": 0.5})),
+        *(("lugre", {"Fs": 0.5, "Fc": 0.5}), ("tyre_lugre", {"mu_s": 0.5, "mu_c": 0.5})),
+        *(("polach", {"mu0": 0.5}), ("burckhardt", {"c1": 0.5, "c3": 0.5})),
+    ],
+)
+def test_a_wet_rail_scales_some_parameters(name: str, factors: dict[str, float]) -> None:
+    law = sample_law(name)
+    key = law.parameter_names()[0]
+    law = law.model_copy(update={key: 1.01 * getattr(law, key)})  # other parameters than those of a published set
+    wet = law.wet()
+    for each in law.parameter_names():
+        assert getattr(wet, each) == factors.get(each, 1.0) * getattr(law, each)
+    assert (wet.rail, wet.wet()) == (WET, wet)  # not halved twice
+    with pytest.raises(InputError, match="for wet rail"):
+        wet.on(DRY)
+    once, twice = law.weakened(0.5), law.weakened(0.25)
+    for each in law.parameter_names():
+        assert getattr(once, each) == getattr(wet, each)
+        assert getattr(twice, each) * getattr(law, each) == pytest.approx(getattr(once, each) ** 2)
+
+
+@pytest.mark.parametrize("name", ["polach", "burckhardt"])
+def test_a_published_dry_set_becomes_the_published_wet_one_at_any_v0(name: str) -> None:
+    dry, wet = published_law(name, DRY), published_law(name, WET)
+    assert dry.wet() == wet == dry.on(WET)
+    assert published_law(name, DRY, 250.0) == dry
+    assert dry.reference_slip(DRY) is None
+    assert dry.parameters() != wet.parameters()
+
+
+@pytest.mark.parametrize("name", ["bristle", "curve", "beam"])
+def test_another_wheel_load_keeps_mu(name: str) -> None:
+    """This project's assumption for loads the rig did not run."""
+    slip = np.linspace(0.01, 0.5, 20)
+    at_rig = adhesion_coefficient(published_law(name, DRY), V100, slip, LOAD)
+    other = adhesion_coefficient(published_law(name, DRY, 100.0, 50e3), V100, slip, 50e3)
+    np.testing.assert_allclose(other, at_rig, rtol=1e-13)  # rounding
+    light = published_law(name, DRY).at_wheel_load(0.5 / LOAD)
+    np.testing.assert_allclose(adhesion_coefficient(light, V100, slip, 0.5), at_rig, rtol=1e-13)
+    assert light.parameters() == pytest.approx(published_law(name, DRY, 100.0, 0.5).parameters(), rel=1e-14)
+
+
+def test_refusals_of_published_laws() -> None:
+    assert published_law("bristle", "wet") == published_law("bristle", WET) == published_law("bristle", "dry").on("wet")
+    for wrong in ("icy", "Wet", None, 3):
+        with pytest.raises(InputError, match=r"rail: .* is not allowed; give dry or wet"):
+            published_law("beam", wrong)
+    for name in sorted(UNPUBLISHED):
+        with pytest.raises(MissingParametersError, match=r"--adhesion FILE\.toml"):
+            published_law(name, DRY)
+    for name in ("beam", "bristle", "curve"):
+        for v0 in (29.999, 140.001, math.nan, -5.0):
+            with pytest.raises(InputError, match="30 to 140 km/h"):
+                published_law(name, DRY, v0)
+    for name in ("bristle", "polach", "burckhardt"):
+        for load in (0.0, -1.0, math.inf, math.nan):
+            with pytest.raises(InputError, match="wheel load"):
+                published_law(name, DRY, 100.0, load)
+    with pytest.raises(InputError, match=", ".join(law_names())):
+        law_class("no such law")
+    assert law_class("Tyre-LuGre") is law_class("tyre_lugre")
+
+
+def test_domains_of_bristle_curve_and_beam() -> None:
+    v = 140.0 * KMH
+    for name in ("bristle", "curve"):  # [Park2008] (32)
+        law = published_law(name, DRY, 140.0)
+        limit, _ = law.domain_limit(v)
+        assert limit == pytest.approx(0.828, abs=THREE_DIGITS)
+        law.check_domain(v, 0.8277 * v)
+        with pytest.raises(DomainError, match="gamma"):
+            law.check_domain(v, limit * v * (1 + 1e-12))  # beyond rounding
+    beam = published_law("beam", WET, 140.0)
+    assert beam.domain_limit(v)[0] == pytest.approx(0.113 / (0.0013 * 140.0), rel=1e-12)  # mu_max/(a v), rounding
+    with pytest.raises(DomainError, match="no longer positive"):
+        beam.check_domain(v, 0.7 * v)
+    assert Beam(mu_max=0.2, a=0.0, Kx=1e5).domain_limit(10.0)[0] == math.inf
+    # a peak is looked for within the domain, to its very end
+    assert peak(Table(slip=(0.1, 0.5), mu=(0.1, 0.2)), V100, LOAD).slip == pytest.approx(0.5, abs=1e-7)
+
+
+# --- the table -----------------------------------------------------------------------------------------------------
+
+TABLE = Table(slip=(0.02, 0.05, 0.1, 0.2, 0.5), mu=(0.12, 0.22, 0.25, 0.23, 0.19))
+
+
+def test_table_is_pchip_through_the_origin_and_odd() -> None:
+    slip, knots = np.linspace(0.0, 0.5, 301), TABLE.parameters()
+    expected = PchipInterpolator([0.0, *TABLE.slip], [0.0, *TABLE.mu])(slip)
+    assert adhesion_coefficient(TABLE, 20.0, slip, LOAD) == pytest.approx(expected, rel=1e-14)
+    assert table_force(-slip, LOAD, knots) == pytest.approx(-LOAD * expected)
+    assert np.isnan(table_force(0.51, LOAD, knots))
+    assert adhesion_coefficient(TABLE, 20.0, np.array(TABLE.slip), LOAD) == pytest.approx(TABLE.mu, rel=1e-14)
+    assert peak(TABLE, 20.0, LOAD).slip == pytest.approx(0.1, rel=1e-6)
+    for one in (0.0, 0.013, 0.04, 0.13, 0.33):
+        difference = (table_force(one + 1e-6, LOAD, knots) - table_force(one - 1e-6, LOAD, knots)) / 2e-6
+        # at 0 the odd curve has the second derivative's jump, which is 1e-5 of the slope over h
+        assert table_slope(one, LOAD, knots) == pytest.approx(difference, rel=1e-5) == table_slope(-one, LOAD, knots)
+    gradient = numeric_plant(Table).force_gradient(20.0, 2.6, 0.0, 0.0, 0.0, 0.0, plant_parameters(TABLE, PARK2008))
+    slope = table_slope(0.13, PARK2008.wheel_load, knots)
+    assert gradient[:2] == pytest.approx((-slope * 0.13 / 20.0, slope / 20.0))
+
+
+def test_table_on_wet_rail_is_half_and_it_ends_with_its_last_knot() -> None:
+    wet = TABLE.on(WET)
+    assert wet.mu == tuple(mu / 2 for mu in TABLE.mu)
+    assert wet.on(WET) is wet
+    with pytest.raises(InputError, match="with less adhesion"):
+        TABLE.weakened(0.5)
+    with pytest.raises(DomainError, match="its table ends there"):
+        adhesion_coefficient(TABLE, 20.0, 0.500001, LOAD)
+    assert adhesion_coefficient(TABLE, 20.0, 0.5, LOAD) == pytest.approx(0.19)
+    whole = Table(slip=(0.1, 0.2, 1.0), mu=(0.2, 0.15, 0.1))
+    assert adhesion_coefficient(whole, 20.0, 1.0, LOAD) == pytest.approx(0.1)
+    assert math.isinf(whole.domain_limit(20.0)[0])
+
+
+def test_table_linearizes_like_the_law_it_tabulates() -> None:
+    law = Burckhardt(c1=0.31, c2=24.0, c3=0.11)
+    slips = np.linspace(0.0, 1.0, 400) ** 2
+    table = Table(slip=tuple(slips), mu=tuple(np.asarray(adhesion_coefficient(law, 20.0, slips, LOAD))))
+    (pole,), (expected,) = (linearize(operating_point(each, PARK2008, 20.0, 0.2)).poles for each in (table, law))
+    assert pole == pytest.approx(expected, rel=1e-3)  # slopes of PCHIP are of second order in the spacing
+
+
+# --- files ---------------------------------------------------------------------------------------------------------
+
+LUGRE = """
+law = "lugre"
+[parameters]
+alpha = 2.0e4
+Fs = "10.3 kN"
+Fc = 6000
+vs = "17 km/h"
+[reference_slip]
+dry = 0.13
+wet = 0.09
+"""
+SLIPS = "dry = 0.13\nwet = 0.09"
+OVER = f"polynomials.Fc = [6000, -10]\ninitial_speed_range = [30, 140]\n{LUGRE.replace('Fc = 6000', '')}"
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A function that writes a law's file and gives its path."""
+
+    def write(text: str):
+        (tmp_path / "law.toml").write_text(text, encoding="utf-8")
+        return tmp_path / "law.toml"
+
+    return write
+
+
+def test_laws_from_files(written) -> None:
+    law = load_law(written(LUGRE))
+    # order of the law's fields; 10.3 kN and 17 km/h converted, left-out damping 0
+    assert law.parameters() == pytest.approx((2.0e4, 0.0, 0.0, 10_300.0, 6000.0, 17 / 3.6), rel=1e-14)
+    assert law.reference == ReferenceSlip(dry=0.13, wet=0.09)
+    assert load_law(written(OVER), initial_speed_kmh=100.0).Fc == 5000.0
+    wet = load_law(
+        written('law = "dahl"\ncondition = "wet"\nparameters = {alpha = 1e4, Fc = 5e3}\nreference_slip.wet = 0.05')
+    )
+    assert (wet.reference_slip(WET), wet.on(WET).parameters()) == (0.05, (1e4, 5e3))
+    with pytest.raises(InputError):
+        wet.on(DRY)
+    over = LUGRE.replace(SLIPS, "initial_speed = [30, 140]\ndry = [0.1, 0.2]\nwet = [0.1, 0.1]")
+    assert load_law(written(over), initial_speed_kmh=85.0).reference_slip(DRY) == pytest.approx(0.15)
+    assert load_law(written('law = "table"\n[parameters]\nslip = [0.02, "10 %"]\nmu = [0.1, 0.2]')).slip == (0.02, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('law = "lugre"', "", "law: missing; give it"),
+        ('law = "lugre"', 'law = "hunt"', "law: adhesion: 'hunt' is not a law"),
+        ('law = "lugre"', 'law = "lugre"\nspeed = 3', "speed: unknown key; "),
+        ('law = "lugre"', 'law = "lugre"\ncondition = "icy"', "condition: 'icy' is not allowed"),
+        ('law = "lugre"', 'law = "lugre"\nwheel_load = -3', "wheel_load: -3 is not allowed; give a value > 0 (N)"),
+        ('law = "lugre"', 'law = "lugre"\nwheel_load = inf', "wheel_load: inf is not allowed; give a finite"),
+        ("alpha = 2.0e4", "", "parameters: alpha: missing; give it (N/m)"),
+        ("alpha = 2.0e4", "alpha = -1", "parameters: alpha: -1 is not allowed; give a value > 0 (N/m)"),
+        ("alpha = 2.0e4", "alpha = nan", "parameters: alpha: nan is not allowed; give a finite number"),
+        ("alpha = 2.0e4", 'alpha = "3 km/h"', "parameters: alpha: '3 km/h' has the wrong dimension"),
+        ("alpha = 2.0e4", 'alpha = 2.0e4\nrail = "wet"', "parameters.rail: unknown key"),
+        ("dry = 0.13", "dry = 1.3", "reference_slip: dry: 1.3 is not allowed; give a value < 1"),
+        ("dry = 0.13", "icy = 0.13", "reference_slip: icy: unknown key"),
+        (SLIPS, "initial_speed = [30, 140]\ndry = 0.13\nwet = [1, 1]",
+         "reference_slip: dry: 0.13 is not allowed; give a list"),
+        (SLIPS, "initial_speed = [30, 140]\ndry = [1]\nwet = [1, 1]",
+         "reference_slip: dry, wet: give as many slips as speeds, 2"),
+        (SLIPS, "initial_speed = [30, 30]\ndry = [1, 1]\nwet = [1, 1]",
+         "reference_slip: initial_speed: give a list of growing"),
+        (LUGRE, 'law = "lugre"\nparameters = 3', "parameters: 3 is not allowed; give a table of keys"),
+        (LUGRE, "", "the file is empty"),
+        (LUGRE, "law = ", "not valid TOML"),
+        (LUGRE, OVER.replace("[6000, -10]", "6000"), "polynomials: Fc: 6000 is not allowed; give a list"),
+        (LUGRE, OVER.replace("[6000, -10]", "[]"), "polynomials: Fc: a list is not allowed; give a list"),
+        (LUGRE, OVER.replace("-10", "true"), "polynomials: Fc: True is not a number"),
+        (LUGRE, OVER.replace("[30, 140]", "[30, 90]"), "initial speed: 100 km/h is outside 30 to 90"),
+        *(
+            (LUGRE, OVER.replace("[30, 140]", limits), "initial_speed_range: ")
+            for limits in ("[140, 30]", "[30]", '"30"', "[-1, 30]")
+        ),
+    ],
+)  # fmt: skip
+def test_bad_files_get_one_clear_line(written, old: str, new: str, message: str) -> None:
+    path = written(LUGRE.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_law(path, initial_speed_kmh=100.0)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert str(caught.value).isprintable()
+
+
+def test_a_law_over_v0_wants_it(written) -> None:
+    for text in (OVER, LUGRE.replace(SLIPS, "initial_speed = [30, 140]\ndry = [0.1, 0.2]\nwet = [0.1, 0.1]")):
+        with pytest.raises(InputError, match="initial speed; give --initial-speed"):
+            load_law(written(text))
+
+
+@pytest.mark.parametrize(
+    ("slip", "mu", "words"),
+    [
+        ("[0.1, 0.1]", "[0.1, 0.2]", "rise strictly"),
+        ("[0.1, 1.2]", "[0.1, 0.2]", "from 0 to 1"),
+        ("[-0.1, 0.2]", "[0.1, 0.2]", "from 0 to 1"),
+        ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", "2 values for 3 slip ratios"),
+        ("[0.1, 0.2]", "[0.1, -0.2]", ">= 0"),
+        ("[0.0, 0.2]", "[0.1, 0.2]", "no adhesion without slip"),
+        ("[0.1]", "[0.1]", "at least 2"),
+        ('[0.1, "2 kg"]', "[0.1, 0.2]", "dimension"),
+        ('"steep"', "[0.1, 0.2]", "give a list"),
+        ("[0.1, nan]", "[0.1, 0.2]", "finite"),
+    ],
+)
+def test_tables_that_are_refused(railslip, written, slip: str, mu: str, words: str) -> None:
+    path = written(f'law = "table"\n[parameters]\nslip = {slip}\nmu = {mu}\n')
+    assert words in refused(railslip("linearize", "--adhesion", path, "--slip", "0.05"))

@@ -1,0 +1,445 @@
+"""Vehicles: the published record, TOML files, railtoolkit files, and every way a file can be wrong."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel, ValidationError
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import LARGEST_FILE, one_line, read_toml
+from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
+from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
+
+DATA = Path(__file__).parent / "data" / "rolling-stock"
+DESIRO = DATA / "siemens_desiro_classic.yaml"
+FACS = DATA / "Facs124.yaml"
+TRAXX = DATA / "Bombardier_Traxx_2_P160.yaml"
+EXAMPLE = Path(__file__).parents[1] / "designs" / "vehicles" / "desiro_classic.toml"
+
+
+def approx(value: Any) -> Any:
+    """The expected values are the same few products in another order."""
+    return pytest.approx(value, rel=1e-12)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Any:
+    """A function that writes a file, a vehicle's if not named otherwise, and gives its path."""
+
+    def write(text: str, name: str = "vehicle.toml") -> Path:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return tmp_path / name
+
+    return write
+
+
+def _message(path: Path) -> str:
+    """The error of a bad file, without its folder; one printable line."""
+    with pytest.raises(InputError) as caught:
+        load_vehicle(path)
+    message = str(caught.value)
+    assert message.isprintable()
+    return message.replace(str(path.parent) + os.sep, "")
+
+
+# --- records -----------------------------------------------------------------------------------------------
+
+
+def test_the_published_vehicle() -> None:
+    # printed to three digits: 34 500 for 34 490
+    assert PARK2008.mass * GRAVITY == pytest.approx(PARK2008.wheel_load, rel=5e-4)
+    assert (TABLE4_PI["bristle"].kp, TABLE4_PI["beam"].ki) == approx((2340.0, 194.4))  # Table 4, per km/h
+    scaled = PARK2008.model_copy(update={"inertia_scale": 3.6})
+    effective = (scaled.effective_mass, scaled.effective_inertia, scaled.effective_viscous_friction)
+    assert effective == approx((3.6 * 3517.0, 3.6 * 60.35, 3.6 * 0.25))
+    loaded = PARK2008.model_copy(update={"wheel_load_loaded": 50_000.0}).loaded()
+    assert (loaded.mass, loaded.wheel_load) == (5276.0, 50_000.0)
+    for heavy, alone in ((5276.0, False), (3517.0, False), (6000.0, True)):
+        assert bool(PARK2008.with_mass(heavy).mass_alone) == alone
+    assert PARK2008.with_mass(6000.0).mass_loaded == 6000.0
+    said = Actuator.__doc__ or ""
+    assert "lag : float\n    Time constant of the first-order lag; s, >= 0." in said
+    assert "Factor on M, J and B; dimensionless, > 0; default 1." in (Vehicle.__doc__ or "")
+
+
+# --- TOML --------------------------------------------------------------------------------------------------
+
+
+def test_published_vehicle_written_as_toml_is_the_published_vehicle(file: Any) -> None:
+    text = """
+        name = "as published"
+        mass = 3517
+        mass_loaded = "5.276 t"
+        wheel_load = "34.5 kN"
+        wheel_load_loaded = 34500
+        inertia_scale = 3.6
+        wheel = {radius = "43 cm", inertia = 60.35, viscous_friction = 0.25}
+        resistance.quadratic = "0.63 N/(m/s)^2"
+        actuator = {dead_time = "150 ms", lag = 0.6}
+        """
+    vehicle = load_vehicle(file("\ufeff" + text.replace("\n", "\r\n")))  # a byte-order mark, Windows' line ends
+    given = {"name": "as published", "inertia_scale": 3.6, "source": "vehicle.toml", "notes": ()}
+    # the text's own units cost a rounding: compared number by number
+    assert (vehicle.wheel.radius, vehicle.mass_loaded) == approx((0.43, 5276.0))
+    exact = {"wheel": PARK2008.wheel, "mass_loaded": 5276.0}
+    assert vehicle.model_copy(update=exact) == PARK2008.model_copy(update=given)
+
+
+def test_what_a_file_lacks_is_the_published_rest_or_follows_from_the_mass_and_is_told(file: Any) -> None:
+    vehicle = load_vehicle(file("mass = 4000\n"))
+    assert (vehicle.name, vehicle.mass_loaded) == ("vehicle", 4000.0)
+    assert vehicle.wheel_load == approx(4000.0 * 9.80665) == vehicle.wheel_load_loaded
+    assert (vehicle.wheel, vehicle.actuator) == (PARK2008.wheel, PARK2008.actuator)
+    assert vehicle.resistance.model_dump() == {"constant": 0.0, "linear": 0.0, "quadratic": 0.0}
+    notes = " ".join(vehicle.notes)
+    for said in ("No load", "radius = 0.43 m", "inertia = 60.35 kg*m^2", "dead_time = 0.15 s", "No travelling"):
+        assert said in notes
+    vehicle = load_vehicle(file("mass = 4000\nwheel.radius = 0.5\nactuator.lag = 0\n"))
+    assert (vehicle.wheel.radius, vehicle.wheel.inertia) == (0.5, 60.35)
+    assert (vehicle.actuator.dead_time, vehicle.actuator.lag) == (0.15, 0.0)
+    assert not any("radius" in note or "lag =" in note for note in vehicle.notes)
+    loaded = load_vehicle(file('mass = 4000\nmass_loaded = 6000\nwheel_load = "40 kN"\n'))
+    assert loaded.wheel_load_loaded == approx(60_000.0)
+
+
+# --- allowed, and yet far from what vehicles have -----------------------------------------------------------
+
+PLAUSIBLE = """
+mass = 4000
+mass_loaded = 6000
+wheel_load = 39000
+wheel_load_loaded = 58000
+[wheel]
+radius = 0.43
+inertia = 60
+viscous_friction = 0.25
+[resistance]
+quadratic = 0.6
+[actuator]
+dead_time = 0.15
+lag = 0.6
+"""
+
+# what stands in place of a line above, and what is said of it: the value, the range, the remedy
+IMPLAUSIBLE = {
+    "mass = 4": ("mass = 4 kg", "1000 to 45000 kg", 'if 4 t is meant, give "4 t"'),
+    "mass = 60": ("mass = 60 kg", "1000 to 45000 kg", "divide the mass of a whole vehicle by the number of its axles"),
+    "mass_loaded = 88000": ("mass_loaded = 88000 kg", "1000 to 45000 kg", "by the number of its axles"),
+    # half and three halves of the weight, 39.2 and 58.8 kN
+    "wheel_load = 39.2": ("wheel_load = 39.2 N", "19600 to 58800 N", 'if 39.2 kN is meant, give "39.2 kN"'),
+    "wheel_load_loaded = 5900": ("wheel_load_loaded = 5900 N", "29400 to 88300 N", "check the number and its unit"),
+    "radius = 4": ("radius = 4 m", "0.15 to 0.75 m", "check the number and its unit"),
+    "radius = 430": ("radius = 430 m", "0.15 to 0.75 m", 'if 430 mm is meant, give "430 mm"'),
+    "radius = 43": ("radius = 43 m", "0.15 to 0.75 m", 'if 43 cm is meant, give "43 cm"'),
+    # M r^2 = 739.6 kg m^2
+    "inertia = 1e4": ("inertia = 10000 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
+    "inertia = 0.6": ("inertia = 0.6 kg*m^2", "3.7 to 370 kg*m^2", "check the number and its unit"),
+    # 0.01 times 39 kN times r^2/v = 2.60
+    "viscous_friction = 250": ("viscous_friction = 250 N*m*s", "0 to 2.6 N*m*s", "check the number and its unit"),
+    # 60 v^2 at 100 km/h
+    "quadratic = 60": ("resistance = 46296.3 N at 100 km/h", "0 to 1950 N at 100 km/h", "check the number"),
+    "dead_time = 150": ("dead_time = 150 s", "0 to 2 s", 'if 150 ms is meant, give "150 ms"'),
+    "lag = 600": ("lag = 600 s", "0 to 10 s", 'if 600 ms is meant, give "600 ms"'),
+}
+
+
+def _with(line: str) -> str:
+    """The plausible file with a line of the same key in place of its own."""
+    key = line.split(" = ")[0]
+    return re.sub(rf"^{key} = .*$", line, PLAUSIBLE, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("line", IMPLAUSIBLE)
+def test_an_implausible_number_is_taken_and_told_with_range_and_remedy(file: Any, line: str) -> None:
+    vehicle = load_vehicle(file(_with(line)))
+    (told,) = doubts(vehicle)  # one number, one sentence, though others are computed from it
+    value, usual, remedy = IMPLAUSIBLE[line]
+    assert told.startswith(f"{value} is taken as given, but is outside the usual {usual} (")
+    assert remedy in told.partition("); ")[2]
+    assert remarks(vehicle) == (*vehicle.notes, told)
+
+
+def test_what_is_usual_is_not_doubted(file: Any) -> None:
+    assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == {one.key for one in USUAL_RANGES}
+    for line, told in (
+        ("dead_time = 2", 0),
+        ("dead_time = 2.001", 1),
+        ("mass_loaded = 45000", 0),
+        ("mass_loaded = 45001", 1),
+    ):
+        text = _with(line).replace("wheel_load_loaded = 58000\n", "")  # the weight of the loaded mass, then
+        assert len(doubts(load_vehicle(file(text)))) == told
+    published = (PARK2008, PARK2008.model_copy(update={"inertia_scale": 3.6}))
+    for vehicle in (*published, load_vehicle(file(PLAUSIBLE)), *map(load_vehicle, (EXAMPLE, DESIRO, FACS, TRAXX))):
+        assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
+
+
+LINEARIZE, SIMULATE = ("linearize", "--rail", "dry"), ("simulate", "--controller", "slide-protection")
+
+
+@pytest.mark.parametrize(
+    ("words", "line", "doubted"),
+    [
+        (LINEARIZE, "dead_time = 150", "dead_time = 150 s"),
+        ((*LINEARIZE, "--dead-time", "0.2"), "dead_time = 150", ""),
+        ((*SIMULATE, "--dead-time", "2.5"), "lag = 0.6", "dead_time = 2.5 s"),
+    ],
+)
+def test_commands_tell_it_of_the_vehicle_in_use(
+    file: Any, railslip: Any, words: tuple[str, ...], line: str, doubted: str
+) -> None:
+    status, out, err = railslip(*words, "--vehicle", file(_with(line)), "--json")
+    assert status == 0
+    assert err.count("is taken as given, but is outside the usual") == bool(doubted)
+    assert f"railslip: note: vehicle: {doubted}" in err or not doubted
+    assert (f'"{doubted} is taken as given' in out) == bool(doubted)
+
+
+# --- railtoolkit -------------------------------------------------------------------------------------------
+
+
+def test_railtoolkit_file_alone_takes_four_axles_and_the_published_wheel_and_brake() -> None:
+    vehicle = load_vehicle(DESIRO)
+    assert vehicle.name == "Siemens Desiro Classic"
+    assert (vehicle.mass, vehicle.mass_loaded) == approx((68_000.0 / 4, 88_000.0 / 4))
+    assert (vehicle.wheel_load, vehicle.wheel_load_loaded) == approx((17_000.0 * GRAVITY, 22_000.0 * GRAVITY))
+    assert (vehicle.wheel, vehicle.actuator) == (PARK2008.wheel, PARK2008.actuator)
+    assert vehicle.source == "siemens_desiro_classic.yaml [railtoolkit]"
+    notes = " ".join(vehicle.notes)
+    # rotating mass is not counted twice: (1.08 - 1) * 17 000 kg * (0.43 m)^2 is told
+    for said in ("4 axles are assumed", "Published wheel", "Published actuator", "empty mass", "J = 251.5 kg*m^2"):
+        assert said in notes
+    # running resistance: coefficients per mille of the weight, at 100 km/h and at half that speed
+    resistance, per_mille = vehicle.resistance, 1e-3 * vehicle.mass * GRAVITY
+    for share in (1.0, 0.5):
+        v = share * 100.0 / 3.6
+        force = resistance.constant + resistance.linear * v + resistance.quadratic * v**2
+        assert force == approx((3.0 + 1.4 * share + 3.9 * share**2) * per_mille)
+
+
+def test_absent_load_limit_and_resistance_coefficient_are_told() -> None:
+    vehicle = load_vehicle(TRAXX)
+    assert vehicle.mass_loaded == vehicle.mass == 21_250.0
+    assert vehicle.resistance.linear == 0.0
+    notes = " ".join(vehicle.notes)
+    assert "No load is given" in notes
+    assert "rolling_resistance of the running resistance not given" in notes
+    assert "load" not in " ".join(load_vehicle(FACS).notes).replace("when loaded", "")
+
+
+def test_toml_wins_over_the_railtoolkit_file_key_by_key(file: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    shutil.copy(DESIRO, tmp_path)
+    text = f'name = "mine"\nrolling_stock = "{DESIRO.name}"\naxles = 6\nmass = "12 t"\nresistance.constant = 1.0\n'
+    vehicle = load_vehicle(file(text))
+    assert (vehicle.name, vehicle.mass, vehicle.resistance.constant) == ("mine", 12_000.0, 1.0)
+    # the YAML's load on each of six axles is added to the mass of the TOML, and the rest keeps the YAML's coefficients
+    assert vehicle.mass_loaded == approx(12_000.0 + 20_000.0 / 6)
+    assert vehicle.resistance.linear == approx(1.4e-3 * 12_000.0 * GRAVITY * 0.036)
+    assert vehicle.source == "vehicle.toml with siemens_desiro_classic.yaml [railtoolkit]"
+    monkeypatch.chdir(tmp_path)  # the path of the rolling stock is relative to the TOML
+    example = load_vehicle(EXAMPLE)
+    assert (example.mass, example.wheel.radius) == approx((68_000.0 / 6, 0.385))
+    assert not any("assumed" in note or "Published" in note for note in example.notes)
+
+
+TWO = "vehicles:\n  - {name: first, id: A1, mass: 40}\n  - {name: second, id: B2, mass: 6.0e+1}\n"
+
+
+def test_a_vehicle_is_chosen_by_its_id(file: Any, tmp_path: Path) -> None:
+    file(TWO, "stock.yaml")
+    vehicle = load_vehicle(file('rolling_stock = "stock.yaml"\nvehicle_id = "B2"\n'))
+    assert (vehicle.name, vehicle.mass) == ("second", 15_000.0)
+    for text, message in (
+        ("", "holds 2 vehicles; give vehicle_id in a TOML file, one of 'A1', 'B2'"),
+        ('vehicle_id = "B2x"\n', "vehicle_id: no vehicle 'B2x'; did you mean 'B2'? the file has 'A1', 'B2'"),
+    ):
+        found = _message(file('rolling_stock = "stock.yaml"\n' + text))
+        assert found == f"vehicle.toml: rolling_stock: stock.yaml: {message}"
+    rows = "".join(f"  - {{name: n, id: V{i}, mass: 40}}\n" for i in range(12))
+    stock = file(f"vehicles:\n{rows}  - {{name: n, id: V3, mass: 40}}\n", "stock.yaml")
+    found = _message(file('rolling_stock = "stock.yaml"\nvehicle_id = "V3"\n'))
+    assert found.endswith("vehicle_id: 2 vehicles have the id 'V3'; make it unique")
+    assert _message(stock).endswith("'V9' and 3 more")
+
+
+def test_unknown_keys_and_empty_values_of_the_foreign_schema_are_ignored(file: Any) -> None:
+    stock = read_rolling_stock(file("vehicles: [{name: n, id: i, mass: 4e1, load_limit: , colour: red}]", "s.yaml"))
+    # YAML 1.1 readers take 4e1 for text, YAML 1.2 says a number
+    assert (stock.mass, stock.load_limit) == (40.0, None)
+
+
+# keys of a vehicle, and what is said of them
+WRONG_VEHICLE = {
+    "length: 3": "mass: missing; give it (t): mass of the empty vehicle",
+    "mass: 0": "mass: 0 is not allowed; give a value > 0 (t)",
+    "mass: .nan": "mass: nan is not allowed; give a finite number in t",
+    "mass: true": "mass: True is not a number in t",
+    "mass: heavy": "mass: 'heavy' is not a number in t, with or without a unit",
+    "mass: 1, load_limit: -1": "load_limit: -1 is not allowed; give a value >= 0 (t)",
+    "mass: 1, rotation_mass: 0.9": "rotation_mass: 0.9 is not allowed; give a value >= 1",
+    "mass: 1, air_resistance: -1": "air_resistance: -1 is not allowed; give a value >= 0 (permille)",
+    "mass: 1, name: 3": "name: 3 is not allowed; give text in quotes",
+}
+NO_LIST = "vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file"
+WRONG_YAML = {
+    **{f"vehicles: [{{name: n, id: i, {keys}}}]": f"vehicle 'i': {told}" for keys, told in WRONG_VEHICLE.items()},
+    **dict.fromkeys(("vehicles: []", "vehicles: [1]", "just text"), NO_LIST),
+    "a: b: c": "not valid YAML: mapping values are not allowed in this context (at line 1, column 5)",
+    "a: 2022-99-99": "not valid YAML: month must be in 1..12",
+    "a: 1\n---\nb: 2\n": "not valid YAML: but found another document (at line 2, column 1)",
+    "a: \x01": "not valid YAML: unacceptable character #x0001: control characters are not allowed in",
+    "a: !!python/name:os.system x": "not valid YAML: could not determine a constructor for the tag",
+    "a: &x [1]\nb: [*x, *x]\n": "aliases ('*x') are not read; write the value out in their place",
+    "vehicles: [{id: 0x" + "f" * 5000 + "}, {}]": (
+        "holds 2 vehicles; give vehicle_id in a TOML file, one of an integer of 20000 bits, None"
+    ),
+    "vehicles: [{name: n, id: 642, mass: 1}]": "vehicle 642: id: 642 is not allowed; give text in quotes",
+    "[" * 100_000: "is nested more than 20 levels deep; give a railtoolkit file",
+    "[" * 21: "is nested more than 20 levels deep; give a railtoolkit file",
+    f"vehicles: {'[' * 19}{']' * 19}": NO_LIST,
+}
+
+# lines after `mass = 10`, and lines alone
+WRONG_KEYS = {
+    "actuator.dead_time = '150'": (  # 150 ms were meant, 150 s would be read
+        "actuator.dead_time: '150' is text without a unit; write the unit too, or give the number of s without"
+    ),
+    "inertia_scale = '3.6'": "inertia_scale: '3.6' is text; give the number without quotes",
+    "inertia_scale = 0": "inertia_scale: 0 is not allowed; give a value > 0",
+    "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
+    "wheel.radius = -0.4": "wheel.radius: -0.4 is not allowed; give a value > 0 (m)",
+    "wheel.viscous_friction = -1": "wheel.viscous_friction: -1 is not allowed; give a value >= 0 (N*m",
+    "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
+    "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
+    "actuator.lag = '3 m'": "actuator.lag: '3 m' has the wrong dimension",
+    "axles = 4": "axles: only read with rolling_stock; remove it",
+    "vehicle_id = 'x'": "vehicle_id: only read with rolling_stock; remove it",
+}
+WRONG_TOML = {
+    **{f"mass = 10\n{line}": told for line, told in WRONG_KEYS.items()},
+    "mass = 0": "mass: 0 is not allowed; give a value > 0 (kg)",
+    "mass = nan": "mass: nan is not allowed; give a finite number in kg",
+    "mass = true": "mass: True is not a number in kg",
+    "mass = [3517]": "mass: a list is not a number in kg",
+    "mass = 'heavy'": "mass: 'heavy' is not a number in kg, with or without a unit",
+    "mass = '65 N*m'": "mass: '65 N*m' has the wrong dimension; it must be convertible to 'kg'",
+    "mass = 1e308\nwheel.radius = 1e200\nmass_loaded = 1e-3": "wheel_load: inf is not allowed",
+    "name = 'x'": "mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)",
+    "name = 3": "name: 3 is not allowed; give text in quotes",
+    "axles = 0": "axles: 0 is not allowed; give a value >= 1",
+    "axles = 101": "axles: 101 is not allowed; give a value <= 100",
+    "axles = 4.5": "axles: 4.5 is not allowed; give an integer",
+    "axles = true": "axles: True is not allowed; give an integer",
+    "mas = 10": "mas: unknown key; did you mean 'mass'? allowed: name, mass, mass_loaded, wheel_load,",
+    '"two\\nlines" = 1': "'two\\nlines': unknown key;",
+    "mass = -1\nname = 3": "name: 3 is not allowed; give text in quotes (and 1 more)",
+    "mass = -1\nmasses = 3": "masses: unknown key; did you mean 'mass'?",  # told first, as it may be why
+    "mass = 1\nmass ==": "not valid TOML: Invalid value (at line 2, column 7)",
+    "mass = 1\nmass = 2\n\n": "not valid TOML: Cannot overwrite a value (at line 2, column 9)",
+    "mass = " + "9" * 5000: "not valid TOML: Exceeds the limit",
+    "mass = 0x" + "f" * 5000: "mass: an integer of 20000 bits is too large",
+    "mass = " + "[" * 100_000: "is nested too deeply; give plain tables of keys",
+    "mass" + ".a" * 5_000 + " = 1": "mass: a table is not a number in kg",
+    " \n": "the file is empty; give at least one key",
+    "rolling_stock = 'none.yaml'": "rolling_stock: none.yaml: no such file; check the path",
+    "rolling_stock = '.'": "rolling_stock: ",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        *(("stock.yaml", text, told) for text, told in WRONG_YAML.items()),
+        *(("vehicle.toml", text, told) for text, told in WRONG_TOML.items()),
+    ],
+    ids=lambda text: text[:30],
+)
+def test_a_wrong_file_is_refused_in_one_line(file: Any, name: str, text: str, message: str) -> None:
+    assert _message(file(text, name)).startswith(f"{name}: {message}")
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".yaml"])
+def test_a_file_that_is_none(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / f"v{suffix}"
+    assert _message(path) == f"{path.name}: no such file; check the path"
+    (tmp_path / f"d{suffix}").mkdir()
+    assert _message(tmp_path / f"d{suffix}") == f"d{suffix}: is a directory; give a file"
+    path.write_bytes(b"ab\xff\xfe\x00")
+    assert _message(path) == f"{path.name}: byte 3 is not UTF-8; save the file as UTF-8 text"
+    path.write_bytes(b"#" * (LARGEST_FILE + 1))
+    assert _message(path).startswith(f"{path.name}: is larger than 1000000 bytes")
+    path.write_bytes(b"#" * LARGEST_FILE)
+    assert "larger" not in _message(path)
+    if hasattr(os, "mkfifo"):  # would block
+        os.mkfifo(tmp_path / f"p{suffix}")
+        assert _message(tmp_path / f"p{suffix}") == f"p{suffix}: is not a regular file; give a file"
+    for name in ("v" * 5000 + suffix, "v\0" + suffix):
+        assert re.search(r"cannot be read \(.+\); check the path", _message(tmp_path / name))
+    assert _message(tmp_path / "v.json") == "v.json: the file's name must end in .toml, .yaml or .yml"
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)  # not by chmod: it does not bind the superuser, whom containers run as
+    assert _message(path) == f"{path.name}: cannot be read (Permission denied); check the path and its permissions"
+
+
+@given(content=st.binary(max_size=200), suffix=st.sampled_from([".toml", ".yaml"]))
+@settings(max_examples=300, deadline=None)
+def test_any_bytes_are_refused_in_one_line(content: bytes, suffix: str) -> None:
+    # 200 random bytes are never a vehicle
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"v{suffix}"
+        path.write_bytes(content)
+        _message(path)
+
+
+_SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.dates()
+_ANYTHING = st.recursive(
+    _SCALARS, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text(max_size=5), inner, max_size=2)
+)
+_KEYS = st.sampled_from(sorted(VehicleKeys.model_fields)) | st.text(max_size=5)
+
+
+@given(st.dictionaries(_KEYS, _ANYTHING, min_size=1, max_size=4))
+@settings(max_examples=300, deadline=None)
+def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -> None:
+    lines = []
+    try:
+        VehicleKeys.__pydantic_validator__.validate_python(values)  # below what makes its error one of the package
+    except ValidationError as error:
+        lines = [one_line(error, "v.toml", model=VehicleKeys), one_line(error, "v.toml")]
+    assert all(line.startswith("v.toml: ") and line.isprintable() for line in lines)
+
+
+def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
+    class Choice(BaseModel):
+        rail: bytes
+
+    for model, values, line in (
+        (VehicleKeys, {"wheel": {"radius": -0.4}}, "wheel.radius: -0.4 is not allowed; give a value > 0"),
+        (VehicleKeys, {"mas": 1}, "mas: unknown key; remove it"),
+        (Choice, {"rail": 3}, "rail: 3 is not allowed; Input should be a valid bytes"),
+    ):
+        with pytest.raises(ValidationError) as caught:
+            model.__pydantic_validator__.validate_python(values)
+        assert one_line(caught.value, "x.toml") == f"x.toml: {line}"
+
+
+def test_read_toml_returns_the_tables_and_records_load_no_parser(file: Any) -> None:
+    assert read_toml(file("a = 1\n[b]\nc = 'd'\n")) == {"a": 1, "b": {"c": "d"}}
+    heavy = ("yaml", "tomllib", "pint")
+    code = f"import sys, railslip_ctrl.model.vehicle; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
