@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -151,9 +152,8 @@ class LinearControl:
     @property
     def toml(self) -> str:
         """The text that `save` writes."""
-        from .controller_files import linear_text  # which reads these records
-
-        return linear_text(self)
+        files = import_module("railslip_ctrl.simulation.controller_files")  # which imports these records
+        return str(files.linear_text(self))
 
     def save(self, path: str | Path) -> None:
         """Write the TOML file at `path` that every command and `load_controller` take.
