@@ -20,9 +20,13 @@ from railslip_ctrl import LinearControl, Scenario, built_in_scenario, compare_ru
 from railslip_ctrl.report.document import fixed, heading, render, table
 from railslip_ctrl.report.simulation import run_comparison_text
 from railslip_ctrl.simulation import ScheduledControl
+from railslip_ctrl.simulation.catalogue import (
+    margins_over_points,
+    published_controller,
+    recommended_pi_lead,
+    recommended_schedule,
+)
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead, recommended_schedule
-from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.simulation.run_comparison import RunComparison
 
 SEEDS = range(32)

@@ -60,10 +60,10 @@ if TYPE_CHECKING:
     from .simulation import simulate as simulate
     from .simulation import stop as stop
     from .simulation.campaign.statistics import campaign as campaign
+    from .simulation.catalogue import slide_protection as slide_protection
     from .simulation.controller_files import load_controller as load_controller
-    from .simulation.designed import slide_protection as slide_protection
-    from .simulation.files import load_scenario as load_scenario
     from .simulation.run_comparison import compare_runs as compare_runs
+    from .simulation.scenario import load_scenario as load_scenario
     from .sliding.derivation import derive as derive
 
 __version__ = "0.1.0"
@@ -109,7 +109,7 @@ _HOME = {
     "load_controller": ".simulation.controller_files",
     "load_envelope": ".design.envelope",
     "load_law": ".model.adhesion",
-    "load_scenario": ".simulation.files",
+    "load_scenario": ".simulation.scenario",
     "load_vehicle": ".model.vehicle_files",
     "most_phase": ".design",
     "nonlinear_plant": ".model.linearization",
@@ -117,7 +117,7 @@ _HOME = {
     "plant_at": ".design.schedule",
     "published_law": ".model.adhesion",
     "simulate": ".simulation",
-    "slide_protection": ".simulation.designed",
+    "slide_protection": ".simulation.catalogue",
     "stabilizing_pi": ".design",
     "stop": ".simulation",
     "tune": ".design.envelope_tuning",

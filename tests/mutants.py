@@ -104,15 +104,13 @@ ROOMS = {
     "verification/surviving_gains": "limit_cycles",
     "simulation/": "scenarios simulation_controllers",
     "simulation/campaign/": "campaign",
-    "simulation/clairvoyant": "compare_runs",
+    "simulation/bound": "compare_runs",
     "simulation/controller_": "controller_files scenarios",
-    "simulation/happenings": "simulation_engine",
     "simulation/kernel": "simulation_engine simulation_physics",
-    "simulation/plan": "simulation_engine",
-    "simulation/run": "simulation_engine simulation",
+    "simulation/run": "simulation_engine",
     "simulation/run_comparison": "compare_runs",
     "simulation/step_objects": "step_objects",
-    "simulation/steps/": "simulation_controllers scenarios",
+    "simulation/steps": "simulation_controllers scenarios",
 }
 """Tests of a module, of the longest key that its path begins with; those that notice most come first."""
 

@@ -50,14 +50,13 @@ from railslip_ctrl.simulation.campaign.execution import MANIFEST, MEASURES, REFU
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.campaign.specification import numbers, replaced
 from railslip_ctrl.simulation.campaign.statistics import CONFIDENCE, WORST, Histogram, Moments, quantile, share
-from railslip_ctrl.simulation.catalogue import controller_named
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.catalogue import controller_named, published_controller
 from railslip_ctrl.simulation.scenario import Event
 
 SHORT = built_in_scenario("park2008").with_changes(
     initial_speed=30 / 3.6, final_speed=27 / 3.6, longest_time=20.0, events=()
 )
-PI = published_pi("bristle")
+PI = published_controller("pi")
 SOFT = LinearControl(PIController(PIGains(kp=1500.0, ki=97.0)), PI.reference, name="soft")
 IDLE = LinearControl(PIController(PIGains(kp=1e-9, ki=1e-9)), PI.reference, name="idle")
 MASS = Quantity(("vehicle.mass",), Uniform(3000.0, 4000.0))

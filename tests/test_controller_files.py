@@ -20,10 +20,10 @@ from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
 from railslip_ctrl.report.recommendation import as_run
-from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl, built_in_scenario, simulate
+from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
 from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.catalogue import published_reference
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.published import published_reference
 from railslip_ctrl.sliding.law import LawGains
 
 S = ct.tf("s")
@@ -85,14 +85,6 @@ def test_what_a_file_leaves_out_is_the_controller_s_own(tmp_path, text):
     assert load_controller(path) == IN_FEW_WORDS[text]
 
 
-def test_a_run_from_the_file_is_the_run(tmp_path):
-    scenario = built_in_scenario("park2008")
-    own = LinearControl(ct.tf2ss(1210 * (1 + 1 / S) * (0.6 * S + 1) / (0.06 * S + 1)), HELD, "mine", 0.01, **ALL)
-    own.save(tmp_path / "c.toml")
-    runs = [simulate(scenario, c, seed=2) for c in (own, load_controller(tmp_path / "c.toml"))]
-    assert np.array_equal(runs[0].signals.command, runs[1].signals.command)
-
-
 def test_what_has_no_file_is_told(tmp_path):
     with pytest.raises(InputError, match="period: a file of a transfer function or state space needs one"):
         LinearControl(NOTCHED, HELD).save(tmp_path / "c.toml")
@@ -134,7 +126,7 @@ def plant():
     return linearize(operating_point(law, PARK2008, 100 / 3.6, 0.132, rail=Rail.DRY))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_margins_of_random_transfer_functions_through_the_command(railslip, tmp_path, seed):
     """PI, lead and a random second-order part: against the loop engine, and by NumPy on a fine grid."""
     rng = np.random.default_rng(seed)

@@ -37,9 +37,8 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.paper.errata import errata
+from railslip_ctrl.simulation.catalogue import margins_over_points, published_controller, recommended_pi_lead
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.designed import margins_over_points, recommended_pi_lead
-from railslip_ctrl.simulation.published import published_controller
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import UNCERTAIN, derive
 

@@ -49,9 +49,9 @@ from railslip_ctrl.model import vehicle
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, wheel_load_in
 from railslip_ctrl.model.vehicle import Record, Wheel
 from railslip_ctrl.simulation.campaign.files import load_campaign
+from railslip_ctrl.simulation.catalogue import published_controller
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.files import load_scenario
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.scenario import load_scenario
 
 LAW = published_law("bristle", Rail.DRY)
 POINT = operating_point(LAW, PARK2008, 27.0, 0.13)
@@ -242,7 +242,7 @@ VALID: dict[str, object] = {
     "actuator": PARK2008.actuator,
     "adhesion": "curve",
     "controller": PI,
-    "controllers": {"pi": published_pi("bristle")},
+    "controllers": {"pi": published_controller("pi")},
     "dead_time": 0.1,
     "envelope": Envelope(laws="bristle", rails="dry", speeds=60),
     "law": LAW,
@@ -274,7 +274,7 @@ OWN: dict[str, dict[str, object]] = {
     "campaign": {"controllers": [PI]},
     "fundamental_limits": {"plant": LAG},
     "plant_at": {"law": "bristle"},
-    "simulate": {"controller": published_pi("bristle")},
+    "simulate": {"controller": published_controller("pi")},
     "stabilizing_pi": {"plant": LAG},
     "stabilizing_pid": {"plant": LAG, "derivative_time": 0.1},
     "tune_pi": {"plants": LAG},

@@ -24,7 +24,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
         "py.typed",
         "report/templates/report.html",
         "model/_generated/curve.py",
-        "simulation/steps/linear.py",
+        "simulation/steps.py",
     )
     assert {f"railslip_ctrl/{name}" for name in data} <= files
     environment = tmp_path / "environment"

@@ -28,21 +28,23 @@ from railslip_ctrl.simulation import (
     built_in_scenario,
     simulate,
 )
-from railslip_ctrl.simulation.catalogue import NAMES, controller_named
-from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.designed import (
+from railslip_ctrl.simulation.catalogue import (
     MS_MAX,
+    NAMES,
+    controller_named,
     design_points,
     full_brake_torque,
     margins_over_points,
+    published_controller,
+    published_law_gains,
     published_vehicle,
     recommended_pi_lead,
     recommended_schedule,
     slide_protection,
 )
-from railslip_ctrl.simulation.kernel_text import kernel
-from railslip_ctrl.simulation.published import published_controller, published_law_gains
-from railslip_ctrl.simulation.steps.slide_protection import command
+from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.steps import kernel
+from railslip_ctrl.simulation.steps import slide_protection as command
 from railslip_ctrl.sliding.code import python_law
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import KEPT, gain_parameters
@@ -166,22 +168,6 @@ def test_sliding_control_is_the_derived_law_with_the_plant_s_adhesion():
         assert step.x == pytest.approx([s, *state[: -len(KEPT)]], rel=1e-9, abs=1e-12)
 
 
-def test_slide_protection_dumps_holds_and_fills():
-    control = SlideProtection(REFERENCE, dump_deceleration=1e9)  # by slip alone
-    step = Stepped(control)
-    v = 20.0
-
-    def change(slip):
-        before = step.x[0]
-        return step(v, (1 - slip) * v / RADIUS, 0.0) - before
-
-    for _ in range(100):
-        change(0.0)
-    assert change(0.02) == pytest.approx(control.fill_rate * PERIOD)
-    assert change(0.10) == 0.0
-    assert change(0.30) == pytest.approx(-control.dump_rate * PERIOD)
-
-
 @pytest.mark.parametrize(
     "phases",
     [((3.0, 30, 1.0), (8.0, 30, -1.0)), ((8.0, 4, -1.0),)],
@@ -290,13 +276,6 @@ def test_table_4_by_column(column, kp, ki, dry):
     assert pi.design.gains == PIGains(kp=3.6 * kp, ki=3.6 * ki)
     assert pi.reference.dry == dry
     assert published_controller("asmc", column).reference == pi.reference
-
-
-def test_asmc_that_does_not_know_of_the_wet_rail_locks():
-    """published.md: with the dry curve kept after 25 s the wheel locks."""
-    runs = [simulate(SCENARIO, published_controller("asmc", knows_rail=known), seed=0) for known in (True, False)]
-    assert [run.max_slip == 1.0 for run in runs] == [False, True]
-    assert runs[1].first_lock > 25.0
 
 
 def test_gains_of_one_s_own():

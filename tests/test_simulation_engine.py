@@ -170,48 +170,29 @@ def test_torque_limits_hold() -> None:
 # --- events and the viscous coefficient ------------------------------------------------------------------------------
 
 
-def test_an_event_by_distance_is_located_to_rounding() -> None:
-    """A constant resistance decelerates the free train; the mass steps at 47.3 m: two parabolas."""
-    force, first, second, where, end = 3000.0, 3517.0, 5276.0, 47.3, 5.0
-    vehicle = bare_vehicle(resistance=Resistance(constant=force))
-    run = simulate(
-        scenario(vehicle, events=(Event(distance=where, mass=second),), longest_time=end, step=0.1),
-        constant_torque(0.0, period=0.1),
-        seed=None,
-        record_every=None,
-    )
-    at = math.sqrt(30.0**2 - 2 * force / first * where)
+def test_events_and_the_stop_are_located_to_rounding() -> None:
+    """A constant resistance decelerates the free train, in parabolas; samples of 0.1 s."""
+    force, first, second = 3000.0, 3517.0, 5276.0
+
+    def freely(**fields: object) -> Run:
+        base = scenario(bare_vehicle(resistance=Resistance(constant=force)), step=0.1, **fields)
+        return simulate(base, constant_torque(0.0, period=0.1), seed=None, record_every=None)
+
+    run = freely(events=(Event(distance=47.3, mass=second),), longest_time=5.0)
+    at = math.sqrt(30.0**2 - 2 * force / first * 47.3)
     when = (30.0 - at) * first / force
     assert run.outcome is Outcome.OUT_OF_TIME
-    assert run.final_speed == pytest.approx(at - force / second * (end - when), rel=1e-13)
+    assert run.final_speed == pytest.approx(at - force / second * (5.0 - when), rel=1e-13)
     assert run.energies.booked == pytest.approx(0.5 * (second - first) * at**2, rel=1e-12)
 
+    run = freely(events=(Event(time=1.23456, mass=second),), longest_time=3.0)
+    expected = 30.0 - force / first * 1.23456 - force / second * (3.0 - 1.23456)
+    assert run.final_speed == pytest.approx(expected, rel=1e-13)
 
-def test_an_event_in_time_acts_between_samples() -> None:
-    force, first, second, when, end = 3000.0, 3517.0, 5276.0, 1.23456, 3.0
-    run = simulate(
-        scenario(
-            bare_vehicle(resistance=Resistance(constant=force)),
-            events=(Event(time=when, mass=second),),
-            longest_time=end,
-            step=0.1,
-        ),
-        constant_torque(0.0, period=0.1),
-        seed=None,
-        record_every=None,
-    )
-    assert run.final_speed == pytest.approx(30.0 - force / first * when - force / second * (end - when), rel=1e-13)
-
-
-def test_the_stop_is_located_to_rounding() -> None:
-    force, mass = 3000.0, 3517.0
-    vehicle = bare_vehicle(resistance=Resistance(constant=force))
-    run = simulate(
-        scenario(vehicle, final_speed=19.0, step=0.1), constant_torque(0.0, period=0.1), seed=None, record_every=None
-    )
+    run = freely(final_speed=19.0)
     assert run.stopped
-    assert run.braking_time == pytest.approx((30.0 - 19.0) * mass / force, rel=1e-13)
-    assert run.braking_distance == pytest.approx((30.0**2 - 19.0**2) * mass / (2 * force), rel=1e-13)
+    assert run.braking_time == pytest.approx((30.0 - 19.0) * first / force, rel=1e-13)
+    assert run.braking_distance == pytest.approx((30.0**2 - 19.0**2) * first / (2 * force), rel=1e-13)
 
 
 @pytest.mark.parametrize("scale", [1.0, 3.6])
@@ -375,8 +356,7 @@ def test_a_controller_that_overflows_ends_the_run() -> None:
     assert 0.0 < run.braking_time < 1.0
 
 
-@pytest.mark.parametrize("torque", [6000.0, 9000.0, 30000.0])
-@pytest.mark.parametrize("step", [1e-3, 5e-3])
+@pytest.mark.parametrize(("torque", "step"), [(6000.0, 1e-3), (9000.0, 5e-3), (30000.0, 5e-3)])
 def test_the_bristle_law_is_left_where_it_ends(torque: float, step: float) -> None:
     """[Park2008] (30)-(32) at 140 km/h hold to a slip velocity gamma: slip 0.828 at the start's speed."""
     law = published_law("bristle", Rail.DRY, initial_speed_kmh=140.0)

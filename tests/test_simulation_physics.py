@@ -10,7 +10,6 @@ from braking_runs import (
     NO_LIMITS,
     REFERENCE,
     bare_vehicle,
-    constant_torque,
     pi,
     published_pi,
     run_from,
@@ -112,23 +111,6 @@ def test_the_as_published_run_is_the_mixed_unit_one() -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * np.max(np.abs(theirs)), err_msg=name)
 
 
-def test_halving_the_step_moves_table_5_by_less_than_two_per_mille() -> None:
-    """Means over 8 seeds, the same random forces in both; the controller is sampled at every step of the first."""
-    base = built_in_scenario("park2008")
-    means = []
-    for step in (1e-3, 5e-4):
-        simulator = Simulator(base.with_changes(step=step), published_pi())
-        runs = [simulator.run(seed) for seed in range(8)]
-        means.append(
-            np.mean(
-                [(r.braking_time, r.braking_distance, r.brake_energy, r.mean_abs_slip_error_published) for r in runs],
-                axis=0,
-            )
-        )
-    assert np.all(np.abs(means[1] / means[0] - 1) < 2e-3)
-    assert np.any(means[1] != means[0])
-
-
 # --- lock and release -------------------------------------------------------------------------------------------------
 
 
@@ -218,22 +200,6 @@ def delayed_integrator(rate: float, dead_time: float, *, period: float, end: flo
     return run.signals.time, run.signals.slip / 0.01
 
 
-def test_the_delayed_integrator_by_the_method_of_steps() -> None:
-    """L = 2 exp(-s)/s: y = 0, then 2 (t - 1), then -2 (t - 2)^2 is added; a held command is late by half a period."""
-
-    def exact(t: np.ndarray) -> np.ndarray:
-        return 2.0 * np.maximum(t - 1, 0) - 2.0 * np.maximum(t - 2, 0) ** 2
-
-    errors = []
-    for period in (4e-3, 2e-3, 1e-3):
-        t, y = delayed_integrator(2.0, 1.0, period=period, end=3.0)
-        errors.append(np.max(np.abs(y - exact(t))))
-    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-2)
-    assert errors[1] / errors[2] == pytest.approx(2.0, rel=1e-2)
-    # on [2, 3] y' = 2 (1 - y(t - 1)): half a period late, 4 times that of the integral's 1
-    assert errors[2] == pytest.approx(2.0 * 1e-3, rel=1e-2)
-
-
 @pytest.mark.parametrize("dead_time", [1.0, 0.50371])
 def test_the_sampled_delayed_integrator_exactly(dead_time: float) -> None:
     """Piecewise linear between command changes, so that an exact recursion exists, also for a fractional delay."""
@@ -316,6 +282,7 @@ def test_both_sides_of_a_margin(case: str, published_margins: tuple[float, float
     assert late < 1e-2  # small still, so that the linearisation is what is compared
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("gain", "end", "begin"), [(1.0, 60.0, 10.0), (2.0, 60.0, 10.0), (3.5, 25.0, 3.0), (0.6, 12.0, 4.0)]
 )
@@ -332,20 +299,3 @@ def test_a_perturbation_grows_or_decays_as_the_rightmost_poles_say(gain: float, 
         nearest = seen[np.argmin(np.abs(seen - pole))]
         assert nearest.real == pytest.approx(pole.real, rel=0.01)
         assert nearest.imag == pytest.approx(pole.imag, rel=0.01, abs=1e-9)
-
-
-def test_locking_by_constant_torque_beyond_the_peak() -> None:
-    """Above the largest adhesion torque no slip holds: the curve's wheel runs away and locks, below it does not."""
-    law = published_law("curve", Rail.DRY)
-    peak = max(float(curve_force(s, *law.parameters())) for s in np.linspace(0.05, 0.3, 500))
-    # at the peak the wheel sheds its momentum as the train falls: J v'/r (1 - slip) is what the torque may lack
-    vehicle = bare_vehicle(lag=0.6)
-    for factor, locks in ((0.95, False), (1.05, True)):
-        run = simulate(
-            scenario(vehicle, adhesion=law, longest_time=30.0),
-            constant_torque(factor * peak * PARK2008.wheel.radius * (1 + 0.05)),
-            seed=None,
-            record_every=None,
-        )
-        assert (run.max_slip >= 1.0) == locks
-        assert run.stopped

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 import re
 from pathlib import Path
 
@@ -23,8 +22,8 @@ from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 from railslip_ctrl.simulation.campaign.execution import execute
 from railslip_ctrl.simulation.campaign.specification import Campaign
+from railslip_ctrl.simulation.catalogue import full_brake_torque
 from railslip_ctrl.simulation.controller_files import load_controller
-from railslip_ctrl.simulation.designed import full_brake_torque
 from railslip_ctrl.simulation.step_objects import StepControl, as_control
 
 SCENARIO = built_in_scenario("park2008")
@@ -180,6 +179,7 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
     assert again.fingerprint == campaign.fingerprint
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
 def test_a_dask_cluster_runs_them(tmp_path, campaign):
     distributed = pytest.importorskip("distributed")
@@ -187,11 +187,6 @@ def test_a_dask_cluster_runs_them(tmp_path, campaign):
         far = execute(campaign, tmp_path / "far", scheduler=cluster.scheduler_address, part_runs=4)
     near = execute(campaign, tmp_path / "near", workers=1)
     assert far.row(5) == near.row(5)
-
-
-def test_what_is_pickled_needs_no_file(campaign):
-    sent = pickle.loads(pickle.dumps(campaign))
-    assert simulate(sent.scenario, sent.controllers[0]).braking_distance > 0
 
 
 # --- what goes wrong -------------------------------------------------------------------------------------------------
@@ -368,17 +363,6 @@ def test_a_number_is_a_gain_and_says_so(railslip, tmp_path):
     for command in (("margins", "--rail", "dry"), ("simulate", "--scenario", "park2008-si")):
         assert "gain 3 N*m/(m/s)" in railslip(*command, "--controller", path)[1]
     assert as_run(3).name == "gain-3"
-
-
-def test_steps_of_any_callable_kind_are_taken():
-    class Timed(PI):
-        dt = 0.01
-
-    expected = simulate(SCENARIO, PI(), seed=1, record_every=None).braking_distance
-    timed = Timed()
-    assert simulate(SCENARIO, timed, seed=1, record_every=None).braking_distance == expected
-    timed.reset(0.0, 0.0, 0.0)
-    assert simulate(SCENARIO, timed.step, seed=1, record_every=None).braking_distance == expected
 
 
 @pytest.mark.parametrize(

@@ -34,10 +34,17 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, PIGains, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.simulation import Scenario
-from railslip_ctrl.simulation.catalogue import NAMES, controller_named, default_column, reference_of
+from railslip_ctrl.simulation.catalogue import (
+    COLUMNS,
+    NAMES,
+    Column,
+    controller_named,
+    default_column,
+    is_tuned_when_asked,
+    published_reference,
+    reference_of,
+)
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.designed import is_tuned_when_asked
-from railslip_ctrl.simulation.published import COLUMNS, Column, published_reference
 from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
 
 from .output import progress
@@ -475,7 +482,7 @@ class ScenarioOptions:
 
     def chosen(self) -> Scenario:
         """The scenario with what was given changed; what was assumed of its vehicle is said on standard error."""
-        from railslip_ctrl.simulation.files import load_scenario
+        from railslip_ctrl.simulation.scenario import load_scenario
 
         scenario = _naming("--scenario", lambda: load_scenario(self.scenario))
         vehicle = self._vehicle(scenario.vehicle)

@@ -14,7 +14,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.text import tuning_json, tuning_text
-from railslip_ctrl.simulation.designed import braking_control
+from railslip_ctrl.simulation.catalogue import braking_control
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
 from .output import print_json, print_text, progress

@@ -51,7 +51,7 @@ class EnvelopeDesign(PIController):
 
         InputError where it cannot be written, or the laws of the envelope have different reference slips.
         """
-        designed = import_module("railslip_ctrl.simulation.designed")  # a room above this one, asked for by the user
+        designed = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
         designed.tuned_control(self, name=Path(path).stem).save(path)
 
 

@@ -21,7 +21,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_l
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
 from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.kernel_text import step_text
+from railslip_ctrl.simulation.steps import step_text
 
 from .sensors import Encoder
 

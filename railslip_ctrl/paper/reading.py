@@ -28,7 +28,7 @@ from railslip_ctrl.model.vehicle import (
     Resistance,
 )
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, SlidingControl, published_scenario
-from railslip_ctrl.simulation.published import (
+from railslip_ctrl.simulation.catalogue import (
     FILTER_TIME,
     published_controller,
     published_law_gains,

@@ -21,8 +21,8 @@ from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail
 from railslip_ctrl.simulation import Run, Scenario, Simulator, published_scenario, simulate
+from railslip_ctrl.simulation.catalogue import Column, Kind, published_controller
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.published import Column, Kind, published_controller
 
 from . import printed
 

@@ -32,9 +32,9 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
-from railslip_ctrl.simulation.clairvoyant import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
-from railslip_ctrl.simulation.designed import braking_control, hand_over_of, is_published
 from railslip_ctrl.simulation.scenario import in_reading
 from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
 

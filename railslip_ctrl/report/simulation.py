@@ -22,7 +22,7 @@ from railslip_ctrl.simulation import (
     SlidingControl,
 )
 from railslip_ctrl.simulation.controllers import Controller, TorqueProfile
-from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 from railslip_ctrl.simulation.scenario import named_law
 from railslip_ctrl.sliding.law import LawGains
@@ -109,7 +109,7 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
         "period_s": _period(run),
         **exported(scenario, "limits", "measurement", "disturbances"),
         "events": [
-            {**plain(one.event), "reached": one.reached, "happened_at_s": number(one.time)} for one in happenings(run)
+            {**plain(one.event), "reached": one.reached, "happened_at_s": number(one.time)} for one in events_log(run)
         ],
         "energy_balance": {
             **exported(run.energies, "error", starting_j="starting", booked_j="booked", final_j="final"),
@@ -181,7 +181,7 @@ def _scenario_facts(run: Run, law_speed: float | None) -> list[tuple[str, str]]:
         ("Adhesion", f"{law}, {scenario.adhesion.title}; {scenario.rail} rail at the start{weaker}"),
         ("Adhesion, SI", ", ".join(f"{name} {value:.6g}" for name, value in numbers.items()) or "in a table"),
         ("Speeds", f"{speeds}, given up after {scenario.longest_time:g} s"),
-        *(("Event", one.text) for one in happenings(run)),
+        *(("Event", one.text) for one in events_log(run)),
         (
             "Disturbances",
             f"random force {noise.random_force:g} N held {noise.random_hold:g} s, caliper {noise.caliper_fraction:g} "

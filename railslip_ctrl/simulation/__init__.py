@@ -1,4 +1,11 @@
-"""Braking runs: scenarios, controllers that run, one compiled kernel, campaigns."""
+"""Braking runs: what is simulated, what brakes, and what comes out. Imports from design, sliding, model and core.
+
+Begin with `simulate` in `run`. `scenario` says what a run is and reads its files; `controllers` and `step_objects`
+are what brakes, `catalogue` has those with a name and `controller_files` those of the user. `kernel` is the
+integration loop and `steps` the controllers' samples: their texts are put together and compiled by Numba, so a law of
+adhesion and a controller cost no call. `bound` is the stop that no controller can beat, `run_comparison` compares runs
+with it, `campaign` makes many of them.
+"""
 
 from __future__ import annotations
 

@@ -1,21 +1,416 @@
-"""Controllers by name, for a vehicle."""
+"""Controllers by name for a vehicle: those of [Park2008] Table 4, and this project's own.
+
+The project's own hold the reference slip without knowing the adhesion curve. Their gains were found with
+`design.tuning` over `design_points`: the largest ki with Ms <= `MS_MAX` behind a lead that cancels the brake's lag. Of
+the published vehicle they are stored here in both readings of the units, and a test tunes them again; for any other
+vehicle they are tuned when asked for.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from itertools import product
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import close_match
-from railslip_ctrl.design.controllers import PIController
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
-from railslip_ctrl.model.vehicle import PIGains, Vehicle
+from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, operating_plants
+from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
+from railslip_ctrl.model.vehicle import (
+    AS_PUBLISHED_INERTIA_SCALE,
+    PARK2008,
+    TABLE4_PI,
+    TABLE4_SLIDING_PRINTED,
+    PIGains,
+    Rail,
+    Vehicle,
+)
+from railslip_ctrl.sliding.law import LawGains
 
-from .designed import recommended_pi_lead, recommended_schedule, slide_protection
-from .published import Column, published_controller, published_pi, published_reference
+from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
+from .scenario import named_law
 
 if TYPE_CHECKING:
-    from .controllers import Controller
+    from collections.abc import Sequence
+
+    from railslip_ctrl.design.judging import Judgement
+    from railslip_ctrl.loop.batch import BatchMargins
+    from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
+
+
+Kind = Literal["pi", "asmc"]
+Column = Literal["beam", "bristle"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+COLUMNS: tuple[Column, ...] = get_args(Column)
+
+FILTER_TIME = 0.1
+"""s, of the filter that estimates v' in the ASMC; any value serves, [Park2008] gives none."""
+
+
+def published_controller(
+    kind: Kind,
+    column: Column = "bristle",
+    *,
+    knows_rail: bool = True,
+    adaptive: bool = False,
+    reference: ReferenceSlip | None = None,
+    period: float | None = None,
+) -> LinearControl | SlidingControl:
+    """A controller of [Park2008] Table 4, SI, in the reading under which Table 5 comes out.
+
+    PI: the column's gains, no limits or anti-windup of its own. ASMC: law (45) with D and K added as torque, rho per
+    second, Ta from the plant's adhesion law at the measured slip, Mn the empty mass, the adaptation off.
+
+    Parameters
+    ----------
+    kind : {"pi", "asmc"}
+    column : {"beam", "bristle"}
+        Of Table 4: its gains and its reference slip (beam 0.119 dry, 0.059 wet; bristle 0.132, 0.092).
+    knows_rail : bool
+        ASMC: whether its adhesion model turns wet with the rail; the reference always does.
+    adaptive : bool
+        ASMC: the printed adaptation, k = 2.1e-8 read in km/h: k1 = k, k2 = 3.6^2 k.
+    reference : ReferenceSlip, optional
+        Another reference slip.
+    period : float, optional
+        Sampling period, s; every step of the scenario if not given.
+
+    Raises
+    ------
+    InputError
+        Another kind or column, or an option of the ASMC with the PI.
+    """
+    if kind not in KINDS:
+        raise InputError(f"controller: {kind!r} is not in [Park2008] Table 4; choose {' or '.join(KINDS)}")
+    if column not in COLUMNS:
+        raise InputError(f"gains: {column!r} is not a column of [Park2008] Table 4; choose {' or '.join(COLUMNS)}")
+    held = published_reference(column) if reference is None else reference
+    if kind == "pi":
+        if adaptive or not knows_rail:
+            raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
+        return LinearControl(PIController(TABLE4_PI[column]), held, period=period)
+    return SlidingControl(
+        published_law_gains(column, adaptive=adaptive),
+        held,
+        period=period,
+        nominal_mass=PARK2008.mass,
+        filter_time=FILTER_TIME,
+        knows_rail=knows_rail,
+    )
+
+
+def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
+    """Table 4's ASMC gains of a column, SI; without `adaptive` k1 = k2 = 0."""
+    printed = TABLE4_SLIDING_PRINTED[column]
+    k = printed.k if adaptive else 0.0
+    # in km/h theta1 is 3.6 times its SI value and s is too; theta2 has the same value, s and omega do not
+    return LawGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k1=k, k2=3.6**2 * k)
+
+
+def published_reference(column: Column) -> ReferenceSlip:
+    """A column's reference slip, dry and wet."""
+    reference = published_law(column, Rail.DRY).reference
+    assert reference is not None, "both published laws have one"
+    return reference
+
+
+# --- this project's own -----------------------------------------------------------------------------------------------
+
+
+MS_MAX = 2.0
+"""Largest Ms the designs are tuned for: the upper end of what [Astrom1998] calls reasonable."""
+
+LEAD, LEAD_FILTER = 0.6, 0.06
+"""s, for the published brake; see `lead_of`."""
+
+TORQUE_LIMIT = 9000.0
+"""N*m, of the published vehicle: twice what the best adhesion, 0.3 of the wheel load, can take."""
+
+TRACKING_TIME = 2.0
+"""Tt of the anti-windup, s; 1 to 5 s differ by less than 1 % in braking distance."""
+
+INITIAL_SHARE = 0.12
+"""Initial torque of `recommended_pi_lead` by wheel load times radius: less than even the wet rail of [Park2008] takes,
+whose peak is 0.153."""
+
+SPEEDS_KMH = (20.0, 60.0, 100.0)
+_SCHEDULE_SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
+
+_PI_LEAD = MappingProxyType(
+    {AS_PUBLISHED_INERTIA_SCALE: PIGains(kp=1210.0, ki=1220.0), 1.0: PIGains(kp=330.0, ki=129.0)}
+)
+# kp, ki at the speeds of _SCHEDULE_SPEEDS_KMH, dry then wet, and lowest speed held, km/h, worst Ms between entries
+_SCHEDULES = MappingProxyType(
+    {
+        AS_PUBLISHED_INERTIA_SCALE: (
+            ((1212, 1228), (1217, 1386), (1220, 1455), (1221, 1483)),
+            ((1237, 1894), (1230, 1719), (1227, 1645), (1226, 1616)),
+            3.174,
+            2.018,
+        ),
+        1.0: (
+            ((330, 130), (334, 273), (337, 339), (337, 366)),
+            ((356, 791), (347, 606), (344, 529), (343, 499)),
+            9.241,
+            2.059,
+        ),
+    }
+)
+
+
+def recommended_pi_lead(
+    vehicle: Vehicle | None = None,
+    *,
+    gains: PIGains | None = None,
+    reference: ReferenceSlip | None = None,
+    period: float | None = None,
+    plants: Sequence[LinearPlant] = (),
+) -> LinearControl:
+    """The lag-compensated PI with anti-windup that beats [Park2008] Table 5 in its own scenario.
+
+    As published (the default vehicle): kp 1210 N*m/(m/s), ki 1220 N*m/m, worst Ms 2.0 over `design_points`; without
+    the adhesion curve it stops in about 547 m and 47.6 s with a mean slip error of 0.017, where the best of Table 5
+    needs 581 m and 50.7 s with 0.027.
+
+    Parameters
+    ----------
+    vehicle : Vehicle, optional
+        The quarter car; one that is not the published one has a lead for its own brake and gains tuned for it, which
+        takes some seconds.
+    gains : PIGains, optional
+        Other gains behind the lead for the vehicle's brake.
+    reference : ReferenceSlip, optional
+        The bristle column's, 0.132 dry and 0.092 wet, if not given.
+    period : float, optional
+        Sampling period, s; every step of the scenario if not given.
+    plants : sequence of LinearPlant, optional
+        Linear plants of the vehicle to tune over, in place of its `design_points`: of an adhesion law of one's own.
+
+    Raises
+    ------
+    InfeasibleDesignError
+        No gains with Ms <= `MS_MAX` for that vehicle, and none are given.
+    """
+    car = published_vehicle() if vehicle is None else vehicle
+    lead, lead_filter = lead_of(car)
+    if gains is None:
+        try:
+            gains = full_range_gains(car, plants)
+        except InfeasibleDesignError as error:
+            raise InfeasibleDesignError(f"controller: no pi-lead for {car.name}: {error}; give --kp and --ki") from None
+    held = reference or published_reference("bristle")
+    return LinearControl(
+        PIController(gains, lead, lead_filter),
+        held,
+        name="pi-lead",
+        period=period,
+        torque_low=0.0,
+        torque_high=full_brake_torque(car),
+        tracking_time=TRACKING_TIME,
+        initial_torque=INITIAL_SHARE * car.wheel_load * car.wheel.radius,
+    )
+
+
+def braking_control(
+    design: Any, points: Sequence[OperatingPoint], reference: ReferenceSlip, *, name: str, hand_over_kmh: float = 0.0
+) -> LinearControl:
+    """A linear design for some operating points as it brakes: within 0 and their full brake, with anti-windup.
+
+    It begins with `SURE_SHARE` of the torque that the least adhesive point takes, which every rail surely does, and
+    hands over to it below a speed (km/h; 0: never).
+    """
+    sure = SURE_SHARE * min(point.brake_torque for point in points)
+    return LinearControl(
+        design,
+        reference,
+        name=name,
+        torque_low=0.0,
+        torque_high=max(full_brake_torque(point.vehicle) for point in points),
+        tracking_time=TRACKING_TIME,
+        initial_torque=sure,
+        cut_out_speed=hand_over_kmh * KMH,
+        cut_out_torque=sure if hand_over_kmh else 0.0,
+    )
+
+
+def hand_over_of(judgement: Judgement) -> float:
+    """The speed, km/h, below which slip is no longer controlled: the lowest at which a design is robust, or if it is
+    nowhere, stable with every tolerance; 0, never, over a single speed."""
+    robust = judgement.robust_from_kmh
+    lowest = robust if robust is not None else judgement.usable_from_kmh or 0.0
+    return lowest if len(judgement.envelope.speeds) > 1 else 0.0
+
+
+def tuned_control(
+    design: EnvelopeDesign, reference: ReferenceSlip | None = None, *, name: str | None = None
+) -> LinearControl:
+    """A controller tuned over an envelope as it brakes; `reference` where it holds no single one.
+
+    InputError without either.
+    """
+    held = design.reference or reference
+    if held is None:
+        raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
+    judged = design.judgement
+    assert judged is not None, "a tuned controller has been judged"
+    pi = PIController(design.gains, design.lead, design.lead_filter)
+    points = [plant.point for plant in operating_plants(judged.points)]
+    over = hand_over_of(judged)
+    return braking_control(pi, points, held, name=name or design.structure.lower(), hand_over_kmh=over)
+
+
+def recommended_schedule(
+    vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
+) -> ScheduledControl:
+    """The gains of `recommended_pi_lead` scheduled over speed and rail on the static curve; arguments as there."""
+    car = published_vehicle() if vehicle is None else vehicle
+    return ScheduledControl(
+        _schedule(car),
+        reference or published_reference("bristle"),
+        period=period,
+        torque_high=full_brake_torque(car),
+        tracking_time=TRACKING_TIME,
+    )
+
+
+@checked
+def slide_protection(
+    vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
+) -> SlideProtection:
+    """The rule-based baseline, its rates and full brake in proportion to what the vehicle's adhesion can take.
+
+    Parameters
+    ----------
+    vehicle : Vehicle, optional
+        Left out, the published one.
+    reference : ReferenceSlip, optional
+        Slip ratios that its error is taken against; left out, the published.
+    period : float, optional
+        Sampling period, s.
+
+    Returns
+    -------
+    SlideProtection
+        In SI.
+    """
+    car = published_vehicle() if vehicle is None else vehicle
+    baseline = SlideProtection(reference or published_reference("bristle"))
+    share = full_brake_torque(car) / TORQUE_LIMIT
+    return SlideProtection(
+        baseline.reference,
+        fill_rate=share * baseline.fill_rate,
+        dump_rate=share * baseline.dump_rate,
+        torque_high=full_brake_torque(car),
+        period=baseline.period if period is None else period,
+    )
+
+
+def published_vehicle() -> Vehicle:
+    """The published quarter car in the as-published reading."""
+    return PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
+
+
+def is_published(vehicle: Vehicle) -> bool:
+    """Whether a vehicle has the published masses, wheel and wheel load; its brake and its scale may differ."""
+    return (vehicle.mass_loaded, vehicle.wheel, vehicle.wheel_load_loaded) == (
+        PARK2008.mass_loaded,
+        PARK2008.wheel,
+        PARK2008.wheel_load_loaded,
+    )
+
+
+def is_tuned_when_asked(name: str, vehicle: Vehicle, gains: PIGains | None = None) -> bool:
+    """Whether the controller of a name has no gains stored here for the vehicle, and none given."""
+    stored = {"pi-lead": _PI_LEAD.keys(), "scheduled": _SCHEDULES.keys()}.get(name)
+    return stored is not None and gains is None and not (is_published(vehicle) and vehicle.inertia_scale in stored)
+
+
+def lead_of(vehicle: Vehicle) -> tuple[float, float]:
+    """Lead and its filter, s, of `recommended_pi_lead`: the lead cancels the brake's lag, the filter is a tenth of it.
+
+    The published vehicle keeps its controller where its brake is made to differ. Without a lag there is no lead: 0, 0.
+    """
+    lag = vehicle.actuator.lag
+    return (LEAD, LEAD_FILTER) if is_published(vehicle) else (lag, lag / 10.0)
+
+
+def full_brake_torque(vehicle: Vehicle) -> float:
+    """The torque limit of the designs, N*m: `TORQUE_LIMIT`, in proportion to wheel load times radius."""
+    return TORQUE_LIMIT * vehicle.wheel_load * vehicle.wheel.radius / (PARK2008.wheel_load * PARK2008.wheel.radius)
+
+
+def design_points(vehicle: Vehicle) -> list[LinearPlant]:
+    """The linear plants the designs are tuned for: both published laws, dry and wet, `SPEEDS_KMH`, empty and loaded."""
+    from railslip_ctrl.model.linearization import linearize, operating_point
+
+    plants = []
+    for name, rail, car in product(("curve", "bristle"), Rail, (vehicle, vehicle.loaded())):
+        law = named_law(name, car).on(rail)
+        slip = law.reference_slip(rail)
+        assert slip is not None, "both laws have a published reference"
+        plants += [linearize(operating_point(law, car, speed * KMH, slip, rail=rail)) for speed in SPEEDS_KMH]
+    return plants
+
+
+def margins_over_points(control: LinearControl | ScheduledControl, vehicle: Vehicle | None = None) -> BatchMargins:
+    """Margins of a linear controller at each of the vehicle's `design_points`, dead time exact, in their order.
+
+    A scheduled one counts with the gains it has at each point. The published vehicle as published, if none is given.
+    """
+    from railslip_ctrl.design.specification import family_margins
+
+    car = published_vehicle() if vehicle is None else vehicle
+    points = design_points(car)
+    return family_margins([wheel_slip_loop(plant, control, car.actuator) for plant in points])
+
+
+def full_range_gains(vehicle: Vehicle, plants: Sequence[LinearPlant] = ()) -> PIGains:
+    """The gains of `recommended_pi_lead`: stored, or tuned now (`is_tuned_when_asked`).
+
+    InfeasibleDesignError where no gains keep Ms <= `MS_MAX` over the plants, or, where none are given,
+    `design_points`.
+    """
+    from railslip_ctrl.design.tuning import tune_pi
+
+    if not plants and not is_tuned_when_asked("pi-lead", vehicle):
+        return _PI_LEAD[vehicle.inertia_scale]
+    lead, lead_filter = lead_of(vehicle)
+    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function if lead > 0 else None
+    points = plants or design_points(vehicle)
+    design = tune_pi(
+        [actuated_plant(plant, vehicle.actuator) for plant in points],
+        vehicle.actuator.dead_time,
+        ms_max=MS_MAX,
+        compensator=compensator,
+        names=[plant.point.words for plant in points],
+    )
+    return PIGains(kp=design.kp, ki=design.ki)
+
+
+def _schedule(vehicle: Vehicle) -> GainSchedule:
+    """The gains of `recommended_schedule`: stored, or tuned now."""
+    if is_tuned_when_asked("scheduled", vehicle):
+        from railslip_ctrl.design.schedule import schedule_gains
+
+        lead, lead_filter = lead_of(vehicle)
+        return schedule_gains(
+            _SCHEDULE_SPEEDS_KMH, law="curve", vehicle=vehicle, ms_max=MS_MAX, lead=lead, lead_filter=lead_filter
+        )
+    dry, wet, lowest, ms = _SCHEDULES[vehicle.inertia_scale]
+    entries = tuple(
+        ScheduleEntry(rail, speed, PIGains(kp=kp, ki=ki), MS_MAX)
+        for rail, gains in ((Rail.DRY, dry), (Rail.WET, wet))
+        for speed, (kp, ki) in zip(_SCHEDULE_SPEEDS_KMH, gains, strict=True)
+    )
+    return GainSchedule(entries, LEAD, LEAD_FILTER, lowest, ms)
+
+
+# --- by name ----------------------------------------------------------------------------------------------------------
+
 
 NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection")
 """Names of the controllers that come with the package."""
@@ -83,11 +478,9 @@ def controller_named(
         return recommended_schedule(vehicle, reference=held, period=period)
     if name == "slide-protection":
         return slide_protection(vehicle, reference=held, period=period)
-    if name == "asmc":
-        return published_controller(
-            "asmc", column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period
-        )
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
-    published = published_pi(column, reference=held, period=period)
-    return published if gains is None else replace(published, design=PIController(gains))
+    if gains is not None:
+        return LinearControl(PIController(gains), held, period=period)
+    kind: Kind = "asmc" if name == "asmc" else "pi"
+    return published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)

@@ -1,4 +1,4 @@
-"""Controllers from the user's files: TOML, and Python files, which are run and name theirs `CONTROLLER`.
+"""Controllers' files: TOML, read and written, and Python files, which are run and name theirs `CONTROLLER`.
 
 kind = "pi"                       # one of `KINDS`
 kp = "336 N*m/(km/h)"             # the keys of its kind, see the classes below; plain numbers are SI
@@ -21,10 +21,12 @@ period of 10 ms and Tustin's rule unless said.
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 from abc import abstractmethod
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
@@ -50,8 +52,8 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.sliding.law import LawGains
 
+from .catalogue import FILTER_TIME, published_reference
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
-from .published import FILTER_TIME, published_reference
 from .scenario import LEAST_STEP
 from .step_objects import PERIOD
 
@@ -64,13 +66,16 @@ class ControllerKeys(Record):
     period: float | None = quantity("s", "sampling period; every step if left out", ge=LEAST_STEP, default=None)
     reference: ReferenceSlip = published_reference("bristle")
 
-    @abstractmethod
+    makes: ClassVar[type]
+
+    def fields(self) -> dict[str, Any]:
+        """What the controller's record takes of the keys."""
+        names = {field.name for field in dataclasses.fields(self.makes)} & type(self).model_fields.keys()
+        return {**{name: getattr(self, name) for name in names}, "name": self.name or self.kind}
+
     def made(self, path: Path, initial_speed: float | None) -> Controller:
         """The controller; `path` is that of the file, `initial_speed` as of `load_controller`."""
-
-    def common(self) -> dict[str, Any]:
-        """What every controller takes."""
-        return {"name": self.name or self.kind, "reference": self.reference, "period": self.period}
+        return self.makes(**self.fields())  # type: ignore[no-any-return]
 
 
 class Limited(ControllerKeys):
@@ -79,13 +84,12 @@ class Limited(ControllerKeys):
     torque_low: float | None = quantity("N*m", "least torque; left out: none", default=None)
     torque_high: float | None = quantity("N*m", "largest torque; left out: none", default=None)
 
-    def common(self) -> dict[str, Any]:
-        """With the limits."""
+    def fields(self) -> dict[str, Any]:
         low = -math.inf if self.torque_low is None else self.torque_low
         high = math.inf if self.torque_high is None else self.torque_high
         if not low < high:
             raise InputError(f"torque_high: {high:g} is not allowed; give a value > torque_low = {low:g} (N*m)")
-        return {**super().common(), "torque_low": low, "torque_high": high}
+        return {**super().fields(), "torque_low": low, "torque_high": high}
 
 
 class LinearKeys(Limited):
@@ -97,16 +101,15 @@ class LinearKeys(Limited):
     cut_out_speed: float = quantity("m/s", "train speed below which slip is not controlled", ge=0, default=0.0)
     cut_out_torque: float = quantity("N*m", "torque commanded there", default=0.0)
     rule: Rule = Rule.BACKWARD
+    makes = LinearControl
 
     @abstractmethod
     def design(self) -> LinearController:
-        """The design."""
+        """The design of these keys."""
 
-    def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `LinearControl`."""
+    def fields(self) -> dict[str, Any]:
         tracking = self.tracking_time if self.anti_windup else math.inf
-        own = {name: getattr(self, name) for name in ("rule", "initial_torque", "cut_out_speed", "cut_out_torque")}
-        return LinearControl(self.design(), tracking_time=tracking, **own, **self.common())
+        return {**super().fields(), "design": self.design(), "tracking_time": tracking}
 
 
 class PIKeys(LinearKeys):
@@ -118,7 +121,6 @@ class PIKeys(LinearKeys):
     lead_filter: float = quantity("s", "its filter", ge=0, default=0.0)
 
     def design(self) -> PIController:
-        """Gains and lead."""
         return PIController(PIGains(kp=self.kp, ki=self.ki), self.lead, self.lead_filter)
 
 
@@ -138,7 +140,6 @@ class SystemKeys(LinearKeys):
 
     @property
     def own_period(self) -> float | None:
-        """Of the design."""
         return self.period if self.discrete else None
 
 
@@ -149,7 +150,6 @@ class TransferFunctionKeys(SystemKeys):
     den: tuple[float, ...] = quantity("1", "denominator")
 
     def design(self) -> PolynomialController:
-        """num/den."""
         return PolynomialController(self.num, self.den, self.own_period)
 
 
@@ -162,7 +162,6 @@ class StateSpaceKeys(SystemKeys):
     D: float = quantity("1", "from error to torque", default=0.0)
 
     def design(self) -> StateSpaceController:
-        """The matrices."""
         return StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
 
 
@@ -186,16 +185,14 @@ class SlidingKeys(Limited):
     anti_windup: bool = False
     knows_rail: bool = True
     adhesion: str | None = None
+    makes = SlidingControl
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `SlidingControl`."""
         names = ("K", "D", "rho", "k1", "k2", "layer", "leak", "dead_zone")
-        own = ("nominal_mass", "nominal_viscous_friction", "filter_time", "anti_windup", "knows_rail")
         return SlidingControl(
             LawGains(**{name: getattr(self, name) for name in names}),
             model_law=None if self.adhesion is None else _model(path.parent / self.adhesion, initial_speed),
-            **{name: getattr(self, name) for name in own},
-            **self.common(),
+            **self.fields(),
         )
 
 
@@ -206,17 +203,11 @@ class ScheduledKeys(Limited):
     tracking_time: float | None = quantity("s", "of the anti-windup; left out: kp/ki", gt=0, default=None)
     initial_torque: float = quantity("N*m", "the integral's start", default=0.0)
     rule: Rule = Rule.BACKWARD
+    makes = ScheduledControl
 
     def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `ScheduledControl`."""
         schedule = GainSchedule.from_json(read_text(path.parent / self.schedule))
-        return ScheduledControl(
-            schedule,
-            tracking_time=self.tracking_time,
-            rule=self.rule,
-            initial_torque=self.initial_torque,
-            **self.common(),
-        )
+        return ScheduledControl(**{**self.fields(), "schedule": schedule})
 
 
 class SlideProtectionKeys(ControllerKeys):
@@ -231,14 +222,8 @@ class SlideProtectionKeys(ControllerKeys):
     dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=SlideProtection.dump_rate)
     torque_high: float = quantity("N*m", "full brake", gt=0, default=SlideProtection.torque_high)
     filter_time: float = quantity("s", "filter of the deceleration", gt=0, default=SlideProtection.filter_time)
-
-    def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `SlideProtection`."""
-        names = SlideProtectionKeys.model_fields.keys() - ControllerKeys.model_fields.keys()
-        common = self.common()
-        if self.period is None:
-            common["period"] = SlideProtection.period
-        return SlideProtection(**{name: getattr(self, name) for name in names}, **common)
+    period: float | None = quantity("s", "sampling period", ge=LEAST_STEP, default=SlideProtection.period)
+    makes = SlideProtection
 
 
 class TorqueProfileKeys(ControllerKeys):
@@ -246,10 +231,7 @@ class TorqueProfileKeys(ControllerKeys):
 
     times: tuple[float, ...] = quantity("s", "times, rising")
     torques: tuple[float, ...] = quantity("N*m", "torques at them")
-
-    def made(self, path: Path, initial_speed: float | None) -> Controller:
-        """A `TorqueProfile`."""
-        return TorqueProfile(self.times, self.torques, **self.common())
+    makes = TorqueProfile
 
 
 KINDS: dict[str, type[ControllerKeys]] = {
@@ -262,6 +244,9 @@ KINDS: dict[str, type[ControllerKeys]] = {
     "slide-protection": SlideProtectionKeys,
     "torque-profile": TorqueProfileKeys,
 }
+
+
+_SHORT = {"torque_low": "torque_min", "torque_high": "torque_max"}  # other names of keys, of the limits of a brake
 
 
 @checked
@@ -295,7 +280,7 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
         given = "missing" if kind is None else f"{shown(kind)} is not one"
         near = close_match(kind, KINDS) if isinstance(kind, str) else ""
         raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
-    for short, name in (("torque_min", "torque_low"), ("torque_max", "torque_high")):
+    for name, short in _SHORT.items():
         if short in content and name in content:
             raise InputError(f"{where}: {short}: {name} is given too; give one")
         if short in content and name in KINDS[kind].model_fields:
@@ -311,3 +296,52 @@ def _model(path: Path, initial_speed: float | None) -> AdhesionLaw:
     if path.suffix.lower() != ".toml":
         raise InputError(f"adhesion: {path.name!r} is not a TOML file; give one with a law and its parameters")
     return load_law(path, initial_speed_kmh=None if initial_speed is None else initial_speed / KMH)
+
+
+def linear_text(control: LinearControl) -> str:
+    """A linear controller as the text of its file, every number of it.
+
+    InputError for a system of no period, which no file has.
+    """
+    if control.period is None and not isinstance(control.design, PIController):
+        raise InputError("period: a file of a transfer function or state space needs one; give it (s)")
+    kind, own = _design_keys(control.design)
+    content = {
+        **own,
+        "period": control.period,
+        "torque_low": control.torque_low,
+        "torque_high": control.torque_high,
+        "anti_windup": control.tracking_time is None or math.isfinite(control.tracking_time),
+        "tracking_time": control.tracking_time,
+        "initial_torque": control.initial_torque,
+        "cut_out_speed": control.cut_out_speed,
+        "cut_out_torque": control.cut_out_torque,
+        "rule": control.rule.value,
+    }
+    lines = [f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}"]
+    for key, value in content.items():
+        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+            continue  # left out: none
+        extra: Any = KINDS[kind].model_fields[key].json_schema_extra or {}
+        unit = extra.get("unit", "1")
+        lines.append(f"{_SHORT.get(key, key)} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
+    reference = control.reference
+    lines += ["", "[reference]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def _design_keys(design: LinearController) -> tuple[str, dict[str, Any]]:
+    """Kind and keys of a design."""
+    if isinstance(design, PIController):
+        lead = {"lead": design.lead, "lead_filter": design.lead_filter} if design.structure != "PI" else {}
+        return "pi-lead" if design.lead > 0 else "pi", {"kp": design.gains.kp, "ki": design.gains.ki, **lead}
+    discrete = {} if design.period is None else {"discrete": True}
+    if isinstance(design, PolynomialController):
+        return "transfer-function", {"num": design.num, "den": design.den, **discrete}
+    return "state-space", {"A": design.a, "B": design.b, "C": design.c, "D": design.d, **discrete}
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(float(value)) if isinstance(value, float) else json.dumps(value)

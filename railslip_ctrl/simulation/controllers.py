@@ -1,9 +1,10 @@
-"""Controllers of a braking run, as records; each names the step that runs in the kernel (see `steps`)."""
+"""Controllers of a braking run as records; each has its step in `steps`, which the kernel runs."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -30,9 +31,7 @@ from railslip_ctrl.model.vehicle import PIGains, Rail
 from railslip_ctrl.sliding.generate import generated_law, law_states
 from railslip_ctrl.sliding.law import LawGains, gain_parameters
 
-from .controller_text import linear_text
-from .kernel_text import difference_text, step_text
-from .sliding_text import sliding_source
+from .steps import linear_source, sliding_source, step_text
 
 if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
@@ -160,10 +159,11 @@ class LinearControl:
     @property
     def toml(self) -> str:
         """The text that `save` writes."""
-        return linear_text(self)
+        files = import_module("railslip_ctrl.simulation.controller_files")  # which imports these records
+        return str(files.linear_text(self))
 
     def save(self, path: str | Path) -> None:
-        """Write the TOML file at `path` that every command and `load_controller` take; SI, every number of it.
+        """Write the TOML file at `path` that every command and `load_controller` take.
 
         InputError where it cannot be written.
         """
@@ -187,15 +187,12 @@ class LinearControl:
         return None if self.period is None else self.sampled(self.period)
 
     def source(self) -> str:
-        """Text of its `command`."""
-        return difference_text() + step_text("linear")
+        return linear_source()
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Cut-out speed and torque, then the numbers of the difference equations."""
         return (self.cut_out_speed, self.cut_out_torque, *self.sampled(situation.period).numbers)
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """At rest but for the initial torque."""
         return start_state(self.design, self.initial_torque)
 
 
@@ -235,8 +232,7 @@ class ScheduledControl:
         return self.schedule.controller(point.speed, point.rail)
 
     def source(self) -> str:
-        """Text of its `command`."""
-        return step_text("scheduled")
+        return step_text("gains_at", "scheduled")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
         """Lead, the integrator's weights, h/Tt, period, limits, then speeds and gains of the rail."""
@@ -257,14 +253,9 @@ class ScheduledControl:
         """p, q0 and q1 of the lead (q0 z + q1)/(z - p), the same at all speeds."""
         design = PIController(PIGains(kp=1.0, ki=0.0), self.schedule.lead, self.schedule.lead_filter)
         made = SampledController(design, h, rule=self.rule).transfer_function
-        return (
-            float(np.sum(made.poles).real),
-            made.gain,
-            -made.gain * float(np.sum(made.zeros).real),
-        )
+        return float(np.sum(made.poles).real), made.gain, -made.gain * float(np.sum(made.zeros).real)
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """At rest but for the initial torque."""
         return (self.initial_torque, 0.0, 0.0, self.initial_torque)
 
 
@@ -311,7 +302,6 @@ class SlidingControl:
         return ("s", *law_states())
 
     def source(self) -> str:
-        """The generated law, the assumed adhesion and the step between them."""
         return sliding_source(None if self.model_law is None else type(self.model_law))
 
     def row(self, situation: Situation) -> tuple[float, ...]:
@@ -336,7 +326,6 @@ class SlidingControl:
         return (*own, *plant_parameters(situation.assumed, vehicle))
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """s = 0 and the generated law's start."""
         return (0.0, *(speed if name == "v_filtered" else 0.0 for name in law_states()))
 
 
@@ -381,15 +370,12 @@ class TorqueProfile:
             raise InputError("torque profile: give finite times (s) and torques (N*m)")
 
     def source(self) -> str:
-        """Text of its `command`."""
         return step_text("torque_profile")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Number of points, times, torques."""
         return (float(len(self.times)), *self.times, *self.torques)
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """Nothing is remembered."""
         return ()
 
 
@@ -437,19 +423,16 @@ class SlideProtection:
                 raise InputError(f"slide protection: {name} {getattr(self, name):g} is not allowed; give a value > 0")
 
     def source(self) -> str:
-        """Text of its `command`."""
         return step_text("slide_protection")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Thresholds, rates, limits, period."""
         return (
             *(self.dump_slip, self.fill_slip, self.dump_deceleration, self.fill_rate, self.dump_rate),
             *(self.torque_high, situation.period, self.filter_time),
         )
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """Brake released; the wheel's speed is taken at the first sample."""
-        return (0.0, 0.0, 0.0, 1.0)
+        return (0.0, 0.0, 0.0, 1.0)  # released; the wheel's speed is taken at the first sample
 
 
 def reference_slip(reference: ReferenceSlip, rail: Rail) -> float:

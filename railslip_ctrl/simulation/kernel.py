@@ -31,20 +31,15 @@ STATES = 11
 
 STOPPED, OUT_OF_TIME, OUTSIDE_DOMAIN, NOT_FINITE, TOO_STIFF = 0, 1, 2, 3, 4
 
-# columns of the log, before the controller's own state
-TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, MEASURED_OMEGA = (
-    11,
-    12,
-    13,
-    14,
-    15,
-    16,
-    17,
-    18,
-    19,
-    20,
-)
+# columns of the log after the states, before the controller's own state
+TIME, COMMAND, FORCE, RANDOM, DISTURBANCE, MASS, REFERENCE, LOCKED, MEASURED_V, MEASURED_OMEGA = range(STATES, 21)
 COLUMNS = 21
+
+# places in the plant's parameters `p` (`numeric.plant_parameters`) and in the controller's row `c` (`steps`)
+P_MASS, P_INERTIA, P_VISCOUS, P_RADIUS, P_LAW = 0, 1, 2, 3, 8
+C_REFERENCE, C_SCENARIO_REFERENCE = 0, -1
+# in `chosen`: which of `tables` and `limits` belong to the plant's law, which to the controller's model
+PLANT, MODEL = 0, 1
 
 # summary of a run
 (
@@ -133,7 +128,7 @@ def lag(torque, delayed, a):
 @compiled
 def derivative(t, y, p, table, a, locked, delayed, random_torque, rate):
     """Rates of the states and powers of the works, into `rate`; a locked wheel keeps sigma = v."""
-    p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
+    p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     torque = y[TORQUE]
     td = disturbance(t, torque, a)
     values = rates_and_powers(y[V], y[SIGMA], y[Z], torque, td, random_torque, p, table)
@@ -166,7 +161,7 @@ def advance(t, y, h, p, table, a, locked, delayed, random_torque, k, new):
 @compiled
 def turns_again(t, y, p, table, a, random_torque):
     """Whether a standing wheel is driven on: omega' > 0 at omega = 0."""
-    p[2] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
+    p[P_VISCOUS] = max(a.viscous + a.viscous_rate * t, a.viscous_least)
     td = disturbance(t, y[TORQUE], a)
     v_rate, sigma_rate, _ = rates(y[V], y[V], y[Z], y[TORQUE], td, random_torque, p, table)
     return v_rate > sigma_rate
@@ -202,8 +197,8 @@ def fastest(y, random_torque, p, table, a):
 @compiled
 def energy(y, p):
     """Kinetic energy of train and wheel, J."""
-    omega = (y[V] - y[SIGMA]) / p[3]
-    return 0.5 * p[0] * y[V] * y[V] + 0.5 * p[1] * omega * omega
+    omega = (y[V] - y[SIGMA]) / p[P_RADIUS]
+    return 0.5 * p[P_MASS] * y[V] * y[V] + 0.5 * p[P_INERTIA] * omega * omega
 
 
 @compiled
@@ -264,9 +259,9 @@ def write_row(row, t, y, p, table, x, locked, last_command, random_torque, c, me
     td = disturbance(t, y[TORQUE], a)
     for i in range(STATES):
         row[i] = y[i]
-    row[TIME], row[COMMAND], row[RANDOM], row[DISTURBANCE] = t, last_command, random_torque / p[3], td
+    row[TIME], row[COMMAND], row[RANDOM], row[DISTURBANCE] = t, last_command, random_torque / p[P_RADIUS], td
     row[FORCE] = adhesion_force(y[V], y[SIGMA], y[Z], y[TORQUE], td, random_torque, p, table)
-    row[MASS], row[REFERENCE], row[LOCKED] = p[0], c[0], 1.0 if locked else 0.0
+    row[MASS], row[REFERENCE], row[LOCKED] = p[P_MASS], c[C_REFERENCE], 1.0 if locked else 0.0
     row[MEASURED_V], row[MEASURED_OMEGA] = measured[0], measured[1]
     for i in range(x.size):
         row[COLUMNS + i] = x[i]
@@ -322,13 +317,13 @@ def whole_periods(a):
 @compiled
 def random_torque_at(t, forces, p, a):
     """The random force's torque, N*m, held from one draw to the next."""
-    return p[3] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
+    return p[P_RADIUS] * forces[int(t / a.random_hold + 1e-9)] if a.random_hold > 0.0 else 0.0
 
 
 @compiled
 def measure(sample, y, p, a, noise, measured):
     """The sensors' (v, omega), with noise, quantised and filtered, into `measured`, which holds the sample before's."""
-    speed, turning = y[V], (y[V] - y[SIGMA]) / p[3]
+    speed, turning = y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]
     if noise.shape[0] > 0:
         speed += noise[sample, 0]
         turning += noise[sample, 1]
@@ -341,14 +336,13 @@ def measure(sample, y, p, a, noise, measured):
 def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every, summary):
     """Integrate a run; p, c, chosen, y and x are changed in place. Returns (status, rows of the log written).
 
-    `chosen` holds the indices of the law and of the controller's model in `tables` and `limits`, and `references` of
-    the scenario are in `c[-1]`. Before the first sample the command was the torque that acts at the start.
+    Before the first sample the command was the torque that acts at the start.
     """
     k, new = np.empty((4, STATES)), np.empty(STATES)
     fired = np.zeros(events.time.size, dtype=np.bool_)
     delay, rest = whole_periods(a)
     history = np.full(delay + 2, y[TORQUE])
-    measured = np.array([y[V], (y[V] - y[SIGMA]) / p[3]])
+    measured = np.array([y[V], (y[V] - y[SIGMA]) / p[P_RADIUS]])
     tiny = 1e-9 * a.period
     summary[:] = 0.0
     summary[FIRST_LOCK], summary[STARTING_ENERGY] = math.nan, energy(y, p)
@@ -360,7 +354,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
         # what happens at this instant is known to this sample
         fire_due(t + tiny, -math.inf, y, p, c, chosen, events, fired, summary)
         measure(sample, y, p, a, noise, measured)
-        asked = command(x, t, measured[0], measured[1], torque, c, tables[chosen[1]])
+        asked = command(x, t, measured[0], measured[1], torque, c, tables[chosen[MODEL]])
         torque = min(max(asked, a.torque_min), a.torque_max)
         if not (math.isfinite(asked) and math.isfinite(y[V]) and math.isfinite(y[SIGMA]) and math.isfinite(y[Z])):
             status = NOT_FINITE
@@ -371,7 +365,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
             y[TORQUE] = history[first % history.size] if first >= 0 else 0.0
         if every > 0 and sample % every == 0:
             random_torque = random_torque_at(t, forces, p, a)
-            write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
+            write_row(log[rows], t, y, p, tables[chosen[PLANT]], x, locked, torque, random_torque, c, measured, a)
             rows += 1
         status, t, locked = interval(
             sample, delay, rest, tiny, t, locked, a, events, fired, forces, history, p, c, chosen, tables, limits, y,
@@ -382,7 +376,7 @@ def run(a, events, forces, noise, p, c, chosen, tables, limits, y, x, log, every
     summary[END_TIME], summary[FINAL_ENERGY] = t, energy(y, p)
     if every > 0 and rows < log.shape[0]:
         random_torque = random_torque_at(t, forces, p, a)
-        write_row(log[rows], t, y, p, tables[chosen[0]], x, locked, torque, random_torque, c, measured, a)
+        write_row(log[rows], t, y, p, tables[chosen[PLANT]], x, locked, torque, random_torque, c, measured, a)
         rows += 1
     return status, rows
 
@@ -407,8 +401,8 @@ def interval(
             if not fired[i]:
                 next_distance = min(next_distance, events.distance[i])
         status, t_new, what, locked = piece(
-            t, until, locked, a, delayed, random_torque_at(t, forces, p, a), next_distance, p, c, tables[chosen[0]],
-            limits[chosen[0]], y, k, new, summary,
+            t, until, locked, a, delayed, random_torque_at(t, forces, p, a), next_distance, p, c, tables[chosen[PLANT]],
+            limits[chosen[PLANT]], y, k, new, summary,
         )  # fmt: skip
         if status != OUT_OF_TIME:
             return status, t_new, locked
@@ -438,7 +432,7 @@ def piece(t, until, locked, a, delayed, random_torque, next_distance, p, c, tabl
             what = happened(now + h, new, p, table, a, locked, random_torque, next_distance)
         if not (math.isfinite(new[V]) and math.isfinite(new[SIGMA]) and math.isfinite(new[Z])):
             return NOT_FINITE, now + h, 0, locked  # y stays what it last was
-        account(y, new, h, k, c[0], c[c.size - 1], a, now, summary)
+        account(y, new, h, k, c[C_REFERENCE], c[C_SCENARIO_REFERENCE], a, now, summary)
         for i in range(STATES):
             y[i] = new[i]
         now += h

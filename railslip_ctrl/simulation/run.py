@@ -1,4 +1,4 @@
-"""One braking run: from a scenario and a controller to signals, numbers and what became of it."""
+"""One braking run: from a scenario and a controller to signals and numbers, and when its events happened."""
 
 from __future__ import annotations
 
@@ -14,20 +14,27 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown
-from railslip_ctrl.model.numeric import WORKS
+from railslip_ctrl.model.adhesion import AdhesionLaw
+from railslip_ctrl.model.numeric import WORKS, adhesion_table, plant_parameters
+from railslip_ctrl.model.vehicle import Rail
 
 from . import kernel as layout
-from .controllers import Controller
-from .kernel_text import kernel
-from .plan import make_plan
-from .scenario import LEAST_STEP, Scenario
+from .controllers import Controller, Situation, reference_slip
+from .scenario import LEAST_STEP, PUBLISHED_REFERENCE, Event, Scenario, event_place
 from .step_objects import ADDRESS, Call, StepControl, as_control
+from .steps import kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
+
+LOCKED_SHARE = 0.02
+"""A wheel counts as locked where r omega < 0.02 v."""
+
+_DOMAIN_INTERVALS = 64
+_NO_LIMIT = 1e300
 
 LARGEST_SPACING = 2**31
 """Samples between rows of a record; more than any run has."""
@@ -283,9 +290,12 @@ class Simulator:
         none = np.zeros(1), np.zeros((0, 2))
         if seed is None:
             return *none, 0.0
-        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(_checked_seed(seed))
+        if not isinstance(seed, np.random.SeedSequence):
+            if not 0 <= seed < 2**63:
+                raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
+            seed = np.random.SeedSequence(seed)
         of_force, of_noise = (
-            np.random.default_rng(np.random.SeedSequence(sequence.entropy, spawn_key=(*sequence.spawn_key, i)))
+            np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, i)))
             for i in range(2)
         )
         forces, noise, hold = *none, 0.0
@@ -333,30 +343,198 @@ class Simulator:
         )
 
 
+_COLUMNS = {
+    "time": layout.TIME,
+    "distance": layout.DISTANCE,
+    "speed": layout.V,
+    "slip_velocity": layout.SIGMA,
+    "adhesion_state": layout.Z,
+    "adhesion_force": layout.FORCE,
+    "random_force": layout.RANDOM,
+    "command": layout.COMMAND,
+    "torque": layout.TORQUE,
+    "disturbance": layout.DISTURBANCE,
+    "mass": layout.MASS,
+    "reference": layout.REFERENCE,
+    "locked": layout.LOCKED,
+    "measured_speed": layout.MEASURED_V,
+    "measured_wheel_speed": layout.MEASURED_OMEGA,
+}
+
+
 def _signals(log: Floats, scenario: Scenario) -> Signals:
     v, sigma = log[:, layout.V], log[:, layout.SIGMA]
-    return Signals(
-        time=log[:, layout.TIME],
-        distance=log[:, layout.DISTANCE],
-        speed=v,
-        slip_velocity=sigma,
-        slip=sigma / v,
-        wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius,
-        adhesion_state=log[:, layout.Z],
-        adhesion_force=log[:, layout.FORCE],
-        random_force=log[:, layout.RANDOM],
-        command=log[:, layout.COMMAND],
-        torque=log[:, layout.TORQUE],
-        disturbance=log[:, layout.DISTURBANCE],
-        mass=log[:, layout.MASS],
-        reference=log[:, layout.REFERENCE],
-        locked=log[:, layout.LOCKED],
-        measured_speed=log[:, layout.MEASURED_V],
-        measured_wheel_speed=log[:, layout.MEASURED_OMEGA],
+    logged = {name: log[:, column] for name, column in _COLUMNS.items()}
+    return Signals(**logged, slip=sigma / v, wheel_speed=(v - sigma) / scenario.vehicle.wheel.radius)
+
+
+# --- what the kernel is given ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a kernel is given; `samples` of the controller at most."""
+
+    settings: dict[str, float]
+    events: layout.Events
+    p: Floats
+    c: Floats
+    chosen: NDArray[np.int64]
+    tables: Floats
+    limits: Floats
+    samples: int
+
+
+class _Laws:
+    """Adhesion laws in use, each with its table and domain once."""
+
+    def __init__(self, top_speed: float, wheel_load: float) -> None:
+        self._top_speed, self._wheel_load, self._laws = top_speed, wheel_load, list[AdhesionLaw]()
+
+    def number(self, law: AdhesionLaw) -> int:
+        if law not in self._laws:
+            self._laws.append(law)
+        return self._laws.index(law)
+
+    def tables(self) -> Floats:
+        tables = [adhesion_table(law, self._wheel_load) for law in self._laws]
+        joined = np.zeros((len(tables), max(table.size for table in tables)))
+        for row, table in zip(joined, tables, strict=True):
+            row[: table.size] = table
+        return joined
+
+    def limits(self) -> Floats:
+        """Slip velocity that each law must stay below, m/s, on a grid of speeds; `_NO_LIMIT` where none."""
+        speeds = np.linspace(0.0, self._top_speed, _DOMAIN_INTERVALS + 1)
+        speeds[0] = 1e-9 * self._top_speed
+        rows = [[self._top_speed, *(min(law.domain_limit(v)[0] * v, _NO_LIMIT) for v in speeds)] for law in self._laws]
+        return np.array(rows)
+
+
+def make_plan(scenario: Scenario, controller: Controller, period: float) -> Plan:
+    """Parameters, events, laws and controller of a run as arrays; `period` of the sampling in s."""
+    laws = _Laws(scenario.initial_speed, scenario.vehicle.wheel_load)
+    rail, factor = scenario.rail, scenario.adhesion_factor
+    vehicle = scenario.vehicle
+    law = scenario.law(rail, factor)
+    p = np.array(plant_parameters(law, vehicle))
+    c = _controller_row(scenario, controller, rail, _assumed(scenario, controller, rail), period)
+    chosen = np.array([laws.number(law), laws.number(_assumed(scenario, controller, rail))])
+    rows_p, rows_c, rows_chosen = [], [], []
+    ordered = sorted(scenario.events, key=event_place)  # within a kind; `Scenario` sees to the rest
+    for event in ordered:
+        row_p, row_c, row_chosen = np.full(p.size, np.nan), np.full(c.size, np.nan), np.array([-1, -1])
+        if event.mass is not None:
+            row_p[layout.P_MASS] = vehicle.inertia_scale * event.mass
+        if event.rail is not None or event.adhesion_factor is not None:
+            rail, factor = event.rail or rail, factor if event.adhesion_factor is None else event.adhesion_factor
+            law = scenario.law(rail, factor)
+            row_p[layout.P_LAW :] = law.parameters()
+            row_chosen[0] = laws.number(law)
+        if event.rail is not None:
+            assumed = _assumed(scenario, controller, rail if controller.knows_rail else scenario.rail)
+            row_c, row_chosen[1] = _controller_row(scenario, controller, rail, assumed, period), laws.number(assumed)
+        rows_p.append(row_p)
+        rows_c.append(row_c)
+        rows_chosen.append(row_chosen)
+    events = layout.Events(
+        time=np.array([math.inf if e.time is None else e.time for e in ordered]),
+        distance=np.array([math.inf if e.distance is None else e.distance for e in ordered]),
+        p=np.array(rows_p).reshape(-1, p.size),
+        c=np.array(rows_c).reshape(-1, c.size),
+        chosen=np.array(rows_chosen, dtype=np.int64).reshape(-1, 2),
     )
+    samples = math.ceil(scenario.longest_time / period - 1e-9)
+    return Plan(_settings(scenario, period), events, p, c, chosen, laws.tables(), laws.limits(), samples)
 
 
-def _checked_seed(seed: int) -> int:
-    if not 0 <= seed < 2**63:
-        raise InputError(f"seed: {shown(seed)} is not allowed; give an integer from 0 to 2^63 - 1")
-    return seed
+def _assumed(scenario: Scenario, controller: Controller, rail: Rail) -> AdhesionLaw:
+    """The law a controller takes for the plant's: its own, or the scenario's without what it cannot know (a patch)."""
+    return scenario.law(rail) if controller.model_law is None else controller.model_law.on(rail)
+
+
+def _controller_row(
+    scenario: Scenario, controller: Controller, rail: Rail, assumed: AdhesionLaw, period: float
+) -> Floats:
+    published = PUBLISHED_REFERENCE[rail] if scenario.published_reference else math.nan
+    situation = Situation(scenario, rail, assumed, period)
+    head = (reference_slip(controller.reference, rail), scenario.vehicle.wheel.radius)
+    return np.array([*head, *controller.row(situation), published])
+
+
+def _settings(scenario: Scenario, period: float) -> dict[str, float]:
+    vehicle, limits, measurement = scenario.vehicle, scenario.limits, scenario.measurement
+    scale, caliper = vehicle.inertia_scale, scenario.disturbances
+    least = scenario.viscous_least
+    return {
+        "period": period,
+        "step": scenario.step,
+        "dead_time": vehicle.actuator.dead_time,
+        "lag_fill": vehicle.actuator.lag,
+        "lag_dump": vehicle.actuator.lag if limits.dump_lag is None else limits.dump_lag,
+        "rate_limit": math.inf if limits.rate is None else limits.rate,
+        "torque_min": limits.torque_min,
+        "torque_max": math.inf if limits.torque_max is None else limits.torque_max,
+        "viscous": vehicle.effective_viscous_friction,
+        "viscous_rate": scale * scenario.viscous_rate,
+        "viscous_least": -math.inf if least is None else scale * least,
+        "disturbance_fraction": caliper.caliper_fraction,
+        "disturbance_decay": caliper.caliper_decay,
+        "disturbance_frequency": caliper.caliper_frequency,
+        "random_hold": 0.0,
+        "final_speed": scenario.final_speed,
+        "longest_time": scenario.longest_time,
+        "speed_quantum": measurement.speed_quantum,
+        "wheel_quantum": measurement.wheel_quantum,
+        "filter_time": measurement.filter_time,
+        "locked_share": LOCKED_SHARE,
+    }
+
+
+# --- the events log --------------------------------------------------------------------------------------------------
+
+
+class LoggedEvent(NamedTuple):
+    """An event and the time at which it happened, s; NaN: never."""
+
+    event: Event
+    time: float
+
+    @property
+    def reached(self) -> bool:
+        """Whether the event happened."""
+        return not math.isnan(self.time)
+
+    @property
+    def text(self) -> str:
+        """Where it is, what it changes, and when it happened: "from 25 s: wet rail, M 5276 kg"."""
+        event = self.event
+        place = f"from {event.time:g} s" if event.time is not None else f"from {event.distance:g} m"
+        changes = [
+            *([f"{event.rail} rail"] if event.rail is not None else []),
+            *([f"{event.adhesion_factor:g} times the rail's adhesion"] if event.adhesion_factor is not None else []),
+            *([f"M {event.mass:g} kg"] if event.mass is not None else []),
+        ]
+        when = f" (at {self.time:.4g} s)" if event.time is None else ""
+        return f"{place}: {', '.join(changes)}{when if self.reached else ' (NOT REACHED)'}"
+
+
+def events_log(run: Run) -> tuple[LoggedEvent, ...]:
+    """The events of a run in order of happening, those not reached last; needs `run.signals` for events in distance."""
+    found = [LoggedEvent(event, _time(event, run)) for event in run.scenario.events]
+    return tuple(sorted(found, key=lambda one: one.time if one.reached else math.inf))
+
+
+def _time(event: Event, run: Run) -> float:
+    """Time of an event, s; one at the very end of the run changes nothing any more: NaN."""
+    if event.time is not None:
+        return event.time if event.time < run.braking_time else math.nan
+    assert event.distance is not None, "an event has a time or a distance"
+    if not event.distance < run.braking_distance:
+        return math.nan
+    from scipy.interpolate import CubicHermiteSpline  # here, as most runs start without it
+
+    assert run.signals is not None, "the run was recorded"
+    on = np.diff(run.signals.distance, prepend=-math.inf) > 0  # a run that breaks off may have its last row twice
+    distance, time, speed = (series[on] for series in (run.signals.distance, run.signals.time, run.signals.speed))
+    return float(CubicHermiteSpline(distance, time, 1.0 / speed)(event.distance))

@@ -13,7 +13,7 @@ import numpy as np
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.simulation import Outcome, Run, Scenario, Simulator
 
-from .clairvoyant import ClairvoyantStop, clairvoyant_stop
+from .bound import ClairvoyantStop, clairvoyant_stop
 
 
 @dataclass(frozen=True)

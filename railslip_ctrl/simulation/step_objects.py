@@ -35,9 +35,9 @@ from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import Vehicle
 
+from .catalogue import full_brake_torque, tuned_control
 from .controllers import Controller, LinearControl, Situation
-from .designed import full_brake_torque, tuned_control
-from .kernel_text import step_text
+from .steps import step_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -161,15 +161,12 @@ class StepControl:
         return own(point)
 
     def source(self) -> str:
-        """Text of its `command`."""
         return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
 
     def row(self, situation: Situation) -> tuple[float, ...]:
-        """Room for the address, which each run has its own of."""
-        return (math.nan,)
+        return (math.nan,)  # room for the address, which each run has its own of
 
     def start(self, speed: float) -> tuple[float, ...]:
-        """The numbers of a function."""
         return self.start_numbers
 
     def opened(self, v: float, omega: float) -> Call:

@@ -14,7 +14,7 @@ from railslip_ctrl.model.vehicle import (
     Rail,
     Vehicle,
 )
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.catalogue import is_published
 
 from .layered import SPEEDS_KMH, RailAdhesion
 from .limit_cycles import (

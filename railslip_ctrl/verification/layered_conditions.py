@@ -20,7 +20,7 @@ from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
-from railslip_ctrl.simulation.designed import is_published
+from railslip_ctrl.simulation.catalogue import is_published
 
 from .fine_simulation import END_SPEED, simulate_fine, slip_range
 from .layered import (

@@ -7,7 +7,7 @@ import time
 from railslip_ctrl.core.processes import cpu_count
 from railslip_ctrl.simulation import built_in_scenario
 from railslip_ctrl.simulation.campaign import Campaign, Normal, Quantity, Triangular, Uniform, execute
-from railslip_ctrl.simulation.published import published_pi
+from railslip_ctrl.simulation.catalogue import published_controller
 
 RUNS = 1000
 QUANTITIES = (
@@ -19,7 +19,7 @@ QUANTITIES = (
 
 def test_two_cores_are_worth_1_8_of_one(tmp_path):
     assert cpu_count() >= 2, "two cores are needed to measure what the second is worth"
-    campaign = Campaign(built_in_scenario("park2008"), (published_pi("bristle"),), RUNS, QUANTITIES)
+    campaign = Campaign(built_in_scenario("park2008"), (published_controller("pi"),), RUNS, QUANTITIES)
     execute(Campaign(campaign.scenario, campaign.controllers, 1), tmp_path / "compiled", workers=1)
     seconds = {}
     for workers in (1, 2):

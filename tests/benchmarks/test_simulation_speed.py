@@ -28,8 +28,8 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, plant_parameters
 from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, Simulator, TorqueProfile, published_scenario
-from railslip_ctrl.simulation.kernel_text import kernel
 from railslip_ctrl.simulation.step_objects import StepControl
+from railslip_ctrl.simulation.steps import kernel
 
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.092)
 GAINS = TABLE4_PI["bristle"]

@@ -19,7 +19,7 @@ from railslip_ctrl.report.plots.style import (
     panels,
 )
 from railslip_ctrl.simulation import Run
-from railslip_ctrl.simulation.happenings import happenings
+from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 
 _BAR = {"color": "0.75", "edgecolor": "black", "linewidth": 0.8}
@@ -79,7 +79,7 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
     figure = new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
     axes = panels(figure, 4, sharex=True)[:, 0]
-    events = [one for one in happenings(run) if one.reached]
+    events = [one for one in events_log(run) if one.reached]
     for ax, draw in zip(axes, (_speeds, _slip, _torque, _adhesion), strict=True):
         draw(ax, run)
         for one in events:

@@ -18,12 +18,10 @@ from railslip_ctrl.core.units import quantity, to_unit
 from railslip_ctrl.core.user_files import close_match, file_name, given_path, read_toml, validated
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains, Record
-from railslip_ctrl.simulation.catalogue import controller_named, default_column, reference_of
+from railslip_ctrl.simulation.catalogue import controller_named, default_column, published_reference, reference_of
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.files import load_scenario
-from railslip_ctrl.simulation.published import published_reference
-from railslip_ctrl.simulation.scenario import Scenario
+from railslip_ctrl.simulation.scenario import Scenario, load_scenario
 from railslip_ctrl.simulation.step_objects import as_control
 
 from .specification import DISTRIBUTIONS, LARGEST_SEED, MOST_RUNS, Campaign, Distribution, Quantity, Sampling
