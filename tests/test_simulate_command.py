@@ -46,7 +46,7 @@ def numbers(railslip):
 
 def test_json_has_the_contract_s_keys_and_the_run_s_numbers(numbers):
     found = numbers("--scenario", "park2008", "--controller", "asmc", "--gains", "beam", "--seed", "7")
-    assert tuple(found)[: len(KEYS)] == KEYS
+    assert set(KEYS) <= found.keys()
     run = simulate(built_in_scenario("park2008"), published_controller("asmc", "beam"), seed=7)
     assert [found[key] for key in KEYS[:6]] == ["park2008", "asmc", "beam", 3.6, 7, True]
     assert found["braking_time_s"] == run.braking_time
