@@ -312,6 +312,7 @@ def test_rows_depend_on_neither_workers_nor_parts(finished, tmp_path):
     assert [schema.field(name).metadata[b"unit"] for name in ("vehicle.mass", "max_torque_nm")] == [b"kg", b"N*m"]
 
 
+@pytest.mark.long
 def test_a_dask_cluster_gives_the_same_rows(tmp_path):
     """The same command, on a scheduler with two worker processes."""
     from distributed import LocalCluster
@@ -325,6 +326,7 @@ def test_a_dask_cluster_gives_the_same_rows(tmp_path):
     assert rows_of(Store.open(here.campaign, tmp_path / "there")).equals(rows_of(here))
 
 
+@pytest.mark.long
 def test_a_killed_campaign_loses_and_repeats_nothing(tmp_path):
     path, out = write_campaign(tmp_path, 160), tmp_path / "out"
     parts, deadline = out / "parts", time.monotonic() + 120
@@ -418,6 +420,7 @@ def test_two_do_not_write_into_one_folder(tmp_path):
     assert execute(short(4), tmp_path / "out", workers=1).complete
 
 
+@pytest.mark.long
 def test_memory_hardly_grows_with_the_runs(tmp_path, monkeypatch):
     """By some columns of a run; its row as it is computed takes two thousand bytes."""
     monkeypatch.setattr(statistics, "_SHOWN", 50)

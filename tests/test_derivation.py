@@ -259,6 +259,7 @@ def probed(tmp_path_factory) -> dict[str, dict]:
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 def test_a_broken_plant_is_noticed(probed) -> None:
     """`derive` and `verify` say that a step fails, and (35)-(45) agree no longer; a changed actuator has no cycle."""
     sound = probed["sound"]

@@ -104,6 +104,7 @@ def test_given_gains_are_judged_and_run_beside(full_report, content):
     assert [row[0] for row in rows[1:]] == ["recommended", "given PI"]
 
 
+@pytest.mark.long
 def test_a_law_of_one_s_own_in_a_python_file_is_reported_on(railslip, tmp_path, monkeypatch):
     """Its class cannot be sent to another process."""
     monkeypatch.chdir(tmp_path)
@@ -133,6 +134,7 @@ FORMS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMS)
 def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(name, railslip, tmp_path):
     (tmp_path / name).write_text(FORMS[name])
@@ -283,6 +285,7 @@ def test_a_plain_stop_has_one_rail_and_the_law_of_its_load():
     assert simulate(dry, GIVEN, seed=None, record_every=None).braking_distance > 0
 
 
+@pytest.mark.long
 def test_nominal_says_so(railslip, tmp_path):
     status, out, _ = railslip("report", *SMALL[:4], "--nominal", "--no-html", "--out", tmp_path / "out")
     assert (status, "at the operating points" in out) == (0, True)

@@ -497,6 +497,7 @@ def coach(tmp_path):
     return path
 
 
+@pytest.mark.long
 def test_margins_over_the_default_envelope_are_those_of_judge(railslip, coach):
     status, out, err = railslip("margins", "--vehicle", coach, *GAINS, "--envelope", "default", "--json")
     found, judged = json.loads(out), judge(FAST, Envelope(load_vehicle(coach)))
@@ -590,6 +591,7 @@ def test_tune_holds_empty_and_loaded_together_and_is_judged(railslip, coach):
     assert len(found["cases"]) == 4
 
 
+@pytest.mark.long
 def test_tune_judges_the_envelope_unless_points_are_named(railslip):
     whole = json.loads(railslip("tune", "--structure", "pi-lead", "--ms-max", "2", "--json")[1])
     assert not whole["feasible"]
@@ -603,6 +605,7 @@ def test_tune_judges_the_envelope_unless_points_are_named(railslip):
     assert "Verdict: robust at the operating points: Ms 2" in railslip(*over, "--nominal")[1]
 
 
+@pytest.mark.long
 def test_tune_says_that_no_speed_will_do():
     with pytest.raises(InfeasibleDesignError, match="at no speed of the envelope it can"):
         tune(Envelope(COACH, speeds=(60, 100), rails="dry", laws="curve"), "pi", 1.1)

@@ -11,6 +11,7 @@ from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 
+@pytest.mark.long
 def test_from_log(tmp_path, capsys, monkeypatch):
     module = script("designs/from_log.py")
     result = module.run()

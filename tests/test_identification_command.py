@@ -139,6 +139,7 @@ def test_the_time_history_of_a_braking_shows_the_torque_that_the_adhesion_had(lo
     assert np.ptp(omega[seen]) > 25.0
 
 
+@pytest.mark.long
 def test_forces_found_at_another_wheel_load_are_told(railslip, log, tmp_path):
     """Bristles have forces, which do not grow with the load; a law of the slip alone has none."""
     for model, told in (("bristle", True), ("table", False)):
@@ -150,6 +151,7 @@ def test_forces_found_at_another_wheel_load_are_told(railslip, log, tmp_path):
         assert "wheel load" not in railslip("linearize", "--adhesion", file, "--slip", "0.1")[2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["bristle", "bristle_rest", "lugre", "table", "curve", "polach", "burckhardt"])
 def test_every_model_gives_a_file_that_linearizes(railslip, log, tmp_path, model):
     status, _, err = railslip("identify", log, "--model", model, "--out", tmp_path / "fitted")
@@ -159,6 +161,7 @@ def test_every_model_gives_a_file_that_linearizes(railslip, log, tmp_path, model
     assert railslip("linearize", "--adhesion", file, *slip, "--json")[0] == 0
 
 
+@pytest.mark.long
 def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     logs = []
     for v0 in (60.0, 100.0, 140.0):

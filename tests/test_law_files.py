@@ -102,6 +102,7 @@ def test_a_law_of_another_v0_or_over_v0_is_told_in_every_command(railslip, file,
     assert "outside 30 to 140" in refused(railslip(command, "--adhesion", name, "--initial-speed", "160", *AT[command]))
 
 
+@pytest.mark.long
 def test_a_run_takes_the_law_at_the_speed_it_begins_at(railslip, file):
     slow = file("slow.toml", f'law = "burckhardt"\ninitial_speed_range = [30, 30]\n{PARAMETERS}{SLIPS}')
     run = ("simulate", "--no-noise", "--controller", "pi-lead")

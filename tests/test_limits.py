@@ -158,6 +158,7 @@ def unstable_plants(draw):
     return real(zeros, poles, draw(st.sampled_from([1.0, -1.0])))
 
 
+@pytest.mark.long
 @settings(max_examples=300, suppress_health_check=[HealthCheck.filter_too_much])
 @given(unstable_plants(), rounded(0.0, 0.5), st.lists(rounded(0.3, 8.0), min_size=9, max_size=9))
 def test_no_observer_based_design_beats_the_bounds(plant, tau, roots):
@@ -173,6 +174,7 @@ def test_no_observer_based_design_beats_the_bounds(plant, tau, roots):
     assert m.ms >= limits.ms_bound * (1 - 1e-9)
 
 
+@pytest.mark.long
 @settings(max_examples=300, suppress_health_check=[HealthCheck.filter_too_much])
 @given(
     rounded(0.1, 1.2),

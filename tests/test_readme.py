@@ -20,11 +20,21 @@ def test_python_examples_give_what_they_show(tmp_path, monkeypatch):
     assert (result.attempted > 9, result.failed) == (True, 0)
 
 
-COMMANDS = [line for line in re.findall(r"`(railslip [^`]+)`", TEXT) if not re.search(r"\b[A-Z]{3,}\b", line)]
+COMMANDS = [
+    line for line in dict.fromkeys(re.findall(r"`(railslip [^`]+)`", TEXT)) if not re.search(r"\b[A-Z]{3,}\b", line)
+]
 """Those that need no file of the reader's."""
 
 
-@pytest.mark.parametrize("line", [line for line in COMMANDS if line != "railslip reproduce"])  # has tests of its own
+LONG = {line: pytest.mark.long for line in COMMANDS if line.startswith("railslip report")}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        pytest.param(line, marks=LONG.get(line, ())) for line in COMMANDS if line != "railslip reproduce"
+    ],  # has its own tests
+)
 def test_commands_run(line, tmp_path, monkeypatch, railslip):
     words = [str(ROOT / word) if word.startswith("designs/") else word for word in shlex.split(line)[1:]]
     if words[0] == "report":

@@ -182,6 +182,7 @@ def test_table3_gives_another_improvement_than_it_prints():
 # --- the command ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_command_prints_the_rows_as_json(monkeypatch, railslip, few_seeds, tmp_path):
     from railslip_ctrl.cli import reproduce
 

@@ -50,6 +50,7 @@ def test_pi_wet_needs_the_dry_gains_when_the_rail_dries(capsys):
     assert "One PI for both rails" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_pi_robust(tmp_path, capsys, monkeypatch):
     module = script("designs/pi_robust.py")
     result = module.run()
@@ -70,6 +71,7 @@ def test_pi_robust(tmp_path, capsys, monkeypatch):
     assert "fragile at its best" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_pi_lead(tmp_path, capsys, monkeypatch):
     module = script("designs/pi_lead.py")
     result = module.run()
@@ -89,6 +91,7 @@ def test_pi_lead(tmp_path, capsys, monkeypatch):
     assert "worst Ms 1.4291" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     module = script("designs/pi_scheduled.py")
     result = module.run()

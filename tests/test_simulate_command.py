@@ -116,6 +116,7 @@ def test_another_vehicle_with_what_was_assumed_of_it(railslip, tmp_path):
     assert found["energy_balance"]["starting_j"] == pytest.approx(0.5 * (4000 + 60.35 / 0.43**2) * (100 / 3.6) ** 2)
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_stop_has_no_braking_distance(railslip, tmp_path):
     (tmp_path / "nothing.toml").write_text('kind = "torque-profile"\ntimes = [0]\ntorques = [0]\n')
     status, out, _ = railslip("--controller", tmp_path / "nothing.toml", "--json")

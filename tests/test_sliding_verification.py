@@ -416,6 +416,7 @@ def test_induced_gain_of_a_first_order_loop_in_closed_form():
     assert gains.command == pytest.approx(300.0 * plant.gain / rate, rel=1e-4)
 
 
+@pytest.mark.long
 def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
     module = script("designs/asmc_robust.py")
     # the table's cycles and limits have tests of their own: one case a reading is enough here

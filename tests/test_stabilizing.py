@@ -223,6 +223,7 @@ def resonant_region(rng):
     return stabilizing_pid(plant, dead_time, derivative_filter=10 ** rng.uniform(-2, 0), **derivative)
 
 
+@pytest.mark.long
 def test_resonances_and_long_dead_times_hide_no_boundary():
     rng = np.random.default_rng(15)
     for _ in range(60):

@@ -85,6 +85,7 @@ def test_phase_and_delay_margins_can_bind():
     assert by_delay.worst.delay_s == pytest.approx(0.2, rel=1e-9)
 
 
+@pytest.mark.long
 def test_crossover_bounds_are_kept():
     plant = twelve_points()[4]
     free = tune_pi(plant, 0.15, ms_max=1.8, compensator=LEAD)
@@ -310,6 +311,7 @@ def test_a_lead_meets_what_a_pi_cannot():
     assert pi.asked == "maximise ki, Ms <= 1.8"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("actuator", "wanted", "ki_min"),
     [

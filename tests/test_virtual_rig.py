@@ -64,6 +64,7 @@ def fit_of(test: RigTest, *, tests: int = 6, seed: int = 0) -> Fit:
 # --- the course of a test ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("test", published_tests("curve"), ids=lambda t: f"{t.initial_speed / KMH:.0f} km/h")
 def test_the_course_is_that_of_figure_12(test):
     """Free rolling, the ramp, slip that grows by itself past the peak, release past half slip, the wheel back."""
@@ -88,6 +89,7 @@ def test_the_course_is_that_of_figure_12(test):
     assert abs(slip[-1]) < 0.5 * slip[highest]  # the wheel comes back, at 140 km/h not within the second recorded
 
 
+@pytest.mark.long
 def test_the_wheel_moves_as_an_independent_integration_says():
     """(1)-(4) by SciPy's DOP853 under the recorded torque, the beam's closed form; no noise."""
     log = run_tests(RigTest(PARK2008, BEAM, V100, **CLEAN), tests=1)
@@ -203,6 +205,7 @@ def test_intervals_hold_the_truth_in_95_of_100_logs(law):
     assert max(float(np.median(e)) for e in errors.values()) < 0.15  # not wide enough to hold anything
 
 
+@pytest.mark.long
 def test_a_steep_rise_is_not_taken_for_a_flat_one():
     """Polach, dry: the random force is in the slip where mu rises, and a curve through mu over slip is 30 % low."""
     law = published_law("polach", Rail.DRY, 100.0, PARK2008.wheel_load)
@@ -213,6 +216,7 @@ def test_a_steep_rise_is_not_taken_for_a_flat_one():
             assert p.stderr < 0.08 * p.value
 
 
+@pytest.mark.long
 def test_bristles_are_recovered_from_a_rig_that_has_them():
     """The dynamic model: steady ramps would give alpha 1.2e5 instead of 2.19e4 N/m."""
     law = published_law("bristle", Rail.DRY, 100.0, PARK2008.wheel_load)
@@ -264,6 +268,7 @@ def test_a_fit_to_the_cells_alone_has_its_profiles_too():
         assert any(note.startswith(f"{p.name}: by this log it is not less than") for note in fitted.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["beam", "burckhardt"])
 def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(model, monkeypatch):
     """Seventy rows up to slip 0.2: the profiles go where no wheel could roll, and the numbers stay finite.
@@ -373,6 +378,7 @@ def test_the_scatter_of_the_ramp_is_in_the_error_of_the_peak():
     assert "its standard error is of alpha, beta and gamma alone" in own.chosen.fit.notes[0]
 
 
+@pytest.mark.long
 def test_a_parameter_on_its_bound_leaves_the_others_their_uncertainty():
     """30 km/h and a fall of the adhesion, a, that hardly shows: some logs would have it negative."""
     test = published_tests("beam")[0]
@@ -454,6 +460,7 @@ def test_the_steps_of_the_integration_are_in_the_standard_error(interval):
         assert p.stderr < 1e-3 * p.value
 
 
+@pytest.mark.long
 def test_the_rig_s_own_law_is_chosen():
     """Of all models: a Burckhardt law, which is smooth where the beam has its kink."""
     law = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
