@@ -98,7 +98,12 @@ def picture(path: Path) -> None:
         doc = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text("utf-8"))) or ""
         axes.text(most / 100, height, f"{name}", va="center", weight="bold")
         axes.text(most * 1.02, height, fill(doc.splitlines()[0], 62), va="center", fontsize=7)
-    axes.set(yticks=[], xlabel="lines; each room imports only from those below it", xlim=(0, most * 2.4))
+    axes.set(
+        yticks=[],
+        xticks=range(0, most, 2500),
+        xlabel="lines; each room imports only from those below it",
+        xlim=(0, most * 2.4),
+    )
     axes.spines[["left", "right", "top"]].set_visible(False)
     figure.savefig(path, metadata={"Date": None})
 

@@ -132,7 +132,9 @@ class CaseOptions:
 
     def name_points(self) -> bool:
         """Whether an option names operating points."""
-        return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip) or _is_given("adhesion")
+        return bool(self.rails or self.speeds or self.masses or self.loaded or self.slip is not None) or _is_given(
+            "adhesion"
+        )
 
     def envelope(self, given: str = DEFAULT_ENVELOPE) -> Envelope:
         """The envelope of a file, or the vehicle's own, or the default; the options that name points narrow it."""

@@ -2,5 +2,5 @@
 
 `tables` runs the four columns of Table 5 and redraws the adhesion curves, `reading` has the rules under which they come
 out and what each is worth, `facts` what else the runs show, `errata` compares `printed` (the equations as they stand in
-the source) with what is derived. Imports every room but `report` and `cli`. Begin with `tables.table5`.
+the source) with what is derived. May import every room but `report` and `cli`. Begin with `tables.table5`.
 """

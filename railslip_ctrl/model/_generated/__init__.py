@@ -1,1 +1,1 @@
-"""Numeric plant modules, one a law, written by `python -m railslip_ctrl.model.numeric`."""
+"""Numeric plant modules, one a law, and the sliding-mode law; written by `make generate`."""
