@@ -2,7 +2,8 @@
 
 `document` has the blocks that text and HTML render, `export` turns records into JSON and writes files, `text` and
 the modules named for a command print its records, `page` and `templates/` make an HTML page, `plots/` the figures.
-`recommendation` tunes, judges and runs what `report` shows; `design_report` lays it out: begin there. Imports every room
+`recommendation` tunes, judges and runs what `report` shows; `design_report` lays it out: begin there.
+Imports every room
 but `cli`.
 """
 
