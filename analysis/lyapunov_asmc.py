@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Vehicle
+from railslip_ctrl.report.verification import evidence
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
-from railslip_ctrl.verification.ideal_loop import PUBLISHED, UNDISTURBED, IdealRun, simulate_ideal
+from railslip_ctrl.verification.fixed_step import PUBLISHED, UNDISTURBED, IdealRun, simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify
 from railslip_ctrl.verification.published_law import STEP_TIME
 from railslip_ctrl.verification.verdict import Verification
@@ -99,7 +100,7 @@ def failures(si: Verification, published: Verification) -> str:
         "(railslip verify adds those with the actuator):",
     ]
     for one in si.failing:
-        lines += [f"  {one.name}", textwrap.fill(one.evidence, 110, initial_indent="    ", subsequent_indent="    ")]
+        lines += [f"  {one.name}", textwrap.fill(evidence(one), 110, initial_indent="    ", subsequent_indent="    ")]
     other = sorted({one.name for one in si.failing} ^ {one.name for one in published.failing})
     lines.append(f"As published (M, J and B times 3.6) {'differ: ' + ', '.join(other) if other else 'the same fail.'}")
     return "\n".join(lines)

@@ -19,16 +19,18 @@ from pathlib import Path
 from railslip_ctrl import PARK2008, Rail
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
+from railslip_ctrl.report.verification import findings_text
 from railslip_ctrl.verification.actuator_effects import (
-    POINTS,
     ActuatorEffect,
+    JointAdvice,
+    PublishedBehind,
     actuator_effect,
-    conclusion,
     cycle_table,
+    joint_advice,
     published_loop,
     stop_loops,
 )
-from railslip_ctrl.verification.fine_simulation import FineRun, holding_torque, simulate_fine
+from railslip_ctrl.verification.fixed_step import FineRun, holding_torque, simulate_fine
 from railslip_ctrl.verification.layered import (
     DURATION,
     OFFSET,
@@ -43,7 +45,6 @@ from railslip_ctrl.verification.layered import (
     torque_impulse,
 )
 from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
-from railslip_ctrl.verification.surviving_gains import JointAdvice, joint_advice
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"
@@ -134,7 +135,7 @@ def main() -> None:
     print(cycle_table(effects))
     print()
     print(survivors_table(effects))
-    told = conclusion(result["SI"].published[: len(Rail)], result["SI"].advice, POINTS)
+    told = findings_text(PublishedBehind(result["SI"].published[: len(Rail)], result["SI"].advice, {}))
     print(f"\n{textwrap.fill(told, 110, break_on_hyphens=False)}\n")
     print("THE LAYERED LAW WITH A LEAD ON THE LAG")
     for name, found in result.items():

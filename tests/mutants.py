@@ -94,7 +94,7 @@ ROOMS = {
     "sliding/derivation": "derivation verification",
     "verification/": "verification",
     "verification/actuator_effects": "limit_cycles sliding_verification",
-    "verification/fine_simulation": "limit_cycles",
+    "verification/fixed_step": "limit_cycles",
     "verification/layered": "sliding_verification",
     "verification/limit_cycles": "limit_cycles",
     "verification/lyapunov_runs": "lyapunov_runs",

@@ -9,7 +9,7 @@ import numpy as np
 
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008, Actuator, Rail
 from railslip_ctrl.verification.actuator_effects import ActuatorEffect, actuator_effect, published_loop
-from railslip_ctrl.verification.fine_simulation import FineRun, whole_periods
+from railslip_ctrl.verification.fixed_step import FineRun, whole_periods
 from railslip_ctrl.verification.layered import LayeredDesign
 
 ACTUATOR = PARK2008.actuator

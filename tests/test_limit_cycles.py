@@ -18,7 +18,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.verification import relay_loop
 from railslip_ctrl.verification.actuator_effects import actuator_effect, conclusion, cycle_table, published_loop
-from railslip_ctrl.verification.fine_simulation import PublishedLaw, simulate_fine
+from railslip_ctrl.verification.fixed_step import PublishedLaw, simulate_fine
 from railslip_ctrl.verification.layered import induced_gains, layer_bound
 from railslip_ctrl.verification.limit_cycles import (
     LINEAR_CHANGE,

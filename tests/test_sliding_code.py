@@ -31,8 +31,8 @@ from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
 from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, gain_parameters
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
-from railslip_ctrl.verification import ideal_loop
-from railslip_ctrl.verification.ideal_loop import STEP, IdealDisturbances, simulate_ideal
+from railslip_ctrl.verification import fixed_step
+from railslip_ctrl.verification.fixed_step import STEP, IdealDisturbances, simulate_ideal
 
 REFERENCES = ("proportional", "constant")
 CASES = [(reference, law) for law in (None, *ALL_LAWS) for reference in REFERENCES]
@@ -184,8 +184,8 @@ def test_the_compiled_ideal_loop_is_the_interpreted_one(monkeypatch, noise) -> N
     }
     gains = replace(PUBLISHED_LAW, K=0.0)
     compiled = simulate_ideal(PARK2008, gains, seeds=(1, 2), **options)
-    text = ideal_loop.kernel_text(type(sample_law("bristle")), compiled=False)
-    monkeypatch.setattr(ideal_loop, "_kernel", lambda law: module_of(text, compiled=False))
+    text = fixed_step.kernel_text(type(sample_law("bristle")), compiled=False)
+    monkeypatch.setattr(fixed_step, "_kernel", lambda law: module_of(text, compiled=False))
     interpreted = simulate_ideal(PARK2008, gains, seeds=(1, 2), **options)
     for name, values in vars(interpreted).items():
         size = np.max(np.abs(values))

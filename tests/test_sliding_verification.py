@@ -25,7 +25,7 @@ from railslip_ctrl.verification.actuator_effects import (
     stop_loops,
     variants_behind_actuator,
 )
-from railslip_ctrl.verification.fine_simulation import holding_torque, simulate_fine
+from railslip_ctrl.verification.fixed_step import holding_torque, simulate_fine
 from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
 from railslip_ctrl.verification.layered import (
     HOLD_ERROR,

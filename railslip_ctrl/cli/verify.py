@@ -9,7 +9,7 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Rail
-from railslip_ctrl.report.verification import verification_json, verification_text
+from railslip_ctrl.report.verification import conclusion_text, verification_json, verification_text
 from railslip_ctrl.verification.joint_verification import (
     LARGEST_GAIN,
     LARGEST_SEED,
@@ -105,7 +105,7 @@ def command(
     if as_json:
         print_json(verification_json(result))
     else:
-        print_text(verification_text, result, full.conclusion, _about(cases, adhesion))
+        print_text(verification_text, result, conclusion_text(full), _about(cases, adhesion))
     ctx.exit(0 if result.all_hold else 1)
 
 

@@ -17,9 +17,8 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, published_scenario, simulate
 from railslip_ctrl.simulation.catalogue import COLUMNS, Column, published_controller
-from railslip_ctrl.verification.actuator_effects import published_loop
+from railslip_ctrl.verification.actuator_effects import largest_adaptation, published_loop
 from railslip_ctrl.verification.lyapunov_runs import judge_run
-from railslip_ctrl.verification.surviving_gains import largest_adaptation
 
 from .tables import CASES, Progress
 

@@ -1,15 +1,28 @@
-"""Text and JSON of a verification, and of runs judged by the Lyapunov conditions."""
+"""Text and JSON of a verification, and of runs judged by the Lyapunov conditions.
+
+What a condition asks and what was found, and what an engineer may conclude, is in `templates/conditions.toml`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
 from typing import Any
 
 from rich.console import RenderableType
 from rich.text import Text
 
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.verification import layered, layered_conditions
+from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS
+from railslip_ctrl.verification.joint_verification import FullVerification
+from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
+from railslip_ctrl.verification.reaching import ADHESION_NOISE
 from railslip_ctrl.verification.verdict import Condition, Verification
 
 from .document import facts, heading, indented, render, table
@@ -24,6 +37,66 @@ _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not de
 _ACTUATORS = {"layered": "lag and dead time throughout"}
 
 
+def statement(condition: Condition) -> str:
+    """What a condition asks, in words and letters."""
+    return _told(_named(condition)["statement"], condition.numbers)
+
+
+def evidence(condition: Condition) -> str:
+    """The identity, or the numbers and the set they belong to; or why the condition was not decided."""
+    missing = condition.numbers.get("missing")
+    return _texts()["missing"][missing] if missing else _told(_named(condition)["evidence"], condition.numbers)
+
+
+def conclusion_text(full: FullVerification) -> str:
+    """What an engineer may conclude for the brake with its actuator."""
+    failing = [one.name for one in full.verification.failing if "uncertainties" not in one.name]
+    verdicts = {"failing": failing, "undecided": [one.name for one in full.verification.undecided]}
+    return findings_text(full.findings, **verdicts)
+
+
+def findings_text(findings: Any, **more: Any) -> str:
+    """The conclusion from findings; those of the layered law need the names of the `failing` and the `undecided`."""
+    text = _texts()["conclusion"][type(findings).__name__]
+    fields = {name: getattr(findings, name) for name in dir(findings) if not name.startswith("_")}
+    return _told(text, {"points": POINTS, **fields, **more})
+
+
+@cache
+def _texts() -> dict[str, Any]:
+    return tomllib.loads(files(__package__).joinpath("templates/conditions.toml").read_text("utf-8"))
+
+
+def _named(condition: Condition) -> dict[str, str]:
+    texts = _texts()
+    found: dict[str, str] = texts.get(condition.name) or texts[condition.name.removeprefix("published ")]
+    return found
+
+
+@cache
+def _template(text: str) -> Any:
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        undefined=StrictUndefined, finalize=lambda value: f"{value:g}" if isinstance(value, float) else value
+    )
+    environment.filters["f"] = format
+    environment.globals |= {
+        **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
+        **{"HOLD_ERROR": layered.HOLD_ERROR, "CUT_OUT_SHARE": layered_conditions.CUT_OUT_SHARE},
+        **{"LARGEST_CUT_OUT_KMH": layered_conditions.LARGEST_CUT_OUT_KMH, "OFFSET": layered.OFFSET},
+        **{"DISTURBANCE": layered.DISTURBANCE, "ADHESION_NOISE": ADHESION_NOISE},
+        "PUBLISHED_ADHESION": layered.PUBLISHED_ADHESION,
+    }
+    return environment.from_string(_texts()["macros"]["text"] + text)
+
+
+def _told(text: str, numbers: Mapping[str, Any]) -> str:
+    """The text with its numbers, in one line."""
+    one_line = " ".join(_template(text).render(numbers).split())
+    return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
+
+
 def verification_json(verification: Verification) -> dict[str, Any]:
     """The conditions in order, and whether all hold; of one that was not decided `holds` and `how` are None.
 
@@ -33,10 +106,10 @@ def verification_json(verification: Verification) -> dict[str, Any]:
         "conditions": [
             {
                 "name": one.name,
-                "statement": one.statement,
+                "statement": statement(one),
                 "holds": one.holds,
                 "how": one.how,
-                "evidence": one.evidence,
+                "evidence": evidence(one),
                 "down_to_kmh": one.down_to_kmh,
                 "tolerated_errors": {
                     name: share if math.isfinite(share) else None for name, share in one.tolerated.items()
@@ -87,8 +160,8 @@ def _paragraphs(one: Condition) -> list[RenderableType]:
     how = f" ({one.how})" if one.how else ""
     return [
         heading(f"{one.name}: {_HOLDS[one.holds][1]}{how}", "-"),
-        indented(one.statement),
-        indented(one.evidence),
+        indented(statement(one)),
+        indented(evidence(one)),
         *([indented(f"Tolerated, each alone: {_tolerated(one)}.")] if one.tolerated else []),
         Text(""),
     ]

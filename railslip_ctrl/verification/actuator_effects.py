@@ -1,16 +1,28 @@
-"""What lag and dead time do to the published law and to the robust variants: records, conditions, conclusions."""
+"""What lag and dead time do to the published law and to the robust variants, and what is left of the gains.
+
+theta_hat' = k s phi ([Park2008] (49)) with a constant regressor phi adds (J/r) w int s dt to the torque, with
+w = k (Ta^2 + 12.96 omega^2) in SI (published k, units of `relay_loop`). With an ideal actuator and exact feed-forward
+s'' + (r/J) D s' + w s = 0: an oscillator that only D damps. With the actuator the integral path costs phase the loop
+does not have. The relay enters as a gain N: 0 for excursions far above its height, larger for smaller ones.
+
+A largest K/layer found with k = 0 and a largest k found without relay are not advice: used together they may be
+unstable. `joint_advice` bounds the relay gain over all points at once, takes half of it, and bounds k with that half.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from railslip_ctrl.core.errors import DomainError
+import numpy as np
+
+from railslip_ctrl.core.errors import DomainError, InputError, UnstableLoopError
 from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     INITIAL_SPEED_KMH,
     PARK2008,
+    Actuator,
     Rail,
     Vehicle,
 )
@@ -20,6 +32,8 @@ from .layered import SPEEDS_KMH, RailAdhesion
 from .limit_cycles import (
     LINEAR_CHANGE,
     LimitCycle,
+    critical_gains,
+    largest_relay_gain,
     law_runs,
     linear_limit_cycle,
     linearisation_change,
@@ -28,25 +42,235 @@ from .limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from .relay_loop import (
-    TABLE4_SLIDING,
-    FeedForward,
-    SlidingExistence,
-    SlidingGains,
-    SurfaceLoop,
-)
+from .relay_loop import TABLE4_SLIDING, FeedForward, SlidingExistence, SlidingGains, SurfaceLoop
 from .robust import LAYER_WIDTH, effective_torque
-from .surviving_gains import (
-    JointAdvice,
-    Survivors,
-    adaptive_unstable_poles,
-    advice_text,
-    joint_advice,
-    largest_adaptation,
-    survivors,
-    without_actuator,
-)
 from .verdict import Condition
+
+_RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
+_STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
+_TOLERANCE = 1e-9  # relative, of the bisection: far above the rounding of the root count
+_FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation with a period of 10 minutes
+_RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
+
+
+def without_actuator(loop: SurfaceLoop) -> SurfaceLoop:
+    """The same loop with an ideal actuator."""
+    return replace(loop, actuator=Actuator(dead_time=0.0, lag=0.0))
+
+
+def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
+    """Poles in the closed right half plane of the loop with its adaptation k, exactly counted."""
+    return loop.linear_loop(relay_gain=relay_gain, adaptation=loop.gains.k).unstable_closed_loop_poles
+
+
+def first_limit(stable: Callable[[float], bool], start: float) -> float:
+    """Smallest value above `start` (> 0) at which `stable` is lost, bisected to 1e-9; inf beyond 1e6 start.
+
+    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. InputError for a start that is
+    not positive, UnstableLoopError where the loop is not stable there.
+    """
+    if not (math.isfinite(start) and start > 0):
+        raise InputError(f"start: {start} is not allowed; give a finite value > 0")
+    if not stable(start):
+        raise UnstableLoopError(
+            f"largest gain: the loop is unstable at {start:.6g}, where the search starts; start where it is stable",
+            unstable_poles=math.nan,
+            stabilizing_gain_range=None,
+        )
+    low = start
+    for _ in range(_STEPS):
+        high = low * _RATIO
+        if not stable(high):
+            break
+        low = high
+    else:
+        return math.inf
+    while high - low > _TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+def largest_adaptation(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> float:
+    """Largest k (as printed, see `SlidingGains`) with which the linear loop is stable; inf without bound, 0 where it is
+    unstable without adaptation. `relay_gain` stands for the relay, N*m/(m/s), >= 0.
+    """
+    start = _FIRST / loop.regressor_power
+    if not loop.is_stable(relay_gain=relay_gain, adaptation=start):
+        return 0.0
+    return first_limit(lambda k: loop.is_stable(relay_gain=relay_gain, adaptation=k), start)
+
+
+def survivable_excursion(loop: SurfaceLoop) -> float:
+    """Amplitude of s, m/s, up to which the adaptive loop with its relay comes back, by the describing function.
+
+    inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
+    """
+    k = loop.gains.k
+    if loop.is_stable(adaptation=k):
+        return math.inf
+    top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
+    tried: list[float] = np.linspace(0.0, top, _RELAY_SAMPLES).tolist()
+    helped = [n for n in tried if loop.is_stable(relay_gain=n, adaptation=k)]
+    if not helped:
+        return 0.0
+    low, high = 0.0, helped[0]
+    while high - low > _TOLERANCE * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if loop.is_stable(relay_gain=middle, adaptation=k) else (middle, high)
+    return 4 * loop.gains.K / (math.pi * high)
+
+
+def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
+    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude (half of the slip's
+    swing, a ratio, > 0, else InputError); a load makes it smaller. DomainError where the relay does not oscillate.
+    """
+    if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
+        raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
+    return slip_amplitude / linear_limit_cycle(loop, K=1.0).slip_amplitude
+
+
+@dataclass(frozen=True)
+class Survivors:
+    """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
+
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k:
+    largest k. K: largest, N*m, for
+    a limit cycle within slip_amplitude, linearised; 0 where no K gives a stable cycle, inf where none oscillates.
+    linear_change: `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho,
+    D: 1/s, N*m/(m/s); inf without bound. relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest
+    without limit cycle at the gains' own K, m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
+    """
+
+    stable: bool
+    k: float
+    K: float
+    slip_amplitude: float
+    linear_change: float
+    rho: float
+    D: float
+    relay_gain: float
+    layer: float
+    excursion: float
+
+
+def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
+    """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
+    gains = loop.gains
+    stable = loop.is_stable()
+    gain = largest_relay_gain(loop)
+    # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
+    relay = largest_relay(loop, slip_amplitude) if 0.0 < gain < math.inf else gain
+    finite = 0.0 < relay < math.inf
+    return Survivors(
+        stable=stable,
+        k=largest_adaptation(loop),
+        K=relay,
+        slip_amplitude=slip_amplitude,
+        linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)) if finite else 0.0,
+        rho=first_limit(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
+        D=first_limit(lambda D: loop.with_gains(D=D).is_stable(), gains.D) if stable else 0.0,
+        relay_gain=gain,
+        layer=gains.K / gain if gain > 0 else math.inf,
+        excursion=survivable_excursion(loop),
+    )
+
+
+# --- gains that were checked together ---------------------------------------------------------------------------------
+
+
+MARGIN = 0.5
+"""Share of a joint limit that is advised."""
+
+FIT_MS = 2.0
+"""Largest sensitivity peak with which a loop is called fit for service, as of the design checks."""
+
+_FIRST_K = 1e-4  # 1/s^2 of k |phi|^2 the search starts with: an oscillation with a period of 10 minutes
+_LARGEST_K = 1.0  # 1/s^2: a period of 6 s, that of the loop itself
+_LEAST_D = 0.1  # N*m/(m/s): nothing beside (J/r) rho
+_JOINT_TOLERANCE = 1e-3  # relative, of the bisections: far below the margin taken
+
+
+@dataclass(frozen=True)
+class JointAdvice:
+    """Gains decided together over `points` operating points.
+
+    unstable: points that are unstable without relay and adaptation; with any, the gains below are 0. relay_limit,
+    relay_gain: largest K/layer, N*m/(m/s), that all points bear with k = 0; the advised one. k_limit, k: largest k, as
+    printed, that all points bear with `relay_gain`, and the advised one. ms, ms_with_k, ms_without: largest sensitivity
+    peak over the points with `relay_gain`, with `k` too, and with neither; inf where unstable. worst: the point of
+    `ms`. D_limit: largest D, N*m/(m/s), with which no point is unstable; 0 where there is none, NaN where none is
+    unstable.
+    """
+
+    points: int
+    unstable: tuple[str, ...]
+    relay_limit: float
+    relay_gain: float
+    k_limit: float
+    k: float
+    ms: float
+    ms_with_k: float
+    ms_without: float
+    worst: str
+    D_limit: float
+
+    @property
+    def fit(self) -> bool:
+        """Whether the loop so advised has the margins of one fit for service."""
+        return self.ms <= FIT_MS
+
+
+def joint_advice(loops: Mapping[str, SurfaceLoop]) -> JointAdvice:
+    """Decide K/layer and k together for loops of one law, by the names of their points."""
+    unstable = tuple(name for name, loop in loops.items() if not loop.is_stable())
+    every = list(loops.values())
+    if unstable:
+        limit = _joint_limit(every, lambda loop, D: loop.with_gains(D=D).is_stable(), _LEAST_D, every[0].gains.D)
+        return JointAdvice(len(every), unstable, 0.0, 0.0, 0.0, 0.0, *3 * (math.inf,), unstable[0], limit)
+    relay_limit = min(largest_relay_gain(loop) for loop in every)
+    # without a bound no layer is needed for stability: the relay's place is then taken by D alone
+    gain = MARGIN * relay_limit if relay_limit < math.inf else 0.0
+    power = max(loop.regressor_power for loop in every)
+    k_limit = _joint_limit(
+        every,
+        lambda loop, k: loop.is_stable(relay_gain=gain, adaptation=k),
+        _FIRST_K / power,
+        _LARGEST_K / min(loop.regressor_power for loop in every),
+    )
+    peaks = {name: _peak(loop, gain, 0.0) for name, loop in loops.items()}
+    worst = max(peaks, key=lambda name: peaks[name])
+    k = MARGIN * k_limit
+    with_k, without = (max(_peak(loop, *gains) for loop in every) for gains in ((gain, k), (0.0, 0.0)))
+    return JointAdvice(len(every), (), relay_limit, gain, k_limit, k, peaks[worst], with_k, without, worst, math.nan)
+
+
+def _joint_limit(
+    loops: list[SurfaceLoop], stable: Callable[[SurfaceLoop, float], bool], low: float, high: float
+) -> float:
+    """Largest value up to `high` that every loop bears, bisected; 0 where one does not bear `low`."""
+    limit = high
+    for loop in loops:
+        if stable(loop, limit):
+            continue
+        if not stable(loop, low):
+            return 0.0
+        below = low
+        while limit - below > _JOINT_TOLERANCE * limit:
+            middle = 0.5 * (below + limit)
+            below, limit = (middle, limit) if stable(loop, middle) else (below, middle)
+        limit = below
+    return limit
+
+
+def _peak(loop: SurfaceLoop, relay_gain: float, k: float) -> float:
+    """Ms; inf where the loop is unstable."""
+    linear = loop.linear_loop(relay_gain=relay_gain, adaptation=k)
+    return linear.margins().ms if linear.is_stable() else math.inf
+
+
+# --- the effect at one operating point --------------------------------------------------------------------------------
+
 
 COMPARED_RELAYS = (70.0, 200.0, 400.0)
 """K, N*m: Table 4's, and what it takes to carry disturbances of the size the paper simulates."""
@@ -108,8 +332,7 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    cycles: one for each K compared that has one, ascending; no_cycle: why the gains' own K has none, empty where it
-    has; ideal: what the adaptation would do with an ideal actuator; unstable_ideal, unstable_actual: number of
+    cycles: one for each K compared that has one, ascending; unstable_ideal, unstable_actual: number of
     right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: of
     those with actuator and without adaptation.
     """
@@ -117,7 +340,6 @@ class ActuatorEffect:
     loop: SurfaceLoop
     existence: SlidingExistence
     cycles: tuple[RelayCycle, ...]
-    no_cycle: str
     unstable_ideal: float
     unstable_actual: float
     unstable_linear: float
@@ -130,56 +352,33 @@ class ActuatorEffect:
         return f"{point.adhesion} {point.rail.value}, inertia x {point.vehicle.inertia_scale:g}"
 
     @property
+    def own_cycle(self) -> RelayCycle | None:
+        """The cycle with the gains' own K, where there is one."""
+        return self.cycles[0] if self.cycles and self.cycles[0].linear.K == self.loop.gains.K else None
+
+    @property
     def holds_the_wheel(self) -> bool:
         """Whether the cycle with the gains' own K, adaptation off, keeps the slip between 0 and twice the reference.
 
         Without a cycle: whether the loop is stable about its rest.
         """
-        if self.no_cycle:
+        cycle = self.own_cycle
+        if cycle is None:
             return self.unstable_linear == 0
-        actual = self.cycles[0].actual
-        if actual is None:
-            return False
-        return actual.sigma_range[0] > 0.0 and actual.sigma_range[1] < 2 * self.loop.plant.point.sigma
-
-    @property
-    def cycle_text(self) -> str:
-        """The cycle with the gains' own K in words, with the slip's range."""
-        if self.no_cycle:
-            return self.no_cycle
-        cycle = self.cycles[0]
-        actual, K, speed = cycle.actual, cycle.linear.K, self.loop.plant.point.speed
-        if actual is None:
-            return f"with K = {K:g} N*m the wheel locks or leaves the adhesion model in the simulation: it is lost"
-        low, high = (sigma / speed for sigma in actual.sigma_range)
-        held = "" if high < 2 * self.loop.plant.point.slip else ", beyond twice the reference"
-        held += "" if low > 0 else ", releasing the wheel once a period"
-        beyond = "" if cycle.linear_holds else f"; the linearised loop would say {cycle.linear.slip_amplitude:.4f}"
-        return (
-            f"K = {K:g} N*m cycles with {actual.period:.2f} s and a slip amplitude of {actual.slip_amplitude:.4f} "
-            f"({low:.3f} to {high:.3f}{held}{beyond})"
-        )
-
-    @property
-    def adaptation_hopeless(self) -> bool:
-        """Whether the printed k is unstable at every relay gain."""
-        return self.survivors.excursion == 0
+        low, high = cycle.actual.sigma_range if cycle.actual is not None else (-math.inf, math.inf)
+        return low > 0.0 and high < 2 * self.loop.plant.point.sigma
 
 
 def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
     """Analyse one loop; `slip_amplitude`: what K may make of the slip, a ratio, > 0, see `largest_relay`."""
     relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
-    unstable = adaptive_unstable_poles(loop.with_gains(k=0.0))
-    cycles = _relay_cycles(loop, relays)
-    own = bool(cycles) and cycles[0].linear.K == loop.gains.K
     return ActuatorEffect(
         loop=loop,
         existence=loop.sliding_existence(),
-        cycles=cycles,
-        no_cycle="" if own else _why_no_cycle(loop, unstable),
+        cycles=_relay_cycles(loop, relays),
         unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
         unstable_actual=adaptive_unstable_poles(loop),
-        unstable_linear=unstable,
+        unstable_linear=adaptive_unstable_poles(loop.with_gains(k=0.0)),
         survivors=survivors(loop, slip_amplitude=slip_amplitude),
     )
 
@@ -199,24 +398,6 @@ def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycl
     return tuple(cycles)
 
 
-def _why_no_cycle(loop: SurfaceLoop, unstable: float) -> str:
-    """For the gains' own K, from the poles without relay and adaptation."""
-    K, gains = loop.gains.K, f"D = {loop.gains.D:.4g} N*m/(m/s) and rho = {loop.gains.rho:.4g} 1/s"
-    if unstable:
-        return (
-            f"no stable cycle: {gains} leave {unstable:.0f} unstable poles whatever the relay does, so that small "
-            "swings grow"
-        )
-    if loop.load >= K:
-        return (
-            f"K = {K:g} N*m does not carry the {loop.load:.1f} N*m of travelling resistance: the relay rests on one "
-            f"side, D s carries the rest, and nothing cycles ({gains} are stable by themselves)"
-        )
-    if loop.sliding_existence().exists:
-        return f"no cycle: the relay acts at once, K = {K:g} N*m"
-    return f"K = {K:g} N*m has no cycle with two switches a period ({gains} are stable by themselves)"
-
-
 def cycle_table(effects: Sequence[ActuatorEffect]) -> str:
     """Limit cycles of some `effects` as text.
 
@@ -227,7 +408,7 @@ def cycle_table(effects: Sequence[ActuatorEffect]) -> str:
         f"{'lin. T':>7} {'lin. slip':>10} {'DF T':>6} {'DF s':>6}"
     ]
     for effect in effects:
-        if effect.no_cycle:
+        if effect.own_cycle is None:
             lines.append(f"{effect.name:28} {effect.loop.gains.K:5.0f} {'--':>9}")
         lines += [f"{effect.name:28} {cycle.linear.K:5.0f} {_row(cycle)}" for cycle in effect.cycles]
     return "\n".join(
@@ -252,89 +433,54 @@ def _row(cycle: RelayCycle) -> str:
     return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
 
 
-def conclusion(effects: Sequence[ActuatorEffect], advice: JointAdvice, points: str) -> str:
-    """One paragraph for an engineer, from the numbers of the effects, closed by the joint advice.
-
-    `points` says in words over which operating points the advice was decided. DomainError without any effect.
-    """
-    if not effects:
-        raise DomainError("conclusion: no operating point was analysed; give at least one")
-    first = effects[0]
-    if first.existence.exists:
-        return "This actuator acts at once: sliding exists, nothing cycles, and it sets no limit to K, D, rho and k."
-    small = [cycle for effect in effects for cycle in effect.cycles if cycle.actual is not None and cycle.linear_holds]
-    opening = f"With the actuator no ideal sliding mode exists: {first.existence.reason}."
-    if any(effect.cycles for effect in effects):
-        opening += (
-            " What takes its place is a limit cycle whose period depends little on K and whose amplitude grows with K"
-            f"{_accuracy(small)}. Alone, with the adaptation off and the speed frozen:"
-        )
-    cases = (_of_case(effect) for effect in effects)
-    return " ".join([opening, *cases, advice_text(advice, points)])
-
-
-def _accuracy(cycles: Sequence[RelayCycle]) -> str:
-    """How good the describing function is for cycles over which the linearisation holds; nothing of none."""
-    if not cycles:
-        return ""
-    period = 100 * max(abs(cycle.period_error) for cycle in cycles)
-    amplitude = 100 * max(abs(cycle.amplitude_error) for cycle in cycles)
-    return (
-        f" (describing function within {period:.1f} % of the period and {amplitude:.1f} % of the amplitude of s, where "
-        "the swing is small enough for the linearisation)"
-    )
-
-
-def _of_case(effect: ActuatorEffect) -> str:
-    left, k = effect.survivors, effect.loop.gains.k
-    short = "" if effect.loop.load < left.K else f", less than the {effect.loop.load:.1f} N*m of travelling resistance"
-    hint = "" if left.linear_change <= LINEAR_CHANGE else " (linearised beyond its range)"
-    if k == 0:
-        adaptation = f"adaptation would be stable up to k = {left.k:.3g}"
-    elif effect.adaptation_hopeless:
-        adaptation = (
-            f"the adaptation with k = {k:.3g} is unstable whatever the relay does ({effect.unstable_actual:.0f} poles; "
-            f"ideal actuator: {effect.unstable_ideal:.0f}), k <= {left.k:.3g} survives"
-        )
-    elif effect.unstable_actual:
-        adaptation = (
-            f"the adaptation with k = {k:.3g} is unstable once s exceeds {left.excursion:.2g} m/s, for then the relay "
-            f"is too small to damp it; k <= {left.k:.3g} survives"
-        )
-    else:
-        adaptation = f"k = {k:.3g} is stable, {left.k / k:.2f} times as much is not"
-    if not left.stable:
-        return f"{effect.name}: {effect.cycle_text}; no layer and no k makes it stable."
-    return (
-        f"{effect.name}: {effect.cycle_text}. One at a time, the others as they are, the limits here are: "
-        f"{_at_most('K', left.K, '.1f', 'N*m')}{hint}{short} for a slip amplitude of {left.slip_amplitude:g}; a "
-        f"boundary layer of {left.layer:.3f} m/s at K = {effect.loop.gains.K:g} N*m; "
-        f"{_at_most('rho', left.rho, '.3g', '1/s')}; {_at_most('D', left.D, '.4g', 'N*m/(m/s)')}; {adaptation}."
-    )
-
-
-def _at_most(name: str, limit: float, form: str, unit: str) -> str:
-    return f"{name} without limit" if math.isinf(limit) else f"{name} <= {limit:{form}} {unit}"
-
-
 # --- the published law behind the actuator ----------------------------------------------------------------------------
 
 
-POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
+@dataclass(frozen=True)
+class PublishedBehind:
+    """What is concluded of the published law from beside the verdicts; see `report.verification`.
+
+    advice: over a stop; as_published: largest k that is stable over the printed one in the as-published reading, by
+    adhesion and rail, the relay's help left out; empty where nothing is published of the vehicle.
+    """
+
+    effects: tuple[ActuatorEffect, ...]
+    advice: JointAdvice
+    as_published: Mapping[str, float]
+
+    @property
+    def accuracy(self) -> tuple[float, float] | None:
+        """Largest errors of the describing function, of period and amplitude, shares, where the linearisation holds."""
+        cycles = [cycle for effect in self.effects for cycle in effect.cycles]
+        errors = [
+            (abs(cycle.period_error), abs(cycle.amplitude_error))
+            for cycle in cycles
+            if cycle.actual is not None and cycle.linear_holds
+        ]
+        return (max(one for one, _ in errors), max(one for _, one in errors)) if errors else None
 
 
-def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:
-    """Conditions and conclusion with these gains (N*m, N*m/(m/s)), rho and k as printed.
+def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], PublishedBehind]:
+    """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
     Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
     cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
     """
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
-    advice = joint_advice(stop_loops(K, D, vehicle))
-    told = conclusion(effects, advice, POINTS)
-    if is_published(vehicle) and not effects[0].existence.exists:  # of another vehicle nothing is published
-        told = f"{told} {_as_published(D, vehicle)}"
-    return tuple(_conditions(effects)), told
+    ratios = {}
+    if is_published(vehicle) and not effects[0].existence.exists:
+        for adhesion in ("bristle", "curve"):
+            for rail in Rail:
+                loop = published_loop(
+                    rail, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion=adhesion, vehicle=vehicle
+                ).with_gains(D=D)
+                ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
+    found = PublishedBehind(effects, joint_advice(stop_loops(K, D, vehicle)), ratios)
+    return _conditions(effects), found
+
+
+POINTS = f"{SPEEDS_KMH[0]:g} to {SPEEDS_KMH[-1]:g} km/h, dry and wet, empty and loaded"
+"""Of a stop, over which advice is decided, in words."""
 
 
 def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
@@ -351,122 +497,70 @@ def stop_loops(K: float, D: float, vehicle: Vehicle) -> dict[str, SurfaceLoop]:
 
 def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float = INITIAL_SPEED_KMH) -> SurfaceLoop:
     loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle, speed_kmh=speed_kmh)
-    return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho, k=loop.gains.k))
+    return loop.with_gains(K=K, D=D)
 
 
-def _as_published(D: float, vehicle: Vehicle) -> str:
-    """How far the printed k is from unstable in the as-published reading, the relay's help left out."""
-    scale, ratios = AS_PUBLISHED_INERTIA_SCALE, []
-    for adhesion in ("bristle", "curve"):
-        for rail in Rail:
-            loop = published_loop(rail, inertia_scale=scale, adhesion=adhesion, vehicle=vehicle).with_gains(D=D)
-            ratios.append(f"{adhesion} {rail} {largest_adaptation(loop) / loop.gains.k:.2f}")
+def _conditions(effects: tuple[ActuatorEffect, ...]) -> tuple[Condition, ...]:
+    first = effects[0]
+    actuator, gains = first.loop.actuator, first.loop.gains
+    runs = {effect.name: law_runs(effect.loop) for effect in effects}
     return (
-        f"In the as-published reading (inertia x {scale:g}) the largest k that is stable, over the printed one, is: "
-        f"{', '.join(ratios)}; below 1 the printed adaptation is unstable, little above 1 barely stable."
-    )
-
-
-def _conditions(effects: tuple[ActuatorEffect, ...]) -> list[Condition]:
-    set_of_points = "bristle model, 100 km/h, published reference slip; " + "; ".join(effect.name for effect in effects)
-    actuator = effects[0].loop.actuator
-    return [
         Condition(
             "sliding exists behind the actuator",
-            f"With dead time {actuator.dead_time:g} s and lag {actuator.lag:g} s between command and torque, s reaches "
-            "0 and stays there.",
             all(effect.existence.exists for effect in effects),
             "symbolic",
-            effects[0].existence.reason,
+            {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence},
             claimed=True,
         ),
         Condition(
             "the relay's own cycle spares the wheel",
-            "Without adaptation, at frozen speed and undisturbed, the oscillation that takes the place of sliding "
-            "keeps the slip between 0 and twice the reference.",
             all(effect.holds_the_wheel for effect in effects),
             "sampled",
-            f"Limit cycles of the nonlinear wheel over: {set_of_points}. "
-            + "; ".join(f"{effect.name}: {effect.cycle_text}" for effect in effects)
-            + ".",
+            {"effects": effects},
         ),
-        _spared(effects),
         Condition(
-            "the adaptive loop is stable behind the actuator",
-            "With the gain k of the law the linearised adaptive loop has no pole right of the axis.",
-            all(effect.unstable_actual == 0 for effect in effects),
-            "sampled",
-            f"Exact root counts over: {set_of_points}. " + "; ".join(_adaptation(e) for e in effects) + ".",
+            "the law behind the actuator spares the wheel",
+            all(one.spared for pair in runs.values() for one in pair),
+            "simulated",
+            {"runs": runs, "K": gains.K, "k": gains.k},
             claimed=True,
         ),
-    ]
-
-
-def _spared(effects: tuple[ActuatorEffect, ...]) -> Condition:
-    """The whole law, simulated."""
-    runs = {effect.name: law_runs(effect.loop) for effect in effects}
-    return Condition(
-        "the law behind the actuator spares the wheel",
-        "(45) with its relay and the adaptation (49) keeps the slip between 0 and twice the reference.",
-        all(one.spared for pair in runs.values() for one in pair),
-        "simulated",
-        "; ".join(f"{name}: {', '.join(one.text for one in pair)}" for name, pair in runs.items())
-        + f". Nonlinear wheel, from 5 % above the reference at 100 km/h, undisturbed, parameters known, theta_hat from "
-        f"0: {effects[0].loop.gains.K:g} N*m relay, k = {effects[0].loop.gains.k:g}, steps of 5 ms; the speed frozen "
-        "for 60 s times the inertia scale, and falling to 5 km/h.",
-        claimed=True,
-    )
-
-
-def _adaptation(effect: ActuatorEffect) -> str:
-    survives = (
-        (f"up to k = {effect.survivors.k:.3g} none" if math.isfinite(effect.survivors.k) else "nor at any other k")
-        if effect.survivors.stable
-        else f"{effect.unstable_linear:g} of them without any adaptation"
-    )
-    return (
-        f"{effect.name}: {effect.unstable_actual:g} unstable poles (ideal actuator: {effect.unstable_ideal:g}) at "
-        f"k = {effect.loop.gains.k:g}, {survives}"
+        Condition(
+            "the adaptive loop is stable behind the actuator",
+            all(effect.unstable_actual == 0 for effect in effects),
+            "sampled",
+            {"effects": effects},
+            claimed=True,
+        ),
     )
 
 
 # --- the robust variants behind the actuator --------------------------------------------------------------------------
 
 
-def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], str]:
-    """The conditions of layer and relay behind the actuator, and the conclusion; gains in N*m and N*m/(m/s)."""
-    loops = {rail: _variant_loop(rail, K, D, vehicle) for rail in Rail}
+@dataclass(frozen=True)
+class VariantsBehind:
+    """Largest K, N*m, whose layer is stable on both rails; what the reaching condition asks; whether all holds."""
+
+    carried: float
+    asked: float
+    all_hold: bool
+
+
+def variants_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], VariantsBehind]:
+    """The conditions of layer and relay behind the actuator, and what is concluded from; gains in N*m, N*m/(m/s)."""
+    loops = {rail: _loop(rail, K, D, vehicle).with_gains(k=0.0) for rail in Rail}
     stable = {rail: loop.is_stable(relay_gain=K / LAYER_WIDTH) for rail, loop in loops.items()}
     carried = {rail: _carried(loop) for rail, loop in loops.items()}
     existence = loops[Rail.DRY].sliding_existence()
     asked = effective_torque(vehicle)
-    listed = "; ".join(
-        f"{rail}: {'stable' if stable[rail] else 'UNSTABLE'}, stable up to K = {carried[rail]:.4g} N m" for rail in Rail
-    )
+    numbers = {"K": K, "layer": LAYER_WIDTH, "stable": stable, "carried": carried, "asked": asked}
     conditions = (
-        Condition(
-            "the layer is stable behind the actuator",
-            f"With the actuator the loop within the layer, a gain K/Phi on s, has no pole right of the axis (Phi = "
-            f"{LAYER_WIDTH:g} m/s).",
-            all(stable.values()),
-            "sampled",
-            f"K/Phi = {K / LAYER_WIDTH:.4g} N m/(m/s), exact root counts, bristle model, 100 km/h, published reference "
-            f"slip: {listed}. The reaching condition asks K > {asked:.4g} N m.",
-        ),
-        Condition(
-            "the relay slides behind the actuator",
-            "With the actuator s of the variant with a relay (sigma-modification) reaches 0 and stays there.",
-            existence.exists,
-            "symbolic",
-            existence.reason,
-        ),
+        Condition("the layer is stable behind the actuator", all(stable.values()), "sampled", numbers),
+        Condition("the relay slides behind the actuator", existence.exists, "symbolic", {"existence": existence}),
     )
-    return conditions, _variants_conclusion(conditions, min(carried.values()), asked)
-
-
-def _variant_loop(rail: Rail, K: float, D: float, vehicle: Vehicle) -> SurfaceLoop:
-    loop = published_loop(rail, inertia_scale=vehicle.inertia_scale, vehicle=vehicle)
-    return replace(loop, gains=SlidingGains(K=K, D=D, rho=loop.gains.rho))
+    all_hold = all(one.holds for one in conditions)
+    return conditions, VariantsBehind(min(carried.values()), asked, all_hold)
 
 
 def _carried(loop: SurfaceLoop) -> float:
@@ -475,19 +569,4 @@ def _carried(loop: SurfaceLoop) -> float:
         per_torque = smallest_layer(loop, K=1.0)
     except DomainError:
         return 0.0
-    return LAYER_WIDTH / per_torque if per_torque > 0 else float("inf")
-
-
-def _variants_conclusion(conditions: tuple[Condition, ...], carried: float, asked: float) -> str:
-    if all(one.holds for one in conditions):
-        return "With this actuator the layer carries the gain that the reaching condition asks for."
-    both = (
-        f"The layer carries at most K = {carried:.4g} N m on both rails behind it, while the reaching condition asks "
-        f"more than {asked:.4g} N m: no K does both. "
-        if carried < asked
-        else ""
-    )
-    return (
-        "Proved for torque that acts at once; do not use these variants behind the pneumatic brake. "
-        f"{both}A sliding-mode law that has the actuator in it: `railslip verify --law layered`."
-    )
+    return LAYER_WIDTH / per_torque if per_torque > 0 else math.inf

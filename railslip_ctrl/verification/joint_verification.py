@@ -14,9 +14,9 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import PARK2008, Vehicle
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 
-from .actuator_effects import published_behind_actuator, variants_behind_actuator
+from .actuator_effects import PublishedBehind, VariantsBehind, published_behind_actuator, variants_behind_actuator
 from .layered import PUBLISHED_ADHESION, RailAdhesion
-from .layered_conditions import verify_layered
+from .layered_conditions import LayeredFindings, verify_layered
 from .published_law import lyapunov_conditions, reaching_conditions
 from .robust import design_gain, robust_conditions
 from .verdict import Verification
@@ -36,10 +36,10 @@ Law = Literal["paper", "robust", "layered"]
 
 @dataclass(frozen=True)
 class FullVerification:
-    """All conditions, and what an engineer may conclude."""
+    """All conditions, and what an engineer may conclude from: `report.verification.conclusion_text`."""
 
     verification: Verification
-    conclusion: str
+    findings: PublishedBehind | VariantsBehind | LayeredFindings
 
 
 @checked
@@ -123,9 +123,10 @@ def verify_with_actuator(
     _check_bristle(law, adhesion)
     ideal = verify(law=law, vehicle=vehicle, K=K, D=D, seed=seed)
     damping = PUBLISHED_LAW.D if D is None else D
-    behind = variants_behind_actuator if law == "robust" else published_behind_actuator
-    found, told = behind(ideal.K, damping, vehicle)
-    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), told)
+    found, findings = (variants_behind_actuator if law == "robust" else published_behind_actuator)(
+        ideal.K, damping, vehicle
+    )
+    return FullVerification(replace(ideal, conditions=(*ideal.conditions, *found)), findings)
 
 
 def _check_ranges(vehicle: Vehicle, K: float | None, D: float | None, seed: int) -> None:

@@ -46,7 +46,7 @@ from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linea
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
-from .fine_simulation import holding_torque, simulate_fine, switch
+from .fixed_step import holding_torque, simulate_fine, switch
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from .relay_loop import actuator_lag
 
@@ -202,18 +202,6 @@ class LayeredDesign:
         return pi * Rational(zeros, np.array([-1 / self.lead_filter]), (self.lead or 1.0) / self.lead_filter)
 
 
-@dataclass(frozen=True)
-class InducedGains:
-    """L1 norms of the impulse responses from a torque at the wheel, by exact responses and quadrature to 1e-4.
-
-    error and surface (s without lead) in (m/s)/(N*m), command in N*m/(N*m).
-    """
-
-    error: float
-    surface: float
-    command: float
-
-
 def layer_loop(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> DeadTimeLoop:
     """The loop of a `design` within the layer: `plant` (speed frozen) behind the `actuator`, dead time exact."""
     system = design.controller * actuator_lag(actuator) * _wheel(plant)
@@ -224,16 +212,6 @@ def _wheel(plant: LinearPlant) -> Rational:
     if plant.speed_state:
         raise InputError("plant: the speed is a state; linearise with the speed frozen (speed_state=False)")
     return Rational(plant.zeros, plant.poles, plant.gain)
-
-
-def induced_gains(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> InducedGains:
-    """L1 norms of the loop of a design within the layer; InfeasibleDesignError where it is unstable."""
-    return _gains_of(torque_impulse(design, plant, actuator))
-
-
-def _gains_of(impulse: Impulse) -> InducedGains:
-    signals = (impulse.error, impulse.surface, impulse.command)
-    return InducedGains(*(_norm(impulse.time, signal) for signal in signals))
 
 
 @dataclass(frozen=True)
@@ -248,6 +226,15 @@ class Impulse:
     error: Floats
     surface: Floats
     command: Floats
+
+    @property
+    def norms(self) -> tuple[float, float, float]:
+        """L1 norms of error, surface, (m/s)/(N*m), and command: gains from a torque at the wheel, to 1e-4."""
+        error, surface, command = (
+            float(np.sum(np.diff(self.time) * 0.5 * (np.abs(signal[1:]) + np.abs(signal[:-1]))))
+            for signal in (self.error, self.surface, self.command)
+        )
+        return error, surface, command
 
 
 def torque_impulse(design: LayeredDesign, plant: LinearPlant, actuator: Actuator) -> Impulse:
@@ -282,10 +269,6 @@ def _times(scale: float, end: float) -> Floats:
     first = np.linspace(0.0, fine, math.ceil(fine / scale * _PER_DEAD_TIME) + 1)
     rest = np.linspace(fine, end, math.ceil((end - fine) / scale * _PER_DEAD_TIME / _COARSER) + 1)
     return np.concatenate([first, rest[1:]])
-
-
-def _norm(time: Floats, signal: Floats) -> float:
-    return float(np.sum(np.diff(time) * 0.5 * (np.abs(signal[1:]) + np.abs(signal[:-1]))))
 
 
 # --- bounds ----------------------------------------------------------------------------------------------------------
@@ -343,10 +326,10 @@ def layer_bound(
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
     impulse = impulse or torque_impulse(design, plant, actuator)
-    gains = _gains_of(impulse)
+    of_error, of_surface, of_command = impulse.norms
     start = offset / plant.gain
     of_offset = start * float(np.abs(impulse.error).max())
-    remainder = _fixed_remainder(plant, gains.error, disturbance, of_offset)
+    remainder = _fixed_remainder(plant, of_error, disturbance, of_offset)
     total = disturbance + remainder
     late = np.flatnonzero(start * np.abs(impulse.error) > _NEGLIGIBLE * offset)
     return LayerBound(
@@ -354,10 +337,10 @@ def layer_bound(
         disturbance=disturbance,
         offset=offset,
         remainder=remainder,
-        error=gains.error * total,
-        largest_error=gains.error * total + of_offset,
-        surface=gains.surface * total + start * float(np.abs(impulse.surface).max()),
-        command=gains.command * total + start * float(np.abs(impulse.command).max()),
+        error=of_error * total,
+        largest_error=of_error * total + of_offset,
+        surface=of_surface * total + start * float(np.abs(impulse.surface).max()),
+        command=of_command * total + start * float(np.abs(impulse.command).max()),
         reaching_time=float(impulse.time[late[-1]]) if offset > 0 else 0.0,
         K=design.K,
     )
@@ -514,8 +497,7 @@ def _linear_command(design: LayeredDesign, plant: LinearPlant) -> float:
     vehicle = plant.point.vehicle
     impulse = torque_impulse(design, plant, vehicle.actuator)
     of_offset = OFFSET / plant.gain * float(np.abs(impulse.command).max())
-    gains = induced_gains(design, plant, vehicle.actuator)
-    return gains.command * bounded_disturbance(vehicle) + of_offset
+    return impulse.norms[2] * bounded_disturbance(vehicle) + of_offset
 
 
 def rail_bounds(
@@ -555,20 +537,14 @@ def _impulse_of(design: LayeredDesign, point: OperatingPoint) -> tuple[LinearPla
     return plant, torque_impulse(design, plant, point.vehicle.actuator)
 
 
-@dataclass(frozen=True)
-class LowestSpeeds:
-    """Speeds, km/h, from 100 on down to which every rail and load has the property; None: not even there.
+def lowest_speeds(
+    design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
+) -> tuple[float | None, float | None]:
+    """Speeds, km/h, from 100 on down to which every rail and load has a property; None: not even there.
 
-    `held`: from rest the bound on the slip is within 0 and twice the reference; `kept`: K is enough, from rest and from
-    `OFFSET`.
+    That from rest the bound on the slip is within 0 and twice the reference; and that besides K is enough, from rest
+    and from `OFFSET`.
     """
-
-    held: float | None
-    kept: float | None
-
-
-def lowest_speeds(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION) -> LowestSpeeds:
-    """The bounds at each of `SPEEDS_KMH`, from the highest on."""
     held: float | None = None
     kept: float | None = None
     keeps = True
@@ -577,10 +553,10 @@ def lowest_speeds(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesio
             for plant in adhesion.plants(laden, speed_kmh=speed_kmh).values():
                 rest, away = (_bound(design, plant, offset) for offset in (0.0, OFFSET))
                 if isinstance(rest, InfeasibleDesignError) or rest.error >= plant.point.sigma:
-                    return LowestSpeeds(held, kept)
+                    return held, kept
                 keeps &= rest.layer_kept and isinstance(away, LayerBound) and away.layer_kept
         held, kept = speed_kmh, speed_kmh if keeps else kept
-    return LowestSpeeds(held, kept)
+    return held, kept
 
 
 # --- simulations ----------------------------------------------------------------------------------------------------
@@ -598,7 +574,7 @@ class LayeredLaw:
         self.integral, self.filtered = 0.0, 0.0  # at rest before t = 0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `fine_simulation.Controller`; the surface returned is s_lead."""
+        """See `fixed_step.Controller`; the surface returned is s_lead."""
         d = self.design
         e = self.slip * v - sigma
         s = e + d.rho * self.integral

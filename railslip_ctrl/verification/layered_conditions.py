@@ -1,18 +1,18 @@
-"""The conditions of the layered law behind the actuator, and what an engineer may conclude from them.
+"""The conditions of the layered law behind the actuator: the loop in the layer, its bounds, and whole stops.
 
-The layered law over whole stops: disturbances, the falling speed, and a holding torque that is not known exactly.
-
-The law carries the holding torque of its own parameters as a function of the speed; a stop starts at the reference slip
-with that torque acting, be it right or wrong, and ends at 5 km/h. The slip that a random force makes grows as the speed
-falls, so that the law is cut out before the stop ends: the wheel is then braked open loop, below what it would slip at.
+In a stop the law carries the holding torque of its own parameters as a function of the speed; the stop starts at the
+reference slip with that torque acting, be it right or wrong, and ends at 5 km/h. The slip that a random force makes
+grows as the speed falls, so that the law is cut out before the stop ends: the wheel is then braked open loop, below
+what it would slip at.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,8 @@ from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
 
-from .fine_simulation import END_SPEED, simulate_fine, slip_range
+from .fixed_step import END_SPEED, simulate_fine, slip_range
 from .layered import (
-    DISTURBANCE,
     DURATION,
     HOLD_ERROR,
     OFFSET,
@@ -33,7 +32,6 @@ from .layered import (
     STEP,
     LayeredDesign,
     LayeredLaw,
-    LowestSpeeds,
     RailAdhesion,
     RailBounds,
     Torque,
@@ -49,18 +47,38 @@ from .layered import (
     random_torque,
     run_errors,
 )
-from .reaching import ADHESION_NOISE
 from .robust import LOWEST_FRICTION
 from .verdict import Condition, Verification
 
-_AUTHORITY = (
-    "K >= ||h_Tb||_1 (|d| + remainder): the layer is not left, from rest and from an error of "
-    f"{OFFSET:g} m/s. It stands for (40)."
-)
-_KEPT = "The nonlinear wheel with lag and dead time stays within the bounds under torques of that size, at 100 km/h."
-_GONE = 0.01  # share of the offset that counts as gone in a bound's reaching time
-_STABLE = "layer stable behind the actuator"
-_BOUND = "bound with the actuator"
+_STABLE, _BOUND = "layer stable behind the actuator", "bound with the actuator"
+_DISTURBED, _CUT_OUT = "published disturbances, simulated", "cut-out, simulated"
+HOLD_NAME = "holding torque known"
+
+
+@dataclass(frozen=True)
+class LayeredFindings:
+    """What is concluded from beside the verdicts; see `report.verification`.
+
+    design: None where no gains stabilise the rails, and then nothing that follows is; bounds: by rail, empty where
+    there is none; cut_out: speed, km/h, None without.
+    """
+
+    vehicle: Vehicle
+    adhesion: RailAdhesion
+    design: LayeredDesign | None = None
+    bounds: Mapping[Rail, RailBounds] | None = None
+    cut_out: float | None = None
+    unknown: Uncertainties | None = None
+
+    @property
+    def asked(self) -> float:
+        """Least authority, N*m; NaN without a design."""
+        return math.nan if self.design is None else least_authority(self.design, self.vehicle, self.adhesion)
+
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """The loads it was decided for."""
+        return tuple(load_cases(self.vehicle))
 
 
 def verify_layered(
@@ -70,26 +88,44 @@ def verify_layered(
     K: float | None,
     seed: int,
     ki_min: float | None = None,
-) -> tuple[Verification, str]:
-    """The conditions and the conclusion.
+) -> tuple[Verification, LayeredFindings]:
+    """The conditions, and what is concluded from.
 
     Where no gains stabilise the rails the first condition does not hold, and the others, which are about a law that
     there is none of, are not decided; K is then 0 unless given.
     """
+    found = LayeredFindings(vehicle, adhesion)
+    about = {"adhesion": adhesion, "loads": found.loads, "disturbance": bounded_disturbance(vehicle)}
     try:
         design = layered_design(vehicle, adhesion, K=K, ki_min=ki_min)
     except InfeasibleDesignError as error:
-        conditions = _without_design(str(error), vehicle, adhesion)
-        none = Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions))
-        return none, _no_design(vehicle, adhesion)
+        undecided = (
+            *(_BOUND, "authority", "bounds kept, simulated", _DISTURBED, _CUT_OUT, "speed falling, simulated"),
+            *(HOLD_NAME, uncertain_name(vehicle)),
+        )
+        conditions = [
+            Condition(_STABLE, False, "sampled", {**about, "reason": str(error)}),
+            *(Condition(name, None, None, {**about, "missing": "law"}) for name in undecided),
+        ]
+        return Verification("layered", vehicle.inertia_scale, K or 0.0, None, seed, tuple(conditions)), found
     conditions = [layered_stability(design, vehicle, adhesion)]
+    bounds: dict[Rail, RailBounds] = {}
     try:
         bounds = rail_bounds(design, vehicle, adhesion)
     except InfeasibleDesignError as error:
-        bounds = {}
-        conditions += _without_bound(str(error), vehicle)
+        missing = {**about, "missing": "bound"}
+        conditions += [
+            Condition(_BOUND, False, "sampled", {**about, "reason": str(error)}),
+            *(Condition(name, None, None, missing) for name in ("authority", "bounds kept, simulated")),
+        ]
     else:
-        conditions += _bounded(design, bounds, lowest_speeds(design, vehicle, adhesion), vehicle, adhesion)
+        held, kept = lowest_speeds(design, vehicle, adhesion)
+        numbers = {**about, "design": design, "bounds": bounds}
+        conditions += [
+            Condition(_BOUND, held is not None, "sampled", numbers, down_to_kmh=held),
+            Condition("authority", kept is not None, "sampled", numbers, down_to_kmh=kept),
+            bounds_kept(design, bounds),
+        ]
     tolerances = {rail: tolerated(design, plant.point) for rail, plant in adhesion.plants(vehicle).items()}
     unknown = uncertainties(design, tolerances, vehicle, adhesion)
     disturbed, cut_out = held_under_published_disturbances(design, vehicle, seed, adhesion)
@@ -97,25 +133,11 @@ def verify_layered(
         disturbed,
         cut_out_condition(cut_out, vehicle, seed, adhesion),
         held_while_the_speed_falls(design, vehicle, adhesion),
-        hold_known(design, tolerances, vehicle, adhesion),
+        hold_known(design, tolerances, vehicle),
         published_uncertainties(unknown, vehicle, adhesion),
     ]
-    found = Verification("layered", vehicle.inertia_scale, design.K, None, seed, tuple(conditions))
-    promised = f"on {adhesion.rails_text} rail, {' and '.join(load_cases(vehicle))}"
-    failing = [one.name for one in found.failing if one.name != uncertain_name(vehicle)]
-    if failing or cut_out is None:
-        asked = least_authority(design, vehicle, adhesion)
-        more = failing == [HOLD_NAME] and asked <= design.K
-        return found, _refusal(found, failing, _more(design) if more else _remedy(design, bounds, asked, adhesion))
-    return found, _promise(design, bounds, promised, cut_out) + _unknown_advice(unknown)
-
-
-def _no_design(vehicle: Vehicle, adhesion: RailAdhesion) -> str:
-    return (
-        f"There is no layered law for {vehicle.name} with the {adhesion.text} on {adhesion.rails_text} rail: no gains "
-        "stabilise the wheel at the reference slip. Remedy: a smaller reference slip, where the adhesion falls less, a "
-        "wheel of more inertia, or an actuator with less lag and dead time."
-    )
+    found = replace(found, design=design, bounds=bounds, cut_out=cut_out, unknown=unknown)
+    return Verification("layered", vehicle.inertia_scale, design.K, None, seed, tuple(conditions)), found
 
 
 def layered_stability(
@@ -123,8 +145,9 @@ def layered_stability(
 ) -> Condition:
     """The loop within the layer over the stop, by the exact root count."""
     margins, unstable = {}, {}
+    loads = load_cases(vehicle)
     for speed_kmh in SPEEDS_KMH:
-        for load, laden in load_cases(vehicle).items():
+        for load, laden in loads.items():
             for rail, plant in adhesion.plants(laden, speed_kmh=speed_kmh).items():
                 loop = layer_loop(design, plant, vehicle.actuator)
                 name = f"{rail}, {speed_kmh:g} km/h, {load}"
@@ -132,198 +155,36 @@ def layered_stability(
                     margins[name] = loop.margins().ms
                 else:
                     unstable[name] = speed_kmh
-    worst = max(margins, key=lambda name: margins[name], default=None)
-    least = "" if worst is None else f"; largest Ms {margins[worst]:.3f} ({worst})"
-    return Condition(
-        _STABLE,
-        _stable_statement(vehicle, adhesion),
-        not unstable,
-        "sampled",
-        f"kp = K/layer = {design.kp:.4g} N m/(m/s), ki = rho kp = {design.ki:.4g} N m/m, lead {design.lead:g} s over "
-        f"{design.lead_filter:g} s. Exact root counts, {adhesion.text}, reference slip, {len(margins) + len(unstable)} "
-        f"points: {'all stable' if not unstable else 'unstable at ' + '; '.join(unstable)}{least}.",
-        down_to_kmh=min((one for one in SPEEDS_KMH if one > max(unstable.values(), default=0.0)), default=None),
-    )
+    numbers = {
+        **{"design": design, "adhesion": adhesion, "loads": tuple(loads), "margins": margins, "unstable": unstable},
+        "worst": max(margins, key=lambda name: margins[name], default=None),
+    }
+    down_to = min((one for one in SPEEDS_KMH if one > max(unstable.values(), default=0.0)), default=None)
+    return Condition(_STABLE, not unstable, "sampled", numbers, down_to_kmh=down_to)
 
 
-def _stable_statement(vehicle: Vehicle, adhesion: RailAdhesion) -> str:
-    rails = "both rails" if len(adhesion.rails) > 1 else f"{adhesion.rails_text} rail"
-    return (
-        f"With dead time and lag the loop within the layer is stable on {rails}, {' and '.join(load_cases(vehicle))}, "
-        f"from {SPEEDS_KMH[-1]:g} to {SPEEDS_KMH[0]:g} km/h."
-    )
-
-
-def _without_design(reason: str, vehicle: Vehicle, adhesion: RailAdhesion) -> list[Condition]:
-    """Every condition where no gains stabilise the rails: that one fails, and leaves no law to decide the others by."""
-    none = f"There is no law to decide it by: see `{_STABLE}`."
-    undecided = (
-        (_BOUND, _bound_statement(vehicle)),
-        ("authority", _AUTHORITY),
-        ("bounds kept, simulated", _KEPT),
-        (DISTURBED_NAME, DISTURBED),
-        (CUT_OUT_NAME, CUT_OUT),
-        ("speed falling, simulated", FALLING_HELD),
-        (HOLD_NAME, HOLD_KNOWN),
-        (uncertain_name(vehicle), "What the law does not know leaves the holding torque known well enough."),
-    )
-    return [
-        Condition(_STABLE, _stable_statement(vehicle, adhesion), False, "sampled", f"No gains do that: {reason}."),
-        *(Condition(name, statement, None, None, none) for name, statement in undecided),
-    ]
-
-
-def _without_bound(reason: str, vehicle: Vehicle) -> list[Condition]:
-    """The bound's conditions where there is none: what is about the bound itself is not decided."""
-    none = f"There is no bound to decide it by: see `{_BOUND}`."
-    return [
-        _bound_condition(False, reason, vehicle),
-        Condition("authority", _AUTHORITY, None, None, none),
-        Condition("bounds kept, simulated", _KEPT, None, None, none),
-    ]
-
-
-def _bound_condition(holds: bool, evidence: str, vehicle: Vehicle, down_to_kmh: float | None = None) -> Condition:
-    return Condition(_BOUND, _bound_statement(vehicle), holds, "sampled", evidence, down_to_kmh=down_to_kmh)
-
-
-def _bound_statement(vehicle: Vehicle) -> str:
-    return (
-        f"|torque at the wheel| <= {bounded_disturbance(vehicle):.3g} N m ({100 * DISTURBANCE:.2g} % of wheel load "
-        "times radius) from rest keeps the slip between 0 and twice the reference."
-    )
-
-
-def _bounded(
-    design: LayeredDesign,
-    bounds: dict[Rail, RailBounds],
-    lowest: LowestSpeeds,
-    vehicle: Vehicle,
-    adhesion: RailAdhesion,
-) -> list[Condition]:
-    """Bound, authority, offset, and the simulations that must keep them."""
-    listed = "; ".join(
-        f"{rail}: |sigma error| <= {one.at_rest.error:.3f} m/s (a slip of "
-        f"{one.at_rest.slip_error(one.plant.point.speed):.4f}), |s| <= {one.at_rest.surface:.3f} m/s"
-        for rail, one in bounds.items()
-    )
-    asked = "; ".join(
-        f"{rail}: {one.at_rest.command:.0f} N m from rest, {one.from_offset.command:.0f} N m from the error, then "
-        f"below {one.from_offset.error + _GONE * OFFSET:.3f} m/s after {one.from_offset.reaching_time:.1f} s"
-        for rail, one in bounds.items()
-    )
-    return [
-        _bound_condition(
-            lowest.held is not None,
-            f"{listed}: at 100 km/h, speed frozen, {adhesion.text}, {next(iter(load_cases(vehicle)))}. L1 norms of the "
-            "impulse responses, dead time exact, the linearisation's remainder sampled.",
-            vehicle,
-            lowest.held,
-        ),
-        Condition(
-            "authority",
-            _AUTHORITY,
-            lowest.kept is not None,
-            "sampled",
-            f"K = {design.K:.4g} N m, layer {design.layer:.3f} m/s; asked at 100 km/h {asked}.",
-            down_to_kmh=lowest.kept,
-        ),
-        bounds_kept(design, bounds),
-    ]
-
-
-def bounds_kept(design: LayeredDesign, bounds: dict[Rail, RailBounds]) -> Condition:
+def bounds_kept(design: LayeredDesign, bounds: Mapping[Rail, RailBounds]) -> Condition:
     """The nonlinear wheel against the bounds."""
-    lines, kept = [], True
+    found: dict[Rail, dict[str, Any]] = {}
+    kept = True
     for rail, one in bounds.items():
         try:
             errors = bounded_errors(design, one)
             start = [run_errors(design, one.plant, lambda _: 0.0, offset=sign * OFFSET) for sign in (1.0, -1.0)]
         except DomainError as error:
-            lines.append(f"{rail}: {error}")
-            kept = False
+            found[rail], kept = {"lost": str(error)}, False
             continue
-        name = max(errors, key=lambda key: errors[key][0])
-        largest, command = errors[name][0], max(command for _, command in errors.values())
+        worst = max(errors, key=lambda key: errors[key][0])
+        largest, command = errors[worst][0], max(command for _, command in errors.values())
         kept &= largest <= one.at_rest.error and command <= one.at_rest.command
         kept &= all(e <= one.from_offset.largest_error and c <= one.from_offset.command for e, c in start)
-        lines.append(
-            f"{rail}: |sigma error| up to {largest:.3f} of {one.at_rest.error:.3f} m/s ({name}), |Tb - hold| up to "
-            f"{command:.0f} of {one.at_rest.command:.0f} N m; from the offset {max(c for _, c in start):.0f} of "
-            f"{one.from_offset.command:.0f} N m"
-        )
-    return Condition(
-        "bounds kept, simulated",
-        _KEPT,
-        kept,
-        "simulated",
-        f"{'; '.join(lines)}. Step, sines, held noise, the linear loop's worst case, offsets of +-{OFFSET:g} m/s, "
-        f"{DURATION:g} s each, speed frozen.",
-        down_to_kmh=INITIAL_SPEED_KMH if kept else None,
-    )
-
-
-def _refusal(found: Verification, failing: list[str], remedy: str) -> str:
-    open_ = [one.name for one in found.undecided]
-    rest = f"; not decided: {'; '.join(open_)}" if open_ else ""
-    return f"Do not use the layered law like this; not met: {'; '.join(failing)}{rest}. Remedy: {remedy}."
-
-
-def _promise(design: LayeredDesign, bounds: dict[Rail, RailBounds], where: str, cut_out: float) -> str:
-    """What the law promises, where all but the condition on what is not known hold."""
-    worst = max(one.at_rest.error for one in bounds.values())
-    height = next(iter(bounds.values())).at_rest.disturbance
-    below = f"Below {cut_out:g} km/h cut it out: {100 * CUT_OUT_SHARE:g} % of the holding torque, open loop. "
-    return (
-        f"Use kp = K/layer = {design.kp:.4g} N m/(m/s), rho = {design.rho:.4g} 1/s, a lead of {design.lead:g} s over "
-        f"{design.lead_filter:g} s, K = {design.K:.0f} N m about the holding torque at the speed of the moment, from "
-        f"100 to {cut_out:g} km/h {where}, with the holding torque known to {100 * HOLD_ERROR:g} %. "
-        f"{below if cut_out > SPEEDS_KMH[0] else ''}At 100 km/h |sigma error| stays below {worst:.3f} m/s for torque "
-        f"errors up to {height:.3g} N m; disturbed stops are simulated, not proved."
-    )
-
-
-def _unknown_advice(unknown: Uncertainties) -> str:
-    """What has to be known; empty where nothing has to be."""
-    told = "".join(
-        f" Has to be known: {one.name}, which on {one.rail} rail puts the holding torque wrong by "
-        f"{100 * one.error:+.1f} %, more than is tolerated."
-        for one in unknown.beyond
-    )
-    return told + (_rail_advice(unknown.mistaken) if unknown.rail_matters else "")
-
-
-def _rail_advice(mistaken: dict[Rail, LayeredStop]) -> str:
-    """What it means that the law has to know the rail."""
-    told = []
-    for on, found in mistaken.items():
-        fate = "is held" if found.held else "is lost" if found.lost else "is not held at the reference, but not lost"
-        told.append(f"a wheel on {on} rail taken for {Rail.DRY if on is Rail.WET else Rail.WET} {fate}")
-    safe = ", and where it is not identified those of the wet rail" if mistaken[Rail.DRY].lost is None else ""
-    return (
-        f" The rail has to be known: {'; '.join(told)}. Take reference and torque from an identified rail (`railslip "
-        f"identify`, the observers){safe}."
-    )
-
-
-def _more(design: LayeredDesign) -> str:
-    """What takes a wrong holding torque out sooner, where K suffices and all else holds."""
-    return (
-        f"ask for more integral gain than ki = {design.ki:.4g} N m/m (--ki-min), as far as the other conditions bear it"
-    )
-
-
-def _remedy(design: LayeredDesign, bounds: dict[Rail, RailBounds], asked: float, adhesion: RailAdhesion) -> str:
-    if not bounds:
-        slip = "" if adhesion == PUBLISHED_ADHESION else "a reference slip where the adhesion bends and falls less, "
-        return (
-            f"{slip}a wheel whose inertia is larger beside the adhesion (a larger inertia scale), or an actuator with "
-            "less lag and dead time: no K makes up for it"
-        )
-    if math.isfinite(asked) and asked > design.K:
-        return f"give K >= {asked:.0f} N m, or leave K out"
-    slip = "" if adhesion == PUBLISHED_ADHESION else "reference slip, "
-    return f"choose another {slip}vehicle or actuator; K is large enough"
+        found[rail] = {
+            **{"bounds": one, "worst": worst, "error": largest, "command": command},
+            **{"lost": None, "offset_command": max(c for _, c in start)},
+        }
+    numbers = {"found": found, "duration": DURATION}
+    down_to = INITIAL_SPEED_KMH if kept else None
+    return Condition("bounds kept, simulated", kept, "simulated", numbers, down_to_kmh=down_to)
 
 
 # --- whole stops ------------------------------------------------------------------------------------------------------
@@ -348,27 +209,6 @@ _CUT_OUT_MARGIN, _CUT_OUT_STEP_KMH = 1.4, 5.0
 _LOWEST_KMH = END_SPEED / KMH
 _FRICTION_FALL = PARK2008.wheel.viscous_friction - LOWEST_FRICTION  # N m s, over the longest published stop
 
-DISTURBED_NAME = "published disturbances, simulated"
-DISTURBED = (
-    "From 100 km/h down to the cut-out the slip stays between 0 and twice the reference under the published random "
-    f"force ({100 * ADHESION_NOISE:.3g} % of the wheel load, cut at 3 sigma) and Td; cut-out at "
-    f"{LARGEST_CUT_OUT_KMH:g} km/h at most."
-)
-CUT_OUT_NAME = "cut-out, simulated"
-CUT_OUT = (
-    f"Below the cut-out, with {100 * CUT_OUT_SHARE:g} % of the holding torque open loop, no wheel locks under the "
-    f"random force down to {_LOWEST_KMH:g} km/h."
-)
-FALLING_HELD = (
-    f"Undisturbed, from 100 to {_LOWEST_KMH:g} km/h, where the stop ends, the slip stays between 0 and twice the "
-    "reference."
-)
-HOLD_NAME = "holding torque known"
-HOLD_KNOWN = (
-    f"The same with the holding torque known to +-{100 * HOLD_ERROR:g} %: the integral in the layer takes the error "
-    "out."
-)
-
 
 @dataclass(frozen=True)
 class LayeredStop:
@@ -382,15 +222,6 @@ class LayeredStop:
     lost: str | None
     held: bool
     ended: bool = True
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        if self.lost is not None:
-            return self.lost.removeprefix("simulation: ")
-        low, high = self.slip_range
-        late = "" if self.ended else f" and not at {_LOWEST_KMH:g} km/h yet"
-        return f"slip {low:.3f} to {high:.3f}{', released' if low <= 0 else ''}, {self.time:.1f} s{late}"
 
 
 @lru_cache(maxsize=64)
@@ -443,7 +274,7 @@ class _Watched:
         self.law, self.left = law, 0.0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `fine_simulation.SteppedLaw`."""
+        """See `fixed_step.SteppedLaw`."""
         if self.left == 0.0 and not 0.0 < sigma < 2.0 * self.law.slip * v:
             self.left = v
         return self.law.command(v, sigma, v_rate, step)
@@ -456,7 +287,7 @@ class _OpenLoop:
         self.hold, self.slip = hold, 0.0
 
     def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
-        """See `fine_simulation.SteppedLaw`."""
+        """See `fixed_step.SteppedLaw`."""
         self.slip = max(self.slip, sigma / v)
         return CUT_OUT_SHARE * self.hold(v), 0.0
 
@@ -496,24 +327,12 @@ def held_under_published_disturbances(
         for load, laden in load_cases(vehicle).items()
         for rail, plant in adhesion.plants(laden).items()
     }
-    highest = max(left.values())
-    steps = math.ceil(_CUT_OUT_MARGIN * highest / _CUT_OUT_STEP_KMH)
-    cut_out = max(_LOWEST_KMH, steps * _CUT_OUT_STEP_KMH)
-    holds = cut_out <= LARGEST_CUT_OUT_KMH
-    told = "; ".join(
-        f"{name}: {f'left at {speed:.1f} km/h' if speed else 'never left'}" for name, speed in left.items()
-    )
-    runs = f"{RUNS} stops each, seeds {seed} to {seed + RUNS - 1}"
-    found = Condition(
-        DISTURBED_NAME,
-        DISTURBED,
-        holds,
-        "simulated",
-        f"{told}. Cut-out: {f'{cut_out:g} km/h' if holds else 'none'}, {_CUT_OUT_MARGIN:g} times the highest, "
-        f"rounded up. {runs}.",
-        down_to_kmh=cut_out if cut_out < INITIAL_SPEED_KMH else None,
-    )
-    return found, cut_out if holds else None
+    steps = math.ceil(_CUT_OUT_MARGIN * max(left.values()) / _CUT_OUT_STEP_KMH)
+    lowest = max(_LOWEST_KMH, steps * _CUT_OUT_STEP_KMH)
+    cut_out = lowest if lowest <= LARGEST_CUT_OUT_KMH else None
+    numbers = {"left": left, "cut_out": cut_out, "margin": _CUT_OUT_MARGIN, "runs": RUNS, "seed": seed}
+    down_to = lowest if lowest < INITIAL_SPEED_KMH else None
+    return Condition(_DISTURBED, cut_out is not None, "simulated", numbers, down_to_kmh=down_to), cut_out
 
 
 def cut_out_condition(
@@ -521,88 +340,54 @@ def cut_out_condition(
 ) -> Condition:
     """The wheel from the cut-out, km/h, on."""
     if cut_out is None:
-        return Condition(CUT_OUT_NAME, CUT_OUT, None, None, f"There is no cut-out: see `{DISTURBED_NAME}`.")
-    if cut_out <= _LOWEST_KMH:
-        return Condition(CUT_OUT_NAME, CUT_OUT, True, "simulated", "None is needed.", down_to_kmh=_LOWEST_KMH)
-    seeds = range(seed, seed + RUNS)
+        return Condition(_CUT_OUT, None, None, {"missing": "cut_out"})
     slips = {
-        f"{rail}, {load}": max(open_loop_slip(plant.point, one) for one in seeds)
+        f"{rail}, {load}": max(open_loop_slip(plant.point, one) for one in range(seed, seed + RUNS))
         for load, laden in load_cases(vehicle).items()
         for rail, plant in adhesion.plants(laden, speed_kmh=cut_out).items()
+        if cut_out > _LOWEST_KMH
     }
-    return Condition(
-        CUT_OUT_NAME,
-        CUT_OUT,
-        max(slips.values()) < 1.0,
-        "simulated",
-        f"Largest slip from {cut_out:g} km/h on: {'; '.join(f'{name}: {slip:.2f}' for name, slip in slips.items())}. "
-        f"{RUNS} runs each, seeds {seed} to {seed + RUNS - 1}.",
-        down_to_kmh=_LOWEST_KMH if max(slips.values()) < 1.0 else None,
-    )
+    holds = max(slips.values(), default=0.0) < 1.0
+    numbers = {"slips": slips, "cut_out": cut_out, "runs": RUNS, "seed": seed}
+    return Condition(_CUT_OUT, holds, "simulated", numbers, down_to_kmh=_LOWEST_KMH if holds else None)
 
 
 def held_while_the_speed_falls(
     design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhesion = PUBLISHED_ADHESION
 ) -> Condition:
     """Whole stops, which the bound, at frozen speed, leaves out."""
-    lines, held = [], True
-    for load, laden in load_cases(vehicle).items():
-        for rail, plant in adhesion.plants(laden).items():
-            found = stop(design, plant.point)
-            held &= found.held
-            lines.append(f"{rail}, {load}: {found.text}")
-    return Condition(
-        "speed falling, simulated",
-        FALLING_HELD,
-        held,
-        "simulated",
-        f"{'; '.join(lines)}. From the reference slip at rest, mass and rail known.",
-        down_to_kmh=_LOWEST_KMH if held else None,
-    )
+    stops = {
+        f"{rail}, {load}": stop(design, plant.point)
+        for load, laden in load_cases(vehicle).items()
+        for rail, plant in adhesion.plants(laden).items()
+    }
+    held = all(one.held for one in stops.values())
+    down_to = _LOWEST_KMH if held else None
+    return Condition("speed falling, simulated", held, "simulated", {"stops": stops}, down_to_kmh=down_to)
 
 
 def tolerated(design: LayeredDesign, point: OperatingPoint) -> tuple[float, float]:
     """Errors of the holding torque, shares below and above, up to which a stop is held; bisected to 0.5 %."""
-    below, above = (_edge(design, point, sign) for sign in (-1.0, 1.0))
-    return below, above
+    edges = []
+    for sign in (-1.0, 1.0):
+        low, high = 0.0, _FARTHEST
+        while high - low > _RESOLUTION:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if stop(design, point, share=1.0 + sign * middle).held else (low, middle)
+        edges.append(low)
+    return edges[0], edges[1]
 
 
-def _edge(design: LayeredDesign, point: OperatingPoint, sign: float) -> float:
-    low, high = 0.0, _FARTHEST
-    while high - low > _RESOLUTION:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if stop(design, point, share=1.0 + sign * middle).held else (low, middle)
-    return low
-
-
-def hold_known(
-    design: LayeredDesign,
-    tolerances: dict[Rail, tuple[float, float]],
-    vehicle: Vehicle,
-    adhesion: RailAdhesion = PUBLISHED_ADHESION,
-) -> Condition:
+def hold_known(design: LayeredDesign, tolerances: Mapping[Rail, tuple[float, float]], vehicle: Vehicle) -> Condition:
     """How well the holding torque must be known."""
-    lines = [
-        f"{rail}: held from {_edge_text(below, -1.0)} to {_edge_text(above, 1.0)} %"
-        for rail, (below, above) in tolerances.items()
-    ]
     held = all(min(edges) >= HOLD_ERROR for edges in tolerances.values())
-    return Condition(
-        HOLD_NAME,
-        HOLD_KNOWN,
-        held,
-        "simulated",
-        f"{'; '.join(lines)}. The wrong torque from the first moment on, {next(iter(load_cases(vehicle)))}; edges to "
-        f"{100 * _RESOLUTION:g} %, K = {design.K:.0f} N m.",
-        down_to_kmh=_LOWEST_KMH if held else None,
-        tolerated={f"holding torque, {rail}": min(edges) for rail, edges in tolerances.items()},
-    )
-
-
-def _edge_text(edge: float, sign: float) -> str:
-    """A tolerated share in percent; the search ends at `_FARTHEST`."""
-    reached = " (the farthest tried)" if edge >= _FARTHEST - _RESOLUTION else ""
-    return f"{100 * sign * edge:+.1f}{reached}"
+    numbers = {
+        **{"tolerances": tolerances, "farthest": _FARTHEST - _RESOLUTION, "resolution": _RESOLUTION},
+        **{"loads": tuple(load_cases(vehicle)), "K": design.K},
+    }
+    bears = {f"holding torque, {rail}": min(edges) for rail, edges in tolerances.items()}
+    down_to = _LOWEST_KMH if held else None
+    return Condition(HOLD_NAME, held, "simulated", numbers, down_to_kmh=down_to, tolerated=bears)
 
 
 # --- what is not known ----------------------------------------------------------------------------------------------
@@ -620,10 +405,14 @@ class TorqueError:
 
 @dataclass(frozen=True)
 class Uncertainties:
-    """Mass and friction not known, as errors of the torque; and the rail, as whole stops by the rail there is."""
+    """Mass and friction not known, as errors of the torque; and the rail, as whole stops by the rail there is.
+
+    `mistaken_errors`: the errors of the torque in these stops, shares.
+    """
 
     errors: tuple[TorqueError, ...]
-    mistaken: dict[Rail, LayeredStop]
+    mistaken: Mapping[Rail, LayeredStop]
+    mistaken_errors: Mapping[Rail, float]
 
     @property
     def beyond(self) -> tuple[TorqueError, ...]:
@@ -638,7 +427,7 @@ class Uncertainties:
 
 def uncertainties(
     design: LayeredDesign,
-    tolerances: dict[Rail, tuple[float, float]],
+    tolerances: Mapping[Rail, tuple[float, float]],
     vehicle: Vehicle,
     adhesion: RailAdhesion = PUBLISHED_ADHESION,
 ) -> Uncertainties:
@@ -659,11 +448,12 @@ def uncertainties(
             error = points[rail].brake_torque / plant.point.brake_torque - 1.0
             below, above = tolerances[rail]
             errors.append(TorqueError(name, rail, error, -below <= error <= above))
-    mistaken = {}
-    if adhesion.tells_rails_apart(vehicle):
-        pairs = ((Rail.WET, Rail.DRY), (Rail.DRY, Rail.WET))
-        mistaken = {on: stop(design, points[on], known=points[taken]) for on, taken in pairs}
-    return Uncertainties(tuple(errors), mistaken)
+    pairs = {Rail.WET: Rail.DRY, Rail.DRY: Rail.WET} if adhesion.tells_rails_apart(vehicle) else {}
+    return Uncertainties(
+        errors=tuple(errors),
+        mistaken={on: stop(design, points[on], known=points[taken]) for on, taken in pairs.items()},
+        mistaken_errors={on: points[taken].brake_torque / points[on].brake_torque - 1.0 for on, taken in pairs.items()},
+    )
 
 
 def published_uncertainties(
@@ -673,34 +463,11 @@ def published_uncertainties(
 
     Of another vehicle: its own masses, and a friction that falls as much.
     """
-    points = {rail: plant.point for rail, plant in adhesion.plants(vehicle).items()}
-    lines = [f"{one.name}, {one.rail}: {100 * one.error:+.1f} %" for one in found.errors]
-    for on, one in found.mistaken.items():
-        taken = Rail.DRY if on is Rail.WET else Rail.WET
-        error = points[taken].brake_torque / points[on].brake_torque - 1.0
-        lines.append(f"{on} rail taken for {taken}: {100 * error:+.0f} %, {one.text}")
-    masses = ["mass"] if len(load_cases(vehicle)) > 1 else []
-    listed = _listed([*masses, "friction", *(["rail"] if found.mistaken else [])])
-    published = is_published(vehicle) and bool(found.mistaken)
-    how = " as they change in the published run" if published else ", as far as they may change,"
-    if found.mistaken:
-        rails = "the rail's by whole stops from the reference slip of the rail there is"
-    else:
-        known = f"{adhesion.rails_text} alone" if len(adhesion.rails) < len(Rail) else "two that do not differ"
-        rails = f"a mistaken rail is not among them, as the rails verified are {known}"
-    return Condition(
-        uncertain_name(vehicle),
-        f"{listed[0].upper()}{listed[1:]}{how} leave the holding torque known well enough.",
-        not found.beyond and not found.rail_matters,
-        "simulated",
-        f"{'; '.join(lines)}. Errors of the torque against the tolerated ones of the condition before; {rails}.",
-    )
+    about = {"loads": tuple(load_cases(vehicle)), "published": is_published(vehicle), "adhesion": adhesion}
+    holds = not found.beyond and not found.rail_matters
+    return Condition(uncertain_name(vehicle), holds, "simulated", {**vars(found), **about})
 
 
 def uncertain_name(vehicle: Vehicle) -> str:
     """The name of that condition; those of the published run are the published vehicle's."""
     return "published uncertainties" if is_published(vehicle) else "uncertainties"
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -36,7 +36,7 @@ from railslip_ctrl.loop.crossings import bracketed_roots
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
-from .fine_simulation import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
+from .fixed_step import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
 from .relay_loop import (
     FeedForward,
     SurfaceLoop,
@@ -570,15 +570,6 @@ class LawRun:
     slip_range: tuple[float, float]
     lost: str | None
     spared: bool
-
-    @property
-    def text(self) -> str:
-        """In words."""
-        if self.lost is not None:
-            return f"{self.name}: {self.lost.removeprefix('simulation: ')}"
-        low, high = self.slip_range
-        released = ", released" if low <= 0.0 else ""
-        return f"{self.name}: slip {low:.3f} to {high:.3f}{released}"
 
 
 def law_runs(loop: SurfaceLoop) -> tuple[LawRun, LawRun]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,8 @@ import numpy as np
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import Actuator, Rail
 from railslip_ctrl.simulation import Run, Scenario, Signals, SlidingControl, simulate
+
+from .reaching import theta_function
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -189,23 +190,6 @@ def _first_sample(event: Any, signals: Signals) -> int:
     return int(np.searchsorted(axis, place - 1e-9 * max(1.0, place)))
 
 
-@cache
-def _theta_function() -> Any:
-    """theta of (44), corrected, as a function of (M, B, Mn, Bn, J, r)."""
-    import sympy as sp
-
-    from railslip_ctrl.model import plant
-    from railslip_ctrl.sliding.derivation import derive
-
-    derivation = derive()
-    symbols = {symbol.name: symbol for expression in derivation.theta for symbol in expression.free_symbols}
-    M, B, Mn, Bn = sp.symbols("M_true B_true M_nominal B_nominal")
-    values = {"Mp": M - Mn, "Bp": B - Bn, "Mn": Mn, "Bn": Bn}
-    known = {symbols[name]: value for name, value in values.items() if name in symbols}
-    arguments = (M, B, Mn, Bn, plant.J, plant.r)
-    return sp.lambdify(arguments, [expression.subs(known) for expression in derivation.theta])
-
-
 def _theta(run: Run, signals: Signals) -> Floats:
     """The true theta along the run, (n, 2): it steps with the mass and drifts with B(t)."""
     scenario, controller = run.scenario, run.controller
@@ -215,7 +199,7 @@ def _theta(run: Run, signals: Signals) -> Floats:
     given = controller.nominal_viscous_friction
     Bn = scale * (vehicle.wheel.viscous_friction if given is None else given)
     B = _viscous(scenario, signals.time)
-    theta = _theta_function()(signals.mass, B, Mn, Bn, vehicle.effective_inertia, vehicle.wheel.radius)
+    theta = theta_function()(vehicle.wheel.radius, vehicle.effective_inertia, Mn, signals.mass - Mn, B - Bn)
     return np.column_stack([np.broadcast_to(component, signals.time.shape) for component in theta])
 
 

@@ -15,12 +15,10 @@ in the bristle model). Ta and Tr grow with the wheel load, which is convex in 1/
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from inspect import signature
 from itertools import product
 from typing import Any, Literal
 
@@ -32,7 +30,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
-from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Vehicle
 from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.generate import generated_law
@@ -91,30 +89,6 @@ class ReachingSet:
         if self.torque_fraction >= 1:
             raise InputError(f"torque_fraction: {self.torque_fraction:g} is not allowed; give a fraction below 1")
 
-    def error(self, slip_d: float) -> Range:
-        """Smallest and largest e, m/s, for the reference slip."""
-        ends = [(slip_d - slip) * v for slip in self.slip for v in self.speed]
-        return min(ends), max(ends)
-
-    def text(self) -> str:
-        """The box in one line."""
-        kmh, mass, Ta = ([f"{x:.5g}" for x in pair] for pair in (_in_kmh(self.speed), self.mass, self.adhesion_torque))
-        loaded = "" if self.heavier == 1.0 else f" (loaded times {self.heavier:.4g})"
-        errors = (("Ta_hat/Ta", self.torque_error), ("v'_hat/v'", self.rate_error))
-        known = "".join(f", {name} {1 + low:.4g}..{1 + high:.4g}" for name, (low, high) in errors if low < high)
-        return (
-            f"v {_span(kmh)} km/h, slip {_span([f'{x:.4g}' for x in self.slip])}, M {_span(mass)} kg, Ta {_span(Ta)} "
-            f"and |Tr| <= {self.random_torque:.4g} N m{loaded}, |Td| <= {self.torque_fraction:g} |Tb|{known}"
-        )
-
-
-def _in_kmh(speed: Range) -> Range:
-    return speed[0] / KMH, speed[1] / KMH
-
-
-def _span(ends: list[str]) -> str:
-    return ends[0] if ends[0] == ends[1] else f"{ends[0]}..{ends[1]}"
-
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
     """The mildest point of the published run: 100 km/h, dry, at the reference slip, adhesion at rest, so e = 0.
@@ -152,9 +126,9 @@ def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     )
 
 
-def reference_slip() -> float:
-    """The bristle column's on dry rail."""
-    slip = published_law("bristle", Rail.DRY).reference_slip(Rail.DRY)
+def reference_slip(rail: Rail = Rail.DRY) -> float:
+    """The bristle column's on a rail."""
+    slip = published_law("bristle", rail).reference_slip(rail)
     assert slip is not None, "the bristle model has a published reference"
     return slip
 
@@ -165,26 +139,29 @@ def resistance_force(vehicle: Vehicle, speed: Any) -> Any:
     return resistance.constant + resistance.linear * speed + resistance.quadratic * speed**2
 
 
+def bristle_plant(vehicle: Vehicle, rail: Rail = Rail.DRY) -> tuple[NumericPlant, tuple[float, ...]]:
+    """Functions and parameters of the plant with the published bristle model."""
+    law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
+    return numeric_plant(type(law)), plant_parameters(law, vehicle)
+
+
 def rest_adhesion_torque(vehicle: Vehicle, speed: float, slip: float, rail: Rail = Rail.DRY) -> float:
     """Ta, N*m, of the bristle model at rest at a speed, m/s, and a slip ratio."""
-    law = published_law("bristle", rail, wheel_load=vehicle.wheel_load)
-    functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
+    functions, p = bristle_plant(vehicle, rail)
     z = functions.rest_state(speed, slip * speed, 0.0, 0.0, 0.0, 0.0, p)
     return vehicle.wheel.radius * float(functions.force(speed, slip * speed, z, 0.0, 0.0, 0.0, p))
 
 
 def wet_share(vehicle: Vehicle) -> float:
     """Ta of the wet rail over that of the dry one, at rest at vanishing slip and 100 km/h."""
-    wet, dry = (
-        rest_adhesion_torque(vehicle, INITIAL_SPEED_KMH * KMH, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY)
-    )
+    speed = INITIAL_SPEED_KMH * KMH
+    wet, dry = (rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY))
     return wet / dry
 
 
 def holding_torque(vehicle: Vehicle, speed: float) -> float:
     """Brake torque, N*m, that holds the published reference slip on dry rail at a speed, m/s."""
-    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
-    functions, p = numeric_plant(type(law)), plant_parameters(law, vehicle)
+    functions, p = bristle_plant(vehicle)
     sigma = reference_slip() * speed
     z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
     return float(functions.trim_torque(speed, sigma, z, 0.0, 0.0, 0.0, p))
@@ -194,11 +171,9 @@ def holding_torque(vehicle: Vehicle, speed: float) -> float:
 
 _FRACTION = sp.Symbol("q", real=True)  # Td/Tb
 _SIDE = sp.Symbol("side", real=True)  # sgn s, 1 or -1
-_SIZE = sp.Symbol("s_size", nonnegative=True)
-_ETA = sp.Symbol("eta", nonnegative=True)
 _INVERSE_MASS = sp.Symbol("m_inverse", positive=True)
 _SLIP = sp.Symbol("slip", real=True)
-_s, _D, _K, _e, _lambda = (sliding_symbol(name) for name in ("s", "D", "K", "e", "lambda_d"))
+_s, _K, _e, _lambda = (sliding_symbol(name) for name in ("s", "K", "e", "lambda_d"))
 _HATS = tuple(sliding_symbol(f"theta{i}_hat") for i in (1, 2))
 _Mn, _Mp, _Bn, _rho = (sliding_symbol(name) for name in ("Mn", "Mp", "Bn", "rho"))
 
@@ -207,7 +182,7 @@ _ERRORS = (sp.Symbol("a", real=True), sp.Symbol("b", real=True))  # Ta_hat/Ta - 
 BOX_VARIABLES = (_INVERSE_MASS, plant.Tr, plant.Fr, plant.Ta, plant.v, _SLIP, *_HATS, *_ERRORS)
 """What the bound is affine in, one at a time."""
 
-_PARAMETERS = (_SIDE, _FRACTION, _SIZE, _ETA, _D, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
+_PARAMETERS = (_SIDE, _FRACTION, _rho, _lambda, plant.J, plant.r, _Mn, _Bn)
 
 
 def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
@@ -229,14 +204,13 @@ def effective_rate(made: Derivation, share: sp.Expr) -> sp.Expr:
 
 @cache
 def required_gain() -> sp.Expr:
-    """K, N*m, at which s s' = -eta |s| under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`, side.
+    """K, N*m, at which s' = 0 at s = 0+ or 0- under (45), the adaptation's part apart, Td = q Tb; in `BOX_VARIABLES`,
+    side.
 
     ArithmeticError where it is not affine in each of them, as with another plant.
     """
     rate = effective_rate(derive(), 1 + _FRACTION)
-    sign = sp.Dummy("sgn", real=True)
-    on_side = sp.expand(rate.subs(sp.sign(_s), sign).subs({_s: _SIDE * _SIZE, sign: _SIDE}))
-    approach = sp.expand(_SIDE * on_side).subs(_SIDE**2, 1) + _ETA
+    approach = sp.expand(_SIDE * rate.subs(sp.sign(_s), _SIDE).subs(_s, 0)).subs(_SIDE**2, 1)
     slope = sp.expand(sp.diff(approach, _K))  # it is linear in K
     train = sp.solve(plant.TRAIN.subs(plant.Fa, sp.solve(plant.ADHESION_TORQUE, plant.Fa)[0]), plant.v_rate)[0]
     rest = approach.subs(_K, 0).subs(plant.v_rate, train.subs(plant.M, _Mn + _Mp)).subs(_Mp, 1 / _INVERSE_MASS - _Mn)
@@ -250,36 +224,18 @@ def required_gain() -> sp.Expr:
 
 @cache
 def _required_function() -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify((*BOX_VARIABLES, *_PARAMETERS), required_gain(), "numpy", cse=True)
-    return made
+    return _function([*BOX_VARIABLES, *_PARAMETERS], required_gain())
 
 
-def least_gain(
-    vehicle: Vehicle,
-    box: ReachingSet,
-    *,
-    D: float = 0.0,
-    surface: float = 0.0,
-    eta: float = 0.0,
-    rho: float = PUBLISHED_LAW.rho,
-) -> float:
-    """K_min, N*m: (40) holds over the box for every K above it, and below it fails at a corner; never below 0.
+def least_gain(vehicle: Vehicle, box: ReachingSet, *, rho: float = PUBLISHED_LAW.rho) -> float:
+    """K_min, N*m: (40) holds down to s = 0 over the box for every K above it, and below it fails at a corner; >= 0.
 
-    D in N*m/(m/s); `surface` is |s|, m/s, from which on it is asked (0: down to the surface itself); eta in m/s^2; the
-    law's nominal parameters are the vehicle's.
+    The law's nominal parameters are the vehicle's.
     """
-    return max(0.0, float(np.max(_at_corners(vehicle, box, D=D, surface=surface, eta=eta, rho=rho))))
+    return max(0.0, float(np.max(_at_corners(vehicle, box, rho))))
 
 
-def _at_corners(
-    vehicle: Vehicle,
-    box: ReachingSet,
-    *,
-    D: float = 0.0,
-    surface: float = 0.0,
-    eta: float = 0.0,
-    rho: float = PUBLISHED_LAW.rho,
-) -> Any:
+def _at_corners(vehicle: Vehicle, box: ReachingSet, rho: float = PUBLISHED_LAW.rho) -> Any:
     """What (40) asks of K, N*m, at every corner, in an order that does not depend on the numbers."""
     random, c = (-box.random_torque, box.random_torque), box.torque_fraction
     axes = (random, box.resistance, box.adhesion_torque, box.speed, box.slip, box.theta_hat1, box.theta_hat2)
@@ -288,9 +244,9 @@ def _at_corners(
     corners = [
         (1.0 / (vehicle.inertia_scale * mass), factor * Tr, Fr, factor * Ta, *others)
         for mass, factor in loads
-        for Tr, Fr, Ta, *others in itertools.product(*axes, *errors, *sides)
+        for Tr, Fr, Ta, *others in product(*axes, *errors, *sides)
     ]
-    parameters = (surface, eta, D, rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
+    parameters = (rho, reference_slip(), vehicle.effective_inertia, vehicle.wheel.radius)
     nominal = (vehicle.effective_mass, vehicle.effective_viscous_friction)
     return _required_function()(*np.array(corners).T, *parameters, *nominal)
 
@@ -302,13 +258,8 @@ def tolerated_error(
 
     The other error is the box's. 0 where K does not suffice; exact, as the bound is affine in the error.
     """
-    exact, wrong = (
-        _at_corners(
-            vehicle,
-            replace(box, torque_error=(-x, x)) if name == "torque_error" else replace(box, rate_error=(-x, x)),
-        )
-        for x in (0.0, 1.0)
-    )
+    changes: list[dict[str, Any]] = [{name: (-x, x)} for x in (0.0, 1.0)]
+    exact, wrong = (_at_corners(vehicle, replace(box, **change)) for change in changes)
     if np.max(exact) >= K:
         return 0.0
     grows = wrong > exact
@@ -334,17 +285,17 @@ def _symbols(*names: str) -> list[sp.Symbol]:
     return [sliding_symbol(name) for name in names]
 
 
-_SWITCH = sp.Symbol("switch", real=True)
+def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
+    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
+    return made
 
 
 @cache
-def control_function() -> Callable[..., Any]:
-    """The derived (45) for arrays: Tb of (s, switch, e, v_rate, Ta, omega, theta1_hat, theta2_hat, J, r, D, K, rho,
-    lambda_d, Mn, Bn); `switch` stands for sgn s. For searches over many points; a loop runs `generated_control`.
-    """
-    s = sliding_symbol("s")
-    law = derive().adaptive_law_control.subs(sp.sign(s), _SWITCH)
-    arguments = [s, _SWITCH, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
+def _control_function() -> Callable[..., Any]:
+    """The derived (45) for arrays; `switch` stands for sgn s."""
+    s, switch = sliding_symbol("s"), sp.Symbol("switch", real=True)
+    law = derive().adaptive_law_control.subs(sp.sign(s), switch)
+    arguments = [s, switch, *_symbols("e"), plant.v_rate, plant.Ta, plant.omega]
     arguments += [*_symbols("theta1_hat", "theta2_hat"), plant.J, plant.r]
     return _function([*arguments, *_symbols("D", "K", "rho", "lambda_d", "Mn", "Bn")], law)
 
@@ -353,16 +304,6 @@ def law_parameters(**values: float) -> Any:
     """Parameters of the generated law: those of `values`; no layer and no limits unless given."""
     free = {"boundary": 0.0, "torque_min": -np.inf, "torque_max": np.inf, "period": 1.0, "filter_time": 1.0}
     return generated_law().Parameters(**{**free, **values})
-
-
-def generated_control(signals: Mapping[str, Floats], parameters: Iterable[Any]) -> Floats:
-    """The generated law at every column of its arguments: rows of (4, n), torque (N*m), s (m/s), rates of theta_hat.
-
-    `parameters`: as of `law_parameters`, one for each column.
-    """
-    control = generated_law().control
-    columns = (signals[name].tolist() for name in list(signature(control).parameters)[:-1])
-    return np.array([control(*row) for row in zip(*columns, parameters, strict=False)]).T
 
 
 @cache
@@ -378,22 +319,17 @@ def lyapunov_function() -> Callable[..., Any]:
 
 
 @cache
-def _theta_function() -> Callable[..., Any]:
-    names = [plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")]
-    return _function(names, sp.Matrix(derive().theta))
+def theta_function() -> Callable[..., Any]:
+    """theta, (44) corrected, of (r, J, Mn, M - Mn, B - Bn): two numbers or arrays, 1/(kg m) and m/s."""
+    return _function([plant.r, plant.J, *_symbols("Mn", "Mp", "Bp")], list(derive().theta))
 
 
 def true_theta(vehicle: Vehicle, nominal: Vehicle) -> Floats:
-    """theta, (44) corrected, of a vehicle against the nominal one: 1/(kg m), m/s."""
+    """theta of a vehicle against the nominal one."""
     Mn, Bn = nominal.effective_mass, nominal.effective_viscous_friction
     known = (vehicle.wheel.radius, vehicle.effective_inertia)
     perturbation = (vehicle.effective_mass - Mn, vehicle.effective_viscous_friction - Bn)
-    return np.asarray(_theta_function()(*known, Mn, *perturbation), dtype=float).ravel()
-
-
-def _function(arguments: list[sp.Symbol], expression: Any) -> Callable[..., Any]:
-    made: Callable[..., Any] = sp.lambdify(arguments, expression, "numpy", cse=True)
-    return made
+    return np.asarray(theta_function()(*known, Mn, *perturbation), dtype=float)
 
 
 # --- a counterexample, searched ---------------------------------------------------------------------------------------
@@ -406,48 +342,54 @@ _RANDOM_POINTS, _STARTS = 20_000, 2
 
 
 @dataclass(frozen=True)
-class Counterexample:
+class WorstPoint:
     """The largest s s'/|s| found, m/s^2 (negative: the condition holds there), where, and after how many points."""
 
     excess: float
     point: tuple[float, ...]
     evaluations: int
 
-    def text(self) -> str:
-        """The point in one line."""
-        v, slip, Ta, M, Tr, fraction, _, _, a, b, side = self.point
-        return (
-            f"v = {v / KMH:.4g} km/h, slip {slip:.3g}, Ta = {Ta:.4g} N m, M = {M:.4g} kg, Tr = {Tr:.4g} N m, Td/Tb = "
-            f"{fraction:.3g}, Ta_hat {100 * a:+.3g} %, v' {100 * b:+.3g} %, s {'> 0' if side > 0 else '< 0'}"
-        )
+
+def surface_rate(
+    vehicle: Vehicle, gains: LawGains, state: Sequence[Any], acting: Sequence[Any], s: Any, hats: Sequence[Any]
+) -> Any:
+    """s', m/s^2, from the plant's rates on dry rail under (45); arrays of one shape.
+
+    state: v (m/s), slip, z (m), its Ta (N*m), mass (kg); acting: Tr (N*m), Td/Tb; s: m/s, switching by its sign bit;
+    hats: theta_hat1, theta_hat2, and Ta_hat/Ta - 1, v'_hat/v' - 1. s is free of e: any s belongs to some integral of
+    it. The law's nominal parameters are the vehicle's.
+    """
+    functions, parameters = bristle_plant(vehicle)
+    (v, slip, z, Ta, mass), (Tr, fraction), (theta1, theta2, a, b) = state, acting, hats
+    slip_d, r = reference_slip(), vehicle.wheel.radius
+    sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
+    p = (vehicle.inertia_scale * mass, *parameters[1:])
+    v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
+    e = slip_d * v - sigma
+    known = (s, np.copysign(1.0, s), e, (1.0 + b) * v_rate, (1.0 + a) * Ta, (v - sigma) / r, theta1, theta2, J, r)
+    Tb = _control_function()(*known, gains.D, gains.K, gains.rho, slip_d, vehicle.effective_mass, B)
+    rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
+    return slip_d * rates[0] - rates[1] + gains.rho * e
 
 
-def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float) -> Floats:
+def approach(points: Floats, vehicle: Vehicle, gains: LawGains, surface: float = 0.0) -> Floats:
     """s' sgn s, m/s^2, at points of `SEARCHED` (11, n) with |s| = surface, m/s, less theta_tilde' phi_hat sgn s.
 
-    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0. Dry rail; the
-    law's nominal parameters are the vehicle's.
+    That term is what the adaptation takes out of V'; without adaptation theta_hat = theta and it is 0.
     """
-    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
     v, slip, Ta, mass, Tr, fraction, theta1, theta2, a, b, side = points
-    sign, slip_d, r = np.where(side >= 0, 1.0, -1.0), reference_slip(), vehicle.wheel.radius
-    sigma, J, B = slip * v, vehicle.effective_inertia, vehicle.effective_viscous_friction
-    M, Mn = vehicle.inertia_scale * mass, vehicle.effective_mass
-    p = (M, *plant_parameters(law, vehicle)[1:])
-    functions = numeric_plant(type(law))
+    functions, p = bristle_plant(vehicle)
+    sign, r = np.where(side >= 0, 1.0, -1.0), vehicle.wheel.radius
     # the force is proportional to the adhesion state
-    z = Ta / (r * functions.force(v, sigma, np.ones_like(v), 0.0, 0.0, 0.0, p))
-    v_rate = functions.rates(v, sigma, z, 0.0, 0.0, Tr, p)[0]
-    e, omega = slip_d * v - sigma, (v - sigma) / r
-    Ta_hat = (1.0 + a) * Ta
-    arguments = (sign * surface, sign, e, (1.0 + b) * v_rate, Ta_hat, omega, theta1, theta2, J, r)
-    Tb = control_function()(*arguments, gains.D, gains.K, gains.rho, slip_d, Mn, B)
-    rates = functions.rates(v, sigma, z, Tb, fraction * Tb, Tr, p)
-    unknown = ((1.0 / M - 1.0 / Mn) / r - theta1) * Ta_hat - theta2 * omega
-    return np.asarray(sign * (slip_d * rates[0] - rates[1] + gains.rho * e - unknown), dtype=float)
+    z = Ta / (r * functions.force(v, slip * v, np.ones_like(v), 0.0, 0.0, 0.0, p))
+    state, hats = (v, slip, z, Ta, mass), (theta1, theta2, a, b)
+    rate = surface_rate(vehicle, gains, state, (Tr, fraction), sign * surface, hats)
+    theta1_tilde = (1.0 / (vehicle.inertia_scale * mass) - 1.0 / vehicle.effective_mass) / r - theta1
+    taken = theta1_tilde * ((1.0 + a) * Ta) - theta2 * ((v - slip * v) / r)
+    return np.asarray(sign * (rate - taken), dtype=float)
 
 
-def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, surface: float = 0.0) -> Counterexample:
+def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int) -> WorstPoint:
     """Largest `approach` over the corners of the box and random points in it, then uphill from the best (L-BFGS-B).
 
     The resistance is the vehicle's own at the speed.
@@ -462,31 +404,20 @@ def search(box: ReachingSet, vehicle: Vehicle, gains: LawGains, *, seed: int, su
         nonlocal evaluated
         columns = shares.reshape(len(SEARCHED), -1)
         evaluated += columns.shape[1]
-        return approach(points_of(box, columns), vehicle, gains, surface)
+        return approach(points_of(box, columns), vehicle, gains)
 
     tried = np.hstack((corners, inside))
     starts = tried[:, np.argsort(value(tried))[-_STARTS:]].T
     found = [minimize(lambda x: -float(value(x)[0]), x, bounds=[(0.0, 1.0)] * len(SEARCHED)) for x in starts]
     best = min(found, key=lambda one: float(one.fun))
-    return Counterexample(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
+    return WorstPoint(-float(best.fun), tuple(points_of(box, best.x[:, None])[:, 0].tolist()), evaluated)
 
 
 def points_of(box: ReachingSet, shares: Floats) -> Floats:
     """Points of `SEARCHED` at shares 0 to 1 of the box's sides, both (11, n); Ta and Tr grow with the mass."""
-    random, fraction = box.random_torque, box.torque_fraction
-    sides = (
-        box.speed,
-        box.slip,
-        box.adhesion_torque,
-        box.mass,
-        (-random, random),
-        (-fraction, fraction),
-        box.theta_hat1,
-        box.theta_hat2,
-        box.torque_error,
-        box.rate_error,
-        (-1.0, 1.0),
-    )
+    random, fraction = (-box.random_torque, box.random_torque), (-box.torque_fraction, box.torque_fraction)
+    known = (box.theta_hat1, box.theta_hat2, box.torque_error, box.rate_error)
+    sides = (box.speed, box.slip, box.adhesion_torque, box.mass, random, fraction, *known, (-1.0, 1.0))
     low, high = np.array(sides).T[:, :, None]
     points = np.asarray(low + (high - low) * shares, dtype=float)
     points[[2, 4]] *= 1.0 + (box.heavier - 1.0) * shares[3]

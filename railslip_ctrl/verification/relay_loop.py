@@ -160,7 +160,7 @@ def _actuation() -> _Actuation:
 
 @dataclass(frozen=True)
 class SlidingExistence:
-    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]), and why in a sentence.
+    """Whether an ideal sliding mode exists on s = 0, by the relay's own path W ([Utkin1992]).
 
     relative_degree: poles minus zeros of W without its dead time (s); high_frequency_gain: lim s^relative_degree W(s)
     (dead time apart), (m/s) s^-relative_degree/(N*m). It exists with relative degree 1, positive gain and no dead time:
@@ -170,8 +170,8 @@ class SlidingExistence:
     relative_degree: int
     high_frequency_gain: float
     dead_time: float
+    lag: float
     exists: bool
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -308,14 +308,4 @@ class SurfaceLoop:
         degree = 1 + lag.poles.size - lag.zeros.size
         gain = self.plant.gain * lag.gain
         exists = degree == 1 and dead_time == 0
-        if exists:
-            reason = f"W ~ {gain:.4g}/s: a switch of the relay changes the sign of s' at once"
-        elif dead_time > 0:
-            reason = (
-                f"a switch reaches the wheel {dead_time:g} s later"
-                + (f", and through a lag of {self.actuator.lag:g} s acts on s'' first" if degree > 1 else "")
-                + "; s leaves 0 in between, and the relay oscillates"
-            )
-        else:
-            reason = f"W ~ {gain:.4g}/s^2: a switch acts on s'' and not on s'"
-        return SlidingExistence(degree, gain, dead_time, exists, reason)
+        return SlidingExistence(degree, gain, dead_time, self.actuator.lag, exists)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -23,7 +24,7 @@ from railslip_ctrl.sliding.derivation import Derivation, derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.sliding.proof import identical, sliding_symbol
 
-from .ideal_loop import PUBLISHED, RUNS, IdealRun, simulate_ideal
+from .fixed_step import PUBLISHED, RUNS, IdealRun, simulate_ideal
 from .reaching import (
     LOWEST_SPEED_KMH,
     TORQUE_DECAY,
@@ -39,7 +40,7 @@ from .reaching import (
     true_theta,
     wet_share,
 )
-from .verdict import Condition
+from .verdict import Condition, How
 
 s, D, K, k1, k2 = (sliding_symbol(name) for name in ("s", "D", "K", "k1", "k2"))
 THETA = tuple(sliding_symbol(f"theta{i}") for i in (1, 2))
@@ -71,18 +72,6 @@ _BOX_MARGIN = 0.1  # of its width, at either side
 LOWEST_FRICTION = -0.25  # N m s: the printed 0.25 - 0.01 t after 50 s, the longest published stop
 
 
-@dataclass(frozen=True)
-class Variant:
-    """A variant as derived: the bound, or V', that it promises; whether every identity and sign was proved; the proof
-    in a sentence.
-    """
-
-    name: str
-    result: sp.Expr
-    proved: bool
-    argument: str
-
-
 @cache
 def effective_disturbance() -> sp.Expr:
     """d of s' = theta_tilde' phi + h (d - D0 s - K0 sgn s), m/s^2, where Td = (h - 1) Tb of the law itself.
@@ -112,8 +101,11 @@ def _lyapunov_rate(made: Derivation, error_rate: sp.Expr) -> sp.Expr:
 
 
 @cache
-def boundary_layer() -> Variant:
-    """sat(s/Phi) for sgn s with theta known: |s| ends below d_max/(D0 + K0/Phi) where d_max <= K0 + D0 Phi."""
+def boundary_layer_proved() -> bool:
+    """sat(s/Phi) for sgn s with theta known: |s| ends below d_max/(D0 + K0/Phi) where d_max <= K0 + D0 Phi.
+
+    s'/h < 0 above the layer, and <= -(D0 + K0/Phi) x within it at x above the bound, h = 1 + Td/Tb > 0.
+    """
     known = _error_rate(derive()).subs(dict.fromkeys(TILDE, 0))
     inside = known.subs(sp.sign(s), s / LAYER)
     bound = sp.solve(inside.subs(d, d_max), s)[0]
@@ -128,16 +120,11 @@ def boundary_layer() -> Variant:
         bool(sp.expand(-entered).is_positive),
         bool(sp.simplify(LAYER - bound.subs(d_max, K0 + D0 * LAYER - _spare)).is_nonnegative),
     )
-    return Variant(
-        "boundary layer",
-        sp.factor(bound),
-        all(map(bool, proved)),
-        "s'/h < 0 above the layer, and <= -(D0 + K0/Phi) x within it at x above the bound, h = 1 + Td/Tb > 0",
-    )
+    return all(map(bool, proved))
 
 
 @cache
-def dead_zone() -> Variant:
+def dead_zone_proved() -> bool:
     """Boundary layer with theta_hat' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi): V' <= -h D0 s_D^2, so |s| -> [0, Phi].
 
     V has s_D in place of s. Inside the layer s_D = 0, nothing moves theta_hat and V' = 0.
@@ -156,16 +143,11 @@ def dead_zone() -> Variant:
         not final.has(*TILDE),
         bool(sp.expand(-final - SHARE * D0 * _outside**2).is_nonnegative),
     )
-    return Variant(
-        "dead zone",
-        -SHARE * D0 * _outside**2,
-        all(proved),
-        "above the layer -V'/h - D0 s_D^2 = x (slack of d) + x (spare gain) >= 0, h = 1 + Td/Tb",
-    )
+    return all(proved)
 
 
 @cache
-def projection() -> Variant:
+def projection_proved() -> bool:
     """theta_hat held in a box that contains theta: the cross term of V' is 0 inside and <= 0 on a face."""
     made = derive()
     rate = sp.expand(_lyapunov_rate(made, _error_rate(made)))
@@ -180,17 +162,11 @@ def projection() -> Variant:
         for side in (1, -1):
             at_face = cross.subs(other).subs({RATE[0]: 0, RATE[1]: 0}).subs(tilde, -side * distance)
             signs.append(bool((-at_face).subs(s, side * push / phi).is_nonnegative))
-    return Variant(
-        "projection",
-        sp.factor(rate.subs(free)),
-        all(signs),
-        "on a face that the free law would pass the cross term is -w g <= 0 (w >= 0 the distance of theta from it, "
-        "g > 0 the push), else it is 0",
-    )
+    return all(signs)
 
 
 @cache
-def leak() -> Variant:
+def leak_proved() -> bool:
     """theta_hat_i' = k_i s phi_i - ell theta_hat_i, K0 >= d_max: V' <= -c V + ell V_theta, c = min(2 h D0, ell).
 
     V_theta = sum theta_i^2/(2 k_i), so V ends below ell V_theta/c for the smallest h.
@@ -207,22 +183,19 @@ def leak() -> Variant:
     slack = sp.expand(bound - rate)
     squares = sum(LEAK * (theta - tilde) ** 2 / (2 * g) for theta, tilde, g in zip(THETA, TILDE, GAINS, strict=True))
     rest = SHARE * (K0 * s * sp.sign(s) - s * d)
-    return Variant(
-        "sigma-modification",
-        LEAK * of_theta / sp.Min(2 * SHARE * D0, LEAK),
-        identical(slack, squares + rest),
-        "V' is that bound less sum ell theta_hat_i^2/(2 k_i) + h |s| (K0 - d sgn s), not negative where K0 >= d_max",
-    )
+    return identical(slack, squares + rest)
 
 
 @cache
-def matrix_gain() -> Variant:
-    """theta_hat_i' = k_i s phi_i: the cross term vanishes for any two positive gains; V' = -(r/J)(D s^2 + K |s|)."""
+def matrix_gain() -> tuple[bool, sp.Expr]:
+    """theta_hat_i' = k_i s phi_i: whether the cross term vanishes for any two positive gains, and V', which is then
+    -(r/J)(D s^2 + K |s|).
+    """
     made = derive()
     rate = _lyapunov_rate(made, _error_rate(made).subs({d: 0, SHARE: 1}))
     final = sp.expand(rate.subs(dict(zip(RATE, made.adaptation_matrix, strict=True))))
     expected = -D0 * s**2 - K0 * s * sp.sign(s)
-    return Variant("matrix gain", sp.factor(final), identical(final, expected), "the cross term vanishes identically")
+    return identical(final, expected), sp.factor(final)
 
 
 # --- units: exponents of kg, m, s -----------------------------------------------------------------------------------
@@ -265,7 +238,7 @@ def design_gain(vehicle: Vehicle) -> float:
     return GAIN_MARGIN * effective_torque(vehicle)
 
 
-def layered_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
+def dead_zone_design(vehicle: Vehicle, *, K: float | None = None, D: float = PUBLISHED_LAW.D) -> LawGains:
     """Boundary layer, dead zone in the adaptation, projection, matrix gain; K of `design_gain` unless given."""
     return replace(
         PUBLISHED_LAW,
@@ -318,36 +291,35 @@ _BOUND_TOLERANCE = 0.01
 
 def robust_conditions(vehicle: Vehicle, *, K: float | None, D: float, seed: int) -> tuple[Condition, ...]:
     """All of them; K of the design unless given (N m), D in N m/(m/s)."""
-    layered, leaking = layered_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
+    gains, leaking = dead_zone_design(vehicle, K=K, D=D), leaking_design(vehicle, K=K, D=D)
     largest = effective_torque(vehicle)
     seeds = tuple(range(seed, seed + RUNS))
     return (
-        _units(),
-        gain(vehicle, layered, largest),
-        _gain_search(vehicle, layered, largest, seed),
-        rail_mistaken(vehicle, layered),
-        boundary_layer_bound(layered, largest),
-        boundary_layer_runs(vehicle, layered, largest, seeds),
-        dead_zone_condition(layered, largest),
-        _projection(),
-        _projection_samples(vehicle, layered, seed),
-        _dead_zone_runs(vehicle, layered, largest, seeds),
-        leak_condition(vehicle, leaking),
+        _matrix_gain(),
+        gain(vehicle, gains, largest),
+        _gain_search(vehicle, gains, largest, seed),
+        rail_mistaken(vehicle, gains),
+        boundary_layer_bound(gains, largest),
+        boundary_layer_runs(vehicle, gains, largest, seeds),
+        _dead_zone(gains, largest),
+        Condition("projection", projection_proved(), "symbolic"),
+        _projection_samples(vehicle, gains, seed),
+        _dead_zone_runs(vehicle, gains, largest, seeds),
+        _leak(vehicle, leaking),
         _leak_runs(vehicle, leaking, seeds),
     )
 
 
-def _units() -> Condition:
-    variant = matrix_gain()
+def _down_to_5_kmh(name: str, holds: bool, how: How, numbers: dict[str, Any], **more: Any) -> Condition:
+    """A condition over the published run, to its end where it holds."""
+    return Condition(name, holds, how, numbers, down_to_kmh=LOWEST_SPEED_KMH if holds else None, **more)
+
+
+def _matrix_gain() -> Condition:
+    proved, rate = matrix_gain()
     first, second = gain_units()
-    return Condition(
-        "matrix gain",
-        "theta_hat_i' = k_i s phi_i: units fit and the cross term of V' vanishes for any k_i > 0.",
-        variant.proved and first != second,
-        "symbolic",
-        f"k1 in {first}, k2 {'dimensionless' if second == '1' else 'in ' + second}: V' = {variant.result} without "
-        "disturbances.",
-    )
+    numbers = {"k1_unit": first, "k2_unit": second, "V_rate": rate}
+    return Condition("matrix gain", proved and first != second, "symbolic", numbers)
 
 
 def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
@@ -358,37 +330,19 @@ def gain(vehicle: Vehicle, gains: LawGains, largest: float) -> Condition:
         "Ta_hat": tolerated_error(vehicle, exact, "torque_error", K=gains.K),
         "v_rate_hat": tolerated_error(vehicle, exact, "rate_error", K=gains.K),
     }
-    holds = largest < gains.K
-    return Condition(
-        "robust gain",
-        "K > (J/r) d_max: (40) down to s = 0 over the box, empty to loaded (mass and wheel load), the estimates Ta_hat "
-        "and v'_hat wrong.",
-        holds,
-        "symbolic",
-        f"K = {gains.K:.4g} N m, asked {largest:.4g} N m, with exact estimates {least_gain(vehicle, exact):.4g} N m. "
-        f"Box: {box.text()}, theta_hat in the projection's box.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-        tolerated=tolerated,
-    )
+    numbers = {"K": gains.K, "asked": largest, "asked_exact": least_gain(vehicle, exact), "box": box}
+    return _down_to_5_kmh("robust gain", largest < gains.K, "symbolic", numbers, tolerated=tolerated)
 
 
 def _gain_search(vehicle: Vehicle, gains: LawGains, largest: float, seed: int) -> Condition:
     """The plant's own s s' at this K, and beside the bound whether it is tight."""
     box = robust_set(vehicle)
-    own = search(box, vehicle, gains, seed=seed)
-    below, above = (
-        search(box, vehicle, replace(gains, K=factor * largest), seed=seed) for factor in (1 - _BESIDE, 1 + _BESIDE)
+    own, below, above = (
+        search(box, vehicle, replace(gains, K=K), seed=seed)
+        for K in (gains.K, (1 - _BESIDE) * largest, (1 + _BESIDE) * largest)
     )
-    return Condition(
-        "robust gain, search",
-        "No point of that box has s s' >= 0 at s -> 0 under the law with this K.",
-        own.excess < 0,
-        "sampled",
-        f"Largest s s'/|s| found: {own.excess:.4g} m/s^2 at {own.text()}; at K_min less {100 * _BESIDE:g} % "
-        f"{below.excess:+.2g}, at K_min and {100 * _BESIDE:g} % more {above.excess:+.2g} m/s^2. Corners, random "
-        f"points (seed {seed}), then L-BFGS-B: {own.evaluations + below.evaluations + above.evaluations} points.",
-        down_to_kmh=LOWEST_SPEED_KMH if own.excess < 0 else None,
-    )
+    numbers = {"own": own, "below": below, "above": above, "beside": _BESIDE, "seed": seed}
+    return _down_to_5_kmh("robust gain, search", own.excess < 0, "sampled", numbers)
 
 
 def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
@@ -404,68 +358,41 @@ def rail_mistaken(vehicle: Vehicle, gains: LawGains) -> Condition:
         "dry taken for wet": least_gain(vehicle, taken_for_wet),
         "wet taken for dry": least_gain(vehicle, taken_for_dry),
     }
-    holds = max(asked.values()) < gains.K
-    return Condition(
-        "robust gain, rail mistaken",
-        "K > (J/r) d_max with the Ta_hat of the other rail too.",
-        holds,
-        "symbolic",
-        f"K = {gains.K:.4g} N m, asked {', '.join(f'{value:.4g} N m ({name})' for name, value in asked.items())}, the "
-        f"wet rail's Ta being {wet:.3g} of the dry one's.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
+    numbers = {"K": gains.K, "asked": asked, "wet_share": wet}
+    return _down_to_5_kmh("robust gain, rail mistaken", max(asked.values()) < gains.K, "symbolic", numbers)
 
 
-def layer_bound(gains: LawGains, largest: float) -> float:
-    """Ultimate bound of |s|, m/s, inside the layer: (J/r)d_max/(D + K/Phi)."""
-    return largest / (gains.D + gains.K / gains.layer)
+def _layer_numbers(gains: LawGains, largest: float) -> dict[str, Any]:
+    """met: whether the layer carries (J/r) d_max = largest, N*m; bound: the ultimate one of |s| inside it, m/s."""
+    return {
+        "met": largest <= gains.K + gains.D * gains.layer,
+        "bound": largest / (gains.D + gains.K / gains.layer),
+        "K": gains.K,
+        "D": gains.D,
+        "layer": gains.layer,
+        "largest": largest,
+    }
 
 
 def boundary_layer_bound(gains: LawGains, largest: float) -> Condition:
     """Its closed-form bound, for (J/r)|d| <= largest (N m)."""
-    variant = boundary_layer()
-    met = largest <= gains.K + gains.D * gains.layer
-    holds = variant.proved and met
-    return Condition(
-        "boundary layer, bound",
-        "sat(s/Phi), theta known, (J/r)d_max <= K + D Phi: |s| ends below (J/r)d_max/(D + K/Phi) <= Phi.",
-        holds,
-        "symbolic",
-        (f"|s| <= {layer_bound(gains, largest):.4g} m/s" if met else "K + D Phi is less, so no bound in the layer")
-        + f": K = {gains.K:.4g} N m, D = {gains.D:.4g} N m/(m/s), Phi = {gains.layer:g} m/s, (J/r)d_max = "
-        f"{largest:.4g} N m. {variant.argument}.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
+    numbers = _layer_numbers(gains, largest)
+    return _down_to_5_kmh("boundary layer, bound", boundary_layer_proved() and numbers["met"], "symbolic", numbers)
 
 
 def boundary_layer_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """Disturbed ideal stops against that bound."""
+    """Disturbed ideal stops against that bound, theta known."""
     still = replace(gains, k1=0.0, k2=0.0, box=None, dead_zone=False)
     run = simulate_ideal(vehicle, still, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
-    disturbed = float(np.nanmax(np.abs(disturbance_along(run, gains))))
-    met = largest <= gains.K + gains.D * gains.layer
-    if met:
-        bound = layer_bound(gains, largest)
-        reached, highest = _after_entry(run, gains.layer, bound)
-        kept = math.isfinite(reached) and highest <= bound * (1 + _BOUND_TOLERANCE) and disturbed <= largest
-        seen = f"|s| below {highest:.4g} m/s from {reached:.3g} s on, bound {bound:.4g}"
-    else:
-        kept, seen = False, f"no bound within the layer to stay below; |s| up to {np.nanmax(np.abs(run.s)):.4g} m/s"
-    return Condition(
-        "boundary layer, runs",
-        "In disturbed ideal stops |s| stays below the ultimate bound, itself within the layer, once it is inside.",
-        kept,
-        "simulated",
-        f"{seen}; (J/r)|d| up to {disturbed:.4g} of {largest:.4g} N m. {_runs_text(vehicle, seeds)}, theta known.",
-        down_to_kmh=LOWEST_SPEED_KMH if kept else None,
-    )
-
-
-def _runs_text(vehicle: Vehicle, seeds: tuple[int, ...]) -> str:
-    return (
-        f"{len(seeds)} stops, dry, seeds {seeds[0]} to {seeds[-1]}, published disturbances cut at {SIGMAS:g} sigma, "
-        "exact estimates"
-    )
+    disturbed = _largest_disturbance(run, gains)
+    numbers = _layer_numbers(gains, largest)
+    reached, highest, kept = math.inf, float(np.nanmax(np.abs(run.s))), False
+    if numbers["met"]:
+        reached, highest = _after_entry(run, gains.layer, numbers["bound"])
+        within = highest <= numbers["bound"] * (1 + _BOUND_TOLERANCE)
+        kept = math.isfinite(reached) and within and disturbed <= largest
+    numbers |= {"reached": reached, "highest": highest, "disturbed": disturbed, "seeds": seeds}
+    return _down_to_5_kmh("boundary layer, runs", kept, "simulated", numbers)
 
 
 def disturbance_along(run: IdealRun, gains: LawGains) -> np.ndarray:
@@ -474,6 +401,10 @@ def disturbance_along(run: IdealRun, gains: LawGains) -> np.ndarray:
     fraction = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * run.time) * np.sin(TORQUE_FREQUENCY * run.time)
     q = fraction[:, None]
     return np.asarray((run.disturbance + q * (gains.D * run.s + gains.K * switched)) / (1.0 + q))
+
+
+def _largest_disturbance(run: IdealRun, gains: LawGains) -> float:
+    return float(np.nanmax(np.abs(disturbance_along(run, gains))))
 
 
 def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, float]:
@@ -488,51 +419,21 @@ def _after_entry(run: IdealRun, layer: float, bound: float) -> tuple[float, floa
     return float(run.time[np.max(first)]), float(np.nanmax(after))
 
 
-def dead_zone_condition(gains: LawGains, largest: float) -> Condition:
+def _dead_zone(gains: LawGains, largest: float) -> Condition:
     """V' with the dead zone, the projection beside it, for (J/r)|d| <= largest (N m)."""
-    variant = dead_zone()
-    met = gains.box is not None and largest <= gains.K + gains.D * gains.layer
-    holds = variant.proved and projection().proved and met
-    return Condition(
-        "dead zone in the adaptation",
-        "theta_hat_i' = k_i s_D phi_i, s_D = s - Phi sat(s/Phi), theta_hat held in the box by the projection, V in "
-        "s_D: V' <= -(1 - c) D0 s_D^2 for all |d| <= d_max, so |s| -> [0, Phi] with theta unknown (constant).",
-        holds,
-        "symbolic",
-        f"Needs (J/r)d_max = {largest:.4g} <= K + D Phi = {gains.K + gains.D * gains.layer:.4g} N m and the projection"
-        f"{'' if gains.box is not None else ', which there is none of'}: {variant.argument}; s_D^2 is integrable and "
-        "s_D' bounded (Barbalat).",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
-
-
-def _projection() -> Condition:
-    variant = projection()
-    return Condition(
-        "projection",
-        "theta_hat held in a box that contains theta, its rate cut to 0 where it would leave: V' is not larger than "
-        "without, and theta_hat is bounded whatever disturbs.",
-        variant.proved,
-        "symbolic",
-        f"{variant.argument}.",
-    )
+    numbers = {**_layer_numbers(gains, largest), "boxed": gains.box is not None}
+    holds = dead_zone_proved() and projection_proved() and numbers["boxed"] and numbers["met"]
+    return _down_to_5_kmh("dead zone in the adaptation", holds, "symbolic", numbers)
 
 
 def _projection_samples(vehicle: Vehicle, gains: LawGains, seed: int) -> Condition:
     """The cross term at random points, faces included."""
     worst = largest_cross_term(gains, seed=seed)
     assert gains.box is not None, "the design has one"
-    sides = ", ".join(f"[{low:.3g}, {high:.3g}]" for low, high in gains.box)
     theta = true_theta(vehicle.loaded(), vehicle)
     contains = all(low <= value <= high for value, (low, high) in zip(theta, gains.box, strict=True))
-    return Condition(
-        "projection, samples",
-        "The cross term of V' under projection is not positive, and the box contains the loaded vehicle's theta.",
-        worst <= 0.0 and contains,
-        "sampled",
-        f"{_SAMPLES} points (seed {seed}): theta and theta_hat in the box {sides}, half of theta_hat on a face, |s| "
-        f"<= 4 m/s, 0 <= Ta <= 6000 N m, 0 <= omega <= 70 rad/s: largest cross term {worst:.3g} m^2/s^3.",
-    )
+    numbers = {"samples": _SAMPLES, "seed": seed, "box": gains.box, "largest": worst}
+    return Condition("projection, samples", worst <= 0.0 and contains, "sampled", numbers)
 
 
 def projected(rate: np.ndarray, hat: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -541,61 +442,49 @@ def projected(rate: np.ndarray, hat: np.ndarray, low: np.ndarray, high: np.ndarr
     return np.where(leaves, 0.0, rate)
 
 
-def largest_cross_term(gains: LawGains, *, seed: int, samples: int = _SAMPLES) -> float:
+def largest_cross_term(gains: LawGains, *, seed: int) -> float:
     """Largest sum theta_tilde_i (s phi_i - theta_hat_i'/k_i), m^2/s^3, at random points of the box and its faces."""
     assert gains.box is not None, "projection needs a box"
     generator = np.random.default_rng(seed)
     low, high = np.array(gains.box).T[:, :, None]
-    fraction = generator.random((2, samples))
-    onto = generator.integers(0, 4, (2, samples))
+    fraction = generator.random((2, _SAMPLES))
+    onto = generator.integers(0, 4, (2, _SAMPLES))
     fraction = np.where(onto == 0, 0.0, np.where(onto == 1, 1.0, fraction))
     hat = np.where(onto == 1, high, low + (high - low) * fraction)
-    theta = low + (high - low) * generator.random((2, samples))
-    s = generator.uniform(-4.0, 4.0, samples)
-    phi = np.stack((generator.uniform(0, 6000, samples), generator.uniform(0, 70, samples)))
+    theta = low + (high - low) * generator.random((2, _SAMPLES))
+    s = generator.uniform(-4.0, 4.0, _SAMPLES)
+    phi = np.stack((generator.uniform(0, 6000, _SAMPLES), generator.uniform(0, 70, _SAMPLES)))
     free = s * phi  # the law's rate over its gain: the gains do not matter to the sign
     return float(np.max(np.sum((theta - hat) * (free - projected(free, hat, low, high)), axis=0)))
 
 
+def _unknown_load_run(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> IdealRun:
+    """Disturbed ideal stops of a loaded vehicle that is taken for empty."""
+    return simulate_ideal(
+        vehicle.loaded(), gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds
+    )
+
+
 def _dead_zone_runs(vehicle: Vehicle, gains: LawGains, largest: float, seeds: tuple[int, ...]) -> Condition:
-    """The whole design on a loaded vehicle it takes for empty."""
-    loaded = vehicle.loaded()
-    run = simulate_ideal(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
-    V = layered_lyapunov(run, gains)
-    rise = _largest_rise(V) / float(V[0, 0])
+    """The whole design: V, which has s_D for s, never rises, |s| stays in the layer, theta_hat in its box."""
+    run = _unknown_load_run(vehicle, gains, seeds)
+    outside = np.maximum(np.abs(run.s) - gains.layer, 0.0)
+    V = run.V - 0.5 * run.s**2 + 0.5 * outside**2
+    lowest = np.minimum.accumulate(np.where(np.isfinite(V), V, np.inf), axis=0)
+    rise = float(np.nanmax(V - lowest)) / float(V[0, 0])
     assert gains.box is not None, "the design has one"
     low, high = np.array(gains.box).T
     hats = run.theta_hat[np.isfinite(run.theta_hat[..., 0])]
     boxed = bool(np.all((hats >= low) & (hats <= high)))
     reached, highest = _after_entry(run, gains.layer, gains.layer)
-    disturbed = float(np.nanmax(np.abs(disturbance_along(run, gains))))
+    disturbed = _largest_disturbance(run, gains)
     within = highest <= gains.layer * (1 + _BOUND_TOLERANCE)
+    numbers = {
+        **{"rise": rise, "highest": highest, "reached": reached, "layer": gains.layer, "boxed": boxed, "seeds": seeds},
+        **{"disturbed": disturbed, "largest": largest, "mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
+    }
     holds = rise <= _RISE_TOLERANCE and boxed and math.isfinite(reached) and within and disturbed <= largest
-    return Condition(
-        "layer, dead zone, projection: runs",
-        "The whole design on a loaded vehicle it takes for empty: V never rises, |s| stays in the layer once there, "
-        "theta_hat in its box.",
-        holds,
-        "simulated",
-        f"Largest rise of V {rise:.1e} V(0), |s| <= {highest:.4g} m/s from {reached:.3g} s on (Phi = {gains.layer:g}), "
-        f"theta_hat in its box: {'yes' if boxed else 'no'}; (J/r)|d| up to {disturbed:.4g} of {largest:.4g} N m. "
-        f"{_runs_text(vehicle, seeds)}, M = {loaded.mass:g} kg taken for {vehicle.mass:g}.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
-
-
-def layered_lyapunov(run: IdealRun, gains: LawGains) -> np.ndarray:
-    """V with s_D in place of s, m^2/s^2: V less s^2/2 plus s_D^2/2."""
-    outside = np.maximum(np.abs(run.s) - gains.layer, 0.0)
-    return np.asarray(run.V - 0.5 * run.s**2 + 0.5 * outside**2)
-
-
-def _largest_rise(V: np.ndarray) -> float:
-    """Largest rise above an earlier lowest value."""
-    known = np.where(np.isfinite(V), V, np.inf)
-    lowest = np.minimum.accumulate(known, axis=0)
-    with np.errstate(invalid="ignore"):
-        return float(np.nanmax(V - lowest))
+    return _down_to_5_kmh("layer, dead zone, projection: runs", holds, "simulated", numbers)
 
 
 @dataclass(frozen=True)
@@ -628,48 +517,24 @@ def leak_bound(vehicle: Vehicle, gains: LawGains) -> LeakBound:
     return LeakBound(c, level, math.sqrt(2.0 * level), start, asked)
 
 
-def leak_condition(vehicle: Vehicle, gains: LawGains) -> Condition:
+def _leak(vehicle: Vehicle, gains: LawGains) -> Condition:
     """The bound, over the set of theta_hat that it makes invariant itself."""
-    variant, bound = leak(), leak_bound(vehicle, gains)
-    holds = variant.proved and bound.gain < gains.K
-    return Condition(
-        "sigma-modification, bound",
-        "theta_hat_i' = k_i s phi_i - ell theta_hat_i: V' <= -c V + ell V_theta, c = min(2 h D0, ell), h >= "
-        f"{1 - TORQUE_FRACTION:g}, V_theta = sum theta_i^2/(2 k_i): V ends below ell V_theta/c.",
-        holds,
-        "symbolic",
-        f"K = {gains.K:.4g} N m, asked {bound.gain:.4g} N m over the theta_hat in V <= "
-        f"{max(bound.start, bound.level):.4g} m^2/s^2, a set that is then invariant. V ends below {bound.level:.4g} "
-        "m^2/s^2, |s| below "
-        f"{bound.surface:.3g} m/s (ell = {gains.leak:.3g} 1/s, loaded). {variant.argument}.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
+    bound = leak_bound(vehicle, gains)
+    numbers = {"least_share": 1 - TORQUE_FRACTION, "K": gains.K, "bound": bound, "leak": gains.leak}
+    return _down_to_5_kmh("sigma-modification, bound", leak_proved() and bound.gain < gains.K, "symbolic", numbers)
 
 
 def _leak_runs(vehicle: Vehicle, gains: LawGains, seeds: tuple[int, ...]) -> Condition:
-    loaded = vehicle.loaded()
-    run = simulate_ideal(loaded, gains, nominal=vehicle, duration=_DURATION, disturbances=PUBLISHED, seeds=seeds)
+    run = _unknown_load_run(vehicle, gains, seeds)
     bound = leak_bound(vehicle, gains)
     decay = np.exp(-bound.rate * run.time)[:, None]
-    envelope = run.V[0] * decay + bound.level * (1.0 - decay)
-    share = float(np.nanmax(run.V / envelope))
+    share = float(np.nanmax(run.V / (run.V[0] * decay + bound.level * (1.0 - decay))))
     met = bound.gain < gains.K
-    disturbed = float(np.nanmax(np.abs(disturbance_along(run, gains))))
-    holds = met and share <= 1.0 + _BOUND_TOLERANCE and disturbed <= bound.gain
-    return Condition(
-        "sigma-modification, runs",
-        "In disturbed ideal stops V stays below V(0) exp(-c t) + (ell V_theta/c)(1 - exp(-c t)).",
-        holds,
-        "simulated",
-        f"V at most {share:.4g} of that envelope (1 at the start); at the end |s| <= {_final(run):.3g} m/s. "
-        + ("" if met else f"K < {bound.gain:.4g} N m: the envelope is not proved. ")
-        + f"{_runs_text(vehicle, seeds)}, M = {loaded.mass:g} kg taken for {vehicle.mass:g}.",
-        down_to_kmh=LOWEST_SPEED_KMH if holds else None,
-    )
-
-
-def _final(run: IdealRun) -> float:
-    """Largest |s| over the last second of the shortest run."""
     end = int(np.min(np.sum(np.isfinite(run.s), axis=0)))
-    last = run.s[max(0, end - round(1.0 / run.time[1])) : end]
-    return float(np.max(np.abs(last)))
+    final = float(np.max(np.abs(run.s[max(0, end - round(1.0 / run.time[1])) : end])))  # the shortest run's last second
+    numbers = {
+        **{"share": share, "final": final, "met": met, "bound": bound, "K": gains.K, "seeds": seeds},
+        **{"mass": vehicle.mass, "mass_loaded": vehicle.mass_loaded},
+    }
+    holds = met and share <= 1.0 + _BOUND_TOLERANCE and _largest_disturbance(run, gains) <= bound.gain
+    return _down_to_5_kmh("sigma-modification, runs", holds, "simulated", numbers)

@@ -1,10 +1,10 @@
-"""What `verify` returns: conditions, each with its verdict, how it was reached, and the evidence."""
+"""What `verify` returns: conditions, each with its verdict, how it was reached, and the numbers it was decided by."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 How = Literal["symbolic", "sampled", "simulated"]
 """Proved with SymPy or in closed form; evaluated over a stated set; read off simulated runs."""
@@ -12,28 +12,21 @@ How = Literal["symbolic", "sampled", "simulated"]
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition: its name, unique in a verification, and what is asked, in words and letters.
+    """A condition by its name, unique in a verification; what it asks, in words, is in `report.verification`.
 
-    holds, how: None where it was not decided, because what it is about does not exist. evidence: the identity, or the
-    numbers and the set they belong to; or why it was not decided. claimed: [Park2008] claims it or relies on it.
-    down_to_kmh: speed from 100 km/h down to which it holds; None where it does not hold or speed is no part of it.
-    tolerated: what the law may have wrong, by name, and by which share either way it then still holds; inf without
-    bound.
+    holds, how: None where it was not decided, because what it is about does not exist. numbers: what it was decided
+    by, or under "missing" what does not exist. claimed: [Park2008] claims it or relies on it. down_to_kmh: speed from
+    100 km/h down to which it holds; None where it does not hold or speed is no part of it. tolerated: what the law may
+    have wrong, by name, and by which share either way it then still holds; inf without bound.
     """
 
     name: str
-    statement: str
     holds: bool | None
     how: How | None
-    evidence: str
+    numbers: Mapping[str, Any] = field(default_factory=dict)
     claimed: bool = False
     down_to_kmh: float | None = None
     tolerated: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def decided(self) -> bool:
-        """Whether it was found to hold or not to."""
-        return self.holds is not None
 
 
 @dataclass(frozen=True)
@@ -54,7 +47,7 @@ class Verification:
 
     @property
     def all_hold(self) -> bool:
-        """True where every condition holds; one that was not decided is none that holds."""
+        """True where every condition holds; one that was not decided does not."""
         return all(one.holds for one in self.conditions)
 
     @property
@@ -65,11 +58,8 @@ class Verification:
     @property
     def undecided(self) -> tuple[Condition, ...]:
         """The conditions that were not decided."""
-        return tuple(one for one in self.conditions if not one.decided)
+        return tuple(one for one in self.conditions if one.holds is None)
 
     def __getitem__(self, name: str) -> Condition:
         """The condition of a name; KeyError for another."""
-        for one in self.conditions:
-            if one.name == name:
-                return one
-        raise KeyError(name)
+        return {one.name: one for one in self.conditions}[name]

@@ -1,6 +1,7 @@
-"""The loop of `ideal_loop`, run as text in a kernel: the derived law at once on the plant, one run after another.
+"""The plant in fixed steps, run as text in a kernel: without an actuator and with the law in the loop, or behind one.
 
-The torque is computed once a step and held; the plant is integrated by Heun's method.
+`run`: the derived law at once on the plant, one run after another; the torque is computed once a step and held, the
+plant integrated by Heun's method. `advance`: a step of classical Runge-Kutta behind the lag, under a given command.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from railslip_ctrl.model.kernels import (
     adhesion_force,
     compiled,
     entry,
+    lag_rate,
     law_control,
     law_parameters,
     rates,
@@ -22,13 +24,15 @@ from railslip_ctrl.model.kernels import (
 SPEED, SIGMA, SURFACE, THETA1, THETA2, TORQUE = range(6)
 COLUMNS = 6
 
+RADIUS = 3  # place of the wheel's radius among the plant's parameters
+
 
 class IdealSettings(NamedTuple):
-    """What holds for all runs; SI."""
+    """What holds for all runs without an actuator; SI."""
 
     step: float
     reference: float
-    held: bool
+    frozen: bool
     end_speed: float
     slip_limit: float
     fraction: float
@@ -38,9 +42,6 @@ class IdealSettings(NamedTuple):
     high1: float
     low2: float
     high2: float
-
-
-RADIUS = 3  # place of the wheel's radius among the plant's parameters
 
 
 @compiled
@@ -55,10 +56,10 @@ def law_torque(v, sigma, z, noise, p, table):
 
 
 @compiled
-def plant_rates(v, sigma, z, Tb, Td, Tr, p, table, held):
-    """The plant's; v' = 0 where the speed is held."""
+def plant_rates(v, sigma, z, Tb, Td, Tr, p, table, frozen):
+    """The plant's; v' = 0 where the speed is frozen."""
     v_rate, sigma_rate, z_rate = rates(v, sigma, z, Tb, Td, Tr, p, table)
-    return (0.0 if held else v_rate), sigma_rate, z_rate
+    return (0.0 if frozen else v_rate), sigma_rate, z_rate
 
 
 @entry
@@ -69,7 +70,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
     start: v, sigma, z, theta1_hat, theta2_hat. force, N, and noise, m/s: (runs, steps). plants: the parameters before
     and from step `change` on. law: numbers of the generated `Parameters`.
     """
-    h, held = given.step, given.held
+    h, frozen = given.step, given.frozen
     parameters = law_parameters(law, 0)
     for k in range(rows.shape[0]):
         v, sigma, z, theta1, theta2 = start[0], start[1], start[2], start[3], start[4]
@@ -81,7 +82,7 @@ def run(rows, start, force, noise, plants, change, given, law, table):
             if v <= given.end_speed:
                 break
             Tr = p[RADIUS] * force[k, i]
-            v_rate = plant_rates(v, sigma, z, 0.0, 0.0, Tr, p, table, held)[0]
+            v_rate = plant_rates(v, sigma, z, 0.0, 0.0, Tr, p, table, frozen)[0]
             Ta = law_torque(v, sigma, z, noise[k, i], p, table)
             measured = sigma + noise[k, i]
             e = given.reference * v - measured
@@ -90,18 +91,46 @@ def run(rows, start, force, noise, plants, change, given, law, table):
             t = i * h
             Td = given.fraction * Tb * math.exp(-given.decay * t) * math.sin(given.frequency * t)
             row = rows[k, i]
-            row[SPEED], row[SIGMA], row[SURFACE], row[THETA1], row[THETA2], row[TORQUE] = (
-                v,
-                sigma,
-                s,
-                theta1,
-                theta2,
-                Tb,
-            )
-            a, b, c = plant_rates(v, sigma, z, Tb, Td, Tr, p, table, held)
-            a2, b2, c2 = plant_rates(v + h * a, sigma + h * b, z + h * c, Tb, Td, Tr, p, table, held)
+            row[SPEED], row[SIGMA], row[SURFACE] = v, sigma, s
+            row[THETA1], row[THETA2], row[TORQUE] = theta1, theta2, Tb
+            a, b, c = plant_rates(v, sigma, z, Tb, Td, Tr, p, table, frozen)
+            a2, b2, c2 = plant_rates(v + h * a, sigma + h * b, z + h * c, Tb, Td, Tr, p, table, frozen)
             v, sigma, z = v + 0.5 * h * (a + a2), sigma + 0.5 * h * (b + b2), z + 0.5 * h * (c + c2)
             e_integral += 0.5 * h * (e + given.reference * v - sigma - noise[k, i])
             theta1 = min(max(theta1 + h * rate1, given.low1), given.high1)
             theta2 = min(max(theta2 + h * rate2, given.low2), given.high2)
     return 0.0
+
+
+@compiled
+def moved(state, rate, h):
+    """The state after a step along a rate."""
+    return state[0] + h * rate[0], state[1] + h * rate[1], state[2] + h * rate[2], state[3] + h * rate[3]
+
+
+@compiled
+def all_rates(state, command, load, lag, frozen, p, table):
+    """v', sigma', z', Tb'; without a lag the command acts at once."""
+    v, sigma, z, torque = state
+    Tb = torque if lag > 0.0 else command
+    v_rate, sigma_rate, z_rate = plant_rates(v, sigma, z, Tb, load, 0.0, p, table, frozen)
+    return v_rate, sigma_rate, z_rate, lag_rate(torque, command, lag) if lag > 0.0 else 0.0
+
+
+@entry
+def advance(v, sigma, z, torque, command, now, middle, end, h, lag, frozen, p, table):
+    """State and v' after h seconds, the command held; now, middle, end: what else loads the wheel then, N*m."""
+    state = (v, sigma, z, torque)
+    k1 = all_rates(state, command, now, lag, frozen, p, table)
+    k2 = all_rates(moved(state, k1, 0.5 * h), command, middle, lag, frozen, p, table)
+    k3 = all_rates(moved(state, k2, 0.5 * h), command, middle, lag, frozen, p, table)
+    k4 = all_rates(moved(state, k3, h), command, end, lag, frozen, p, table)
+    mean = (
+        (k1[0] + 2.0 * k2[0] + 2.0 * k3[0] + k4[0]) / 6.0,
+        (k1[1] + 2.0 * k2[1] + 2.0 * k3[1] + k4[1]) / 6.0,
+        (k1[2] + 2.0 * k2[2] + 2.0 * k3[2] + k4[2]) / 6.0,
+        (k1[3] + 2.0 * k2[3] + 2.0 * k3[3] + k4[3]) / 6.0,
+    )
+    after = moved(state, mean, h)
+    v_rate = all_rates(after, 0.0, end, lag, frozen, p, table)[0]  # of every torque the same
+    return after[0], after[1], after[2], after[3], v_rate

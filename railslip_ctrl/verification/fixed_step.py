@@ -1,0 +1,404 @@
+"""The verification's simulator, in fixed steps: a law on the nonlinear wheel, behind the brake actuator or without it.
+
+`simulate_ideal` is the loop that the proof is about: the generated law acts at once on the plant. A relay's s chatters
+within (one step) * K0 of zero.
+
+`simulate_fine` has dead time and lag, in steps that divide the dead time: the command is a list that is read one dead
+time later. A relay's switch is seen at the next sample, so that instants are good to one step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from inspect import signature
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.units import KMH
+from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
+from railslip_ctrl.model.kernels import module_of, module_text, plain
+from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
+from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Actuator, Rail, Resistance, Vehicle
+from railslip_ctrl.sliding.generate import generated_law, law_kernel_text
+from railslip_ctrl.sliding.law import LawGains, gain_parameters
+
+from . import fixed_step_kernel as layout
+from .reaching import (
+    ADHESION_NOISE,
+    TORQUE_DECAY,
+    TORQUE_FRACTION,
+    TORQUE_FREQUENCY,
+    disturbance_function,
+    law_parameters,
+    lyapunov_function,
+    reference_slip,
+    resistance_force,
+    true_theta,
+)
+from .relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
+
+Floats = NDArray[np.float64]
+
+END_SPEED = 5.0 * KMH
+"""m/s, where a stop ends ([Park2008] p. 56)."""
+
+STEP = 0.002  # s, without an actuator
+RUNS = 8
+"""Runs of a simulated condition; seeds follow the one asked for."""
+
+_NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
+_LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
+
+
+@cache
+def kernel(law: type[AdhesionLaw]) -> ModuleType:
+    """The compiled steps with an adhesion law."""
+    return module_of(kernel_text(law))
+
+
+def kernel_text(law: type[AdhesionLaw], *, compiled: bool = True) -> str:
+    """The kernel's module: the plant with a law, the generated sliding-mode law, and the steps."""
+    # floats: the law, run in the interpreter, counts with them and not with NumPy's
+    names = list(signature(generated_law().control).parameters)[:-1]
+    arguments = ", ".join(f"float({name})" for name in names)
+    joined = f"""
+@compiled
+def law_control(e, e_integral, omega, Ta, v_rate, theta1_hat, theta2_hat, p):
+    return control({arguments}, p)
+
+"""
+    own = plain(Path(layout.__file__).read_text("utf-8"))
+    return module_text(law, law_kernel_text(), joined, own, compiled=compiled)
+
+
+# --- without an actuator ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class IdealDisturbances:
+    """What acts on a run.
+
+    random_share: standard deviation of the random adhesion force over the wheel load, cut at three of them, a value
+    lasts 0.02 s; torque: Td = 0.05 Tb exp(-4t) sin(10 pi t); resistance: the vehicle's; slip_noise: standard deviation
+    of the noise on the measured slip velocity, m/s, white over the steps.
+    """
+
+    random_share: float = 0.0
+    torque: bool = False
+    resistance: bool = False
+    slip_noise: float = 0.0
+
+
+UNDISTURBED = IdealDisturbances()
+PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
+"""The published run's."""
+
+
+@dataclass(frozen=True)
+class IdealRun:
+    """Signals of the runs, arrays (steps, seeds); NaN after the end of a stop.
+
+    time (s, steps only), speed, sigma, s (m/s, s as measured), V (m^2/s^2; NaN without adaptation gains), theta_hat
+    (steps, seeds, 2), disturbance: (J/r) d (N*m), torque (N*m); theta: true values at the end, (2,).
+    """
+
+    time: Floats
+    speed: Floats
+    sigma: Floats
+    s: Floats
+    V: Floats
+    theta_hat: Floats
+    disturbance: Floats
+    torque: Floats
+    theta: Floats
+
+
+def simulate_ideal(
+    vehicle: Vehicle,
+    gains: LawGains,
+    *,
+    duration: float,
+    nominal: Vehicle | None = None,
+    disturbances: IdealDisturbances = UNDISTURBED,
+    seeds: Sequence[int] = (0,),
+    held_speed: float | None = None,
+    start_estimate: tuple[float, float] = (0.0, 0.0),
+    change: tuple[float, Vehicle] | None = None,
+) -> IdealRun:
+    """Runs on the bristle model, dry rail, for `duration` seconds, or until 5 km/h.
+
+    The law has the parameters of `nominal` (left out: of `vehicle`). A run starts free rolling at 100 km/h; with
+    `held_speed`, m/s, v stays there (v' = 0 for wheel and law) and the run starts at the reference slip, at rest.
+    `change`: a time, s, from which on the vehicle is another; V then counts theta_hat against that one's theta.
+    DomainError where a run diverges beyond the slip the bristle model holds for.
+    """
+    law = published_law("bristle", Rail.DRY, wheel_load=vehicle.wheel_load)
+    slip = reference_slip()
+    steps = round(duration / STEP)
+    vehicles: tuple[Vehicle, ...] = (vehicle, vehicle if change is None else change[1])
+    if not disturbances.resistance:
+        vehicles = tuple(one.model_copy(update={"resistance": Resistance()}) for one in vehicles)
+    plants = np.array([plant_parameters(law, one) for one in vehicles])
+    changed = steps if change is None else round(change[0] / STEP)
+    speed = held_speed if held_speed is not None else INITIAL_SPEED_KMH * KMH
+    limit = law.domain_limit(speed)[0] * speed  # does not move with v
+    sigma, z = 0.0, 0.0
+    if held_speed is not None:
+        sigma = slip * speed
+        z = float(numeric_plant(type(law)).rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, plants[0]))
+    force, noise = _random(disturbances, seeds, steps)
+    force *= vehicle.wheel_load
+    rows = np.full((len(seeds), steps, layout.COLUMNS), np.nan)
+    settings = kernel(type(law)).IdealSettings(
+        *(STEP, slip, held_speed is not None, END_SPEED, limit),
+        *(TORQUE_FRACTION if disturbances.torque else 0.0, TORQUE_DECAY, TORQUE_FREQUENCY),
+        # the box is kept by the loop, as the generated step keeps it
+        *((-np.inf, np.inf, -np.inf, np.inf) if gains.box is None else map(float, (*gains.box[0], *gains.box[1]))),
+    )
+    parameters = law_parameters(
+        **gain_parameters(replace(gains, box=None)),
+        J=vehicle.effective_inertia,
+        r=vehicle.wheel.radius,
+        Mn=(nominal or vehicle).effective_mass,
+        Bn=(nominal or vehicle).effective_viscous_friction,
+        lambda_d=slip,
+    )
+    left = kernel(type(law)).run(
+        *(rows, np.array([speed, sigma, z, *start_estimate]), force, noise, plants, changed),
+        settings,
+        np.array(parameters),
+        np.zeros(1),  # the bristle model is in closed form
+    )
+    if left != 0.0:
+        raise DomainError(
+            f"slip velocity: {abs(left):.4g} m/s in the ideal loop is outside the domain of adhesion {law.name!r}, "
+            f"{limit:.4g} m/s; give smaller gains"
+        )
+    return _run(rows, force, disturbances, vehicles, changed, gains, nominal or vehicle)
+
+
+def _random(disturbances: IdealDisturbances, seeds: Sequence[int], steps: int) -> tuple[Floats, Floats]:
+    """Random forces over the wheel load and slip noise, m/s: one row a seed, each with a generator of its own."""
+    each = round(_NOISE_HELD / STEP)
+    force, noise = np.empty((len(seeds), steps)), np.empty((len(seeds), steps))
+    for row, seed in enumerate(seeds):
+        generator = np.random.default_rng(seed)
+        held = disturbances.random_share * np.clip(generator.standard_normal(steps // each + 1), -3.0, 3.0)
+        force[row] = np.repeat(held, each)[:steps]
+        noise[row] = disturbances.slip_noise * generator.standard_normal(steps)
+    return force, noise
+
+
+def _run(
+    rows: Floats,
+    force: Floats,
+    disturbances: IdealDisturbances,
+    vehicles: tuple[Vehicle, ...],
+    changed: int,
+    gains: LawGains,
+    nominal: Vehicle,
+) -> IdealRun:
+    """The signals to the end of the longest stop, with d and V, which the loop does without."""
+    length = int(np.max(np.count_nonzero(np.isfinite(rows[:, :, layout.SPEED]), axis=1)))
+    speed, sigma, s, theta1, theta2, torque = rows[:, :length].transpose(2, 1, 0)
+    time = np.asarray(STEP * np.arange(length), dtype=np.float64)
+    fading = TORQUE_FRACTION * np.exp(-TORQUE_DECAY * time) * np.sin(TORQUE_FREQUENCY * time)
+    Td = (fading if disturbances.torque else 0.0 * time)[:, None] * torque
+    d, V = np.empty((2, length, len(rows)))
+    adapts = gains.k1 > 0 and gains.k2 > 0
+    parts = (slice(0, min(changed, length)), slice(min(changed, length), length))
+    for part, vehicle in zip(parts, vehicles, strict=True):
+        M, J, r = vehicle.effective_mass, vehicle.effective_inertia, vehicle.wheel.radius
+        acting = (r * force[:, :length].T[part], resistance_force(vehicle, speed[part]), Td[part])
+        d[part] = disturbance_function()(*acting, M, J, r) * J / r
+        theta = true_theta(vehicle, nominal)
+        errors = (theta[0] - theta1[part], theta[1] - theta2[part])
+        V[part] = lyapunov_function()(s[part], *errors, gains.k1, gains.k2) if adapts else np.nan
+    theta = true_theta(vehicles[0] if changed >= length else vehicles[1], nominal)
+    return IdealRun(time, speed, sigma, s, V, np.stack((theta1, theta2), axis=-1), d, torque, theta)
+
+
+# --- behind the actuator ----------------------------------------------------------------------------------------------
+
+
+class SteppedLaw(Protocol):
+    """What the simulation asks for a command."""
+
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """Torque commanded now, N*m, and s, m/s, from speed (m/s), slip velocity (m/s), v' (m/s^2); advances by
+        `step`, s."""
+
+
+@dataclass(frozen=True)
+class FineRun:
+    """Signals of a run, arrays of one shape: s, m/s, m/s, m/s, N*m (commanded), N*m (acting)."""
+
+    time: Floats
+    speed: Floats
+    sigma: Floats
+    surface: Floats
+    command: Floats
+    torque: Floats
+
+    def after(self, start: float) -> FineRun:
+        """The part from a time, s, on."""
+        kept = self.time >= start
+        return FineRun(*(getattr(self, name)[kept] for name in self.__dataclass_fields__))
+
+
+def holding_torque(point: OperatingPoint) -> float:
+    """Torque, N*m, at which sigma' = 0 with the speed frozen; `point.brake_torque` has lambda' = 0 instead."""
+    p = plant_parameters(point.law, point.vehicle)
+    state = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque)
+    sigma_rate = float(numeric_plant(type(point.law)).rates(*state, 0.0, 0.0, p)[1])
+    return point.brake_torque - sigma_rate * point.vehicle.effective_inertia / point.vehicle.wheel.radius
+
+
+def slip_velocity_limit(law: AdhesionLaw, speed: float) -> float:
+    """Slip velocity, m/s, at which the wheel locks or the adhesion law's domain ends; both signs."""
+    return min(1.0, law.domain_limit(speed)[0]) * speed
+
+
+def simulate_fine(
+    point: OperatingPoint,
+    controller: SteppedLaw,
+    actuator: Actuator,
+    *,
+    duration: float,
+    step: float = 1e-3,
+    disturbance: Callable[[float], float] | None = None,
+    offset: float = 0.0,
+    frozen: bool = True,
+    end_speed: float = 0.0,
+) -> FineRun:
+    """Run from an operating point, held until t = 0 by its own torque, `duration` seconds or until the speed is
+    `end_speed`.
+
+    The controller is called once a step, s, which is made smaller so that it divides the dead time. `disturbance`:
+    torque at the wheel, N*m, over time, s; adds to the brake's. `offset`: initial slip velocity above the point's, m/s.
+    `frozen`: the speed is held; else it falls as it brakes. InputError for a duration or step that is not positive and
+    finite; DomainError where the wheel locked or left the adhesion law's domain on either side (or is not a number).
+    Slip below 0, a wheel released, is within it.
+    """
+    if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
+        raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
+    delay = math.ceil(actuator.dead_time / step - 1e-9)
+    h = actuator.dead_time / delay if delay else step
+    count = math.ceil(duration / h)
+    hold = holding_torque(point) if frozen else point.brake_torque
+    load = disturbance or (lambda t: 0.0)
+    fixed = (float(actuator.lag), frozen, np.array(plant_parameters(point.law, point.vehicle)))
+    advance, table = kernel(type(point.law)).advance, adhesion_table(point.law, point.vehicle.wheel_load)
+    state = [point.speed, point.sigma + offset, point.adhesion_state or 0.0, float(hold)]
+    *_, v_rate = advance(*state, hold, *(load(0.0),) * 3, 0.0, *fixed, table)
+    log = np.empty((count, 6))
+    commands = [hold] * delay
+    for n in range(count):
+        t = n * h
+        v, sigma, _, torque = state
+        if v <= end_speed:
+            return FineRun(*log[:n].T)
+        limit = slip_velocity_limit(point.law, v)
+        if not -limit < sigma < limit:
+            raise DomainError(
+                f"simulation: the wheel is lost at {t:.3f} s and {v / KMH:.4g} km/h: slip velocity {sigma:.4g} m/s is "
+                f"outside +-{limit:.4g} m/s"
+            )
+        command, surface = controller.command(v, sigma, v_rate, h)
+        commands.append(command)
+        acting = torque if actuator.lag > 0 else commands[n]
+        log[n] = (t, v, sigma, surface, command, acting)
+        # the delayed command over the step: both its ends are known if there is a dead time
+        now = 0.5 * (commands[n] + commands[n + 1]) if delay else command
+        *state, v_rate = advance(*state, float(now), load(t), load(t + 0.5 * h), load(t + h), h, *fixed, table)
+    return FineRun(*log.T)
+
+
+def whole_periods(run: FineRun) -> tuple[float, FineRun]:
+    """Period of s, s, and the part of a run from its first to its last upward crossing of zero.
+
+    DomainError where s does not cross zero upwards at least three times.
+    """
+    s = run.surface
+    up = np.flatnonzero((s[:-1] <= 0) & (s[1:] > 0))
+    if up.size < _LEAST_CROSSINGS:
+        raise DomainError(f"oscillation: s crosses zero {up.size} times upwards; simulate longer, or it does not cycle")
+    ends = up[[0, -1]]
+    instants = run.time[ends] - s[ends] / (s[ends + 1] - s[ends]) * (run.time[ends + 1] - run.time[ends])
+    period = float((instants[1] - instants[0]) / (up.size - 1))
+    return period, FineRun(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
+
+
+def switch(s: float, layer: float) -> float:
+    """sgn(s), or sat(s/layer)."""
+    if layer > 0:
+        return max(-1.0, min(1.0, s / layer))
+    return math.copysign(1.0, s) if s else 0.0
+
+
+def slip_range(run: FineRun) -> tuple[float, float]:
+    """Least and largest slip ratio of a run."""
+    slip = run.sigma / run.speed
+    return float(slip.min()), float(slip.max())
+
+
+class PublishedLaw:
+    """The generated law with the plant's own parameters, for `simulate_fine`: [Park2008] (45) with (49).
+
+    Holds int e, theta and the adhesion model's state, which starts at the point's. The point's slip is the reference,
+    its law the adhesion model; `layer`, m/s, > 0 replaces the relay by K sat(s/layer); `frozen`: the reference is held,
+    so that sigma_d' = 0.
+    """
+
+    def __init__(
+        self,
+        point: OperatingPoint,
+        gains: SlidingGains,
+        *,
+        feed_forward: FeedForward = FeedForward.MODEL,
+        layer: float = 0.0,
+        frozen: bool = True,
+    ) -> None:
+        self.point, self.frozen, self.feed_forward = point, frozen, feed_forward
+        self.integral, self.theta = 0.0, (0.0, 0.0)
+        self.z = point.adhesion_state or 0.0
+        self._functions, self._p = numeric_plant(type(point.law)), plant_parameters(point.law, point.vehicle)
+        M, J, B, r = self._p[:4]
+        k2 = OMEGA_UNIT_FACTOR * gains.k
+        self._parameters = law_parameters(
+            **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip, "boundary": layer},
+            **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
+        )
+
+    def command(self, v: float, sigma: float, v_rate: float, step: float) -> tuple[float, float]:
+        """See `SteppedLaw`."""
+        r = self._p[3]
+        e, omega = self.point.slip * v - sigma, (v - sigma) / r
+        measured = (e, self.integral, omega, r * self._force(v, sigma), 0.0 if self.frozen else v_rate)
+        torque, s, *rates = generated_law().control(*measured, *self.theta, self._parameters)
+        self.integral += step * e
+        self.theta = (self.theta[0] + step * rates[0], self.theta[1] + step * rates[1])
+        if self.point.law.has_state and self.feed_forward is FeedForward.MODEL:
+            middle = self.z + 0.5 * step * self._z_rate(v, sigma, self.z)
+            self.z += step * self._z_rate(v, sigma, middle)
+        return torque, s
+
+    def _force(self, v: float, sigma: float) -> float:
+        z = self.z
+        if self.feed_forward is FeedForward.OFF:
+            return self.point.adhesion_force
+        if self.feed_forward is FeedForward.REST:
+            z = float(self._functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, self._p))
+        return float(self._functions.force(v, sigma, z, 0.0, 0.0, 0.0, self._p))
+
+    def _z_rate(self, v: float, sigma: float, z: float) -> float:
+        return float(self._functions.rates(v, sigma, z, 0.0, 0.0, 0.0, self._p)[2])
