@@ -15,11 +15,23 @@ from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputE
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl.report.verification import findings_text
 from railslip_ctrl.sliding.generate import generated_law
 from railslip_ctrl.verification import relay_loop
-from railslip_ctrl.verification.actuator_effects import actuator_effect, conclusion, cycle_table, published_loop
+from railslip_ctrl.verification.actuator_effects import (
+    PublishedBehind,
+    actuator_effect,
+    cycle_table,
+    first_limit,
+    joint_advice,
+    largest_relay,
+    published_loop,
+    survivable_excursion,
+    survivors,
+    without_actuator,
+)
 from railslip_ctrl.verification.fixed_step import PublishedLaw, simulate_fine
-from railslip_ctrl.verification.layered import induced_gains, layer_bound
+from railslip_ctrl.verification.layered import layer_bound, torque_impulse
 from railslip_ctrl.verification.limit_cycles import (
     LINEAR_CHANGE,
     critical_gains,
@@ -31,21 +43,12 @@ from railslip_ctrl.verification.limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from railslip_ctrl.verification.relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
-from railslip_ctrl.verification.surviving_gains import (
-    advice_text,
-    first_limit,
-    joint_advice,
-    largest_relay,
-    survivable_excursion,
-    survivors,
-    without_actuator,
-)
+from railslip_ctrl.verification.relay_loop import FeedForward, SlidingGains
 
 # --- limit cycles ----------------------------------------------------------------------------------------------------
 
-CYCLES = [(Rail.DRY, 3.6, K) for K in (70.0, 400.0)] + [(Rail.WET, 1.0, K) for K in (30.0, 70.0, 200.0)]
-CYCLES += [(Rail.WET, 3.6, 70.0), *((Rail.DRY, 1.0, K) for K in (30.0, 40.0, 70.0, 90.0))]
+CYCLES = [(Rail.DRY, 3.6, 400.0), (Rail.WET, 1.0, 30.0), (Rail.WET, 1.0, 200.0), (Rail.WET, 3.6, 70.0)]
+CYCLES += [(Rail.DRY, 1.0, K) for K in (30.0, 90.0)]
 AMPLITUDES = ("surface_amplitude", "sigma_amplitude", "torque_amplitude")
 
 
@@ -123,9 +126,7 @@ def test_a_high_relay_releases_the_wheel_once_a_period_and_does_not_lose_it(rail
     assert cycle.period == pytest.approx(period, rel=0.01)
     effect = actuator_effect(loop)
     assert not effect.holds_the_wheel
-    assert "releasing the wheel once a period" in effect.cycle_text
-    assert "lost" not in effect.cycle_text
-    assert ("beyond twice the reference" in effect.cycle_text) == (high > 2 * loop.plant.point.slip)
+    assert effect.own_cycle.actual == cycle
 
 
 def test_a_wheel_that_locks_is_lost():
@@ -136,10 +137,8 @@ def test_a_wheel_that_locks_is_lost():
     effect = effect_on(Rail.WET)
     lost = replace(effect, cycles=tuple(replace(cycle, actual=None) for cycle in effect.cycles))
     assert not lost.holds_the_wheel
-    assert "locks or leaves the adhesion model in the simulation: it is lost" in lost.cycle_text
     assert "lost" in cycle_table([lost]).splitlines()[1]
     assert math.isnan(lost.cycles[0].period_error)
-    assert math.isnan(lost.cycles[0].amplitude_error)
 
 
 def test_law_with_its_adaptation_releases_the_wheel_its_relay_alone_would_spare():
@@ -152,7 +151,7 @@ def test_law_with_its_adaptation_releases_the_wheel_its_relay_alone_would_spare(
     assert law_runs(published_loop(Rail.WET))[0].spared
     assert effect_on(Rail.DRY).holds_the_wheel
     lost = law_runs(published_loop(Rail.DRY).with_gains(K=9000.0))[1]
-    assert (lost.spared, "the wheel is lost at" in lost.text) == (False, True)
+    assert (lost.spared, "the wheel is lost at" in lost.lost) == (False, True)
 
 
 def test_integrator_with_dead_time_has_the_textbook_cycle():
@@ -225,7 +224,6 @@ def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
     omega = 1e6
     size = abs(complex(loop.surface_response(omega))) * omega**degree
     assert size == pytest.approx(existence.high_frequency_gain, rel=1e-4)
-    assert existence.reason
 
 
 def test_relay_slides_with_an_ideal_actuator_and_cycles_with_the_real_one():
@@ -249,33 +247,29 @@ def test_critical_relay_gain_is_confirmed_by_the_exact_root_count(rail, scale):
     assert smallest_layer(loop) == pytest.approx(loop.gains.K / first.gain, rel=1e-12)
 
 
-@pytest.mark.parametrize("frozen", [True, False])
 @pytest.mark.parametrize("feed_forward", FeedForward)
-@pytest.mark.parametrize(("rail", "scale"), READINGS)
-def test_the_law_in_steps_is_the_derived_one(rail, scale, feed_forward, frozen):
-    """Torque, s and the rates of theta of the typed law are those of the law generated from its derivation."""
-    point, generated = published_loop(rail, inertia_scale=scale).plant.point, generated_law()
+def test_the_law_in_steps_is_the_generated_one(feed_forward):
+    """Torque and s are those of the generated law, with its estimates moved a step each time."""
+    point, generated = published_loop(Rail.DRY, inertia_scale=3.6).plant.point, generated_law()
     vehicle, generator = point.vehicle, np.random.default_rng(8)
-    for layer in (0.0, 0.3):
+    for layer, frozen in ((0.0, True), (0.3, False)):
         gains = SlidingGains(*generator.uniform([10.0, 1.0, 0.5, 1e-8], [900.0, 90.0, 3.0, 1e-7]).tolist())
         law = PublishedLaw(point, gains, feed_forward=feed_forward, layer=layer, frozen=frozen)
         p = generated.Parameters(
             J=vehicle.effective_inertia, r=vehicle.wheel.radius, Mn=vehicle.effective_mass,
             Bn=vehicle.effective_viscous_friction, lambda_d=point.slip, rho=gains.rho, D=gains.D, K=gains.K,
-            k1=gains.k, k2=OMEGA_UNIT_FACTOR * gains.k, filter_time=1.0, boundary=layer, torque_min=-1e9,
+            k1=gains.k, k2=12.96 * gains.k, filter_time=1.0, boundary=layer, torque_min=-1e9,
             torque_max=1e9, period=1.0,
         )  # fmt: skip
+        e_integral, theta = 0.0, (0.0, 0.0)
         for _ in range(50):
             v, sigma, v_rate = generator.uniform([2.0, -1.0, -3.0], [39.0, 4.0, 0.0]).tolist()
-            e_integral, theta = law.integral, law.theta
-            Ta, omega = p.r * law._force(v, sigma), (v - sigma) / p.r
-            torque, s = law.command(v, sigma, v_rate, 1e-3)
-            signals = (point.slip * v - sigma, e_integral, omega, Ta, 0.0 if frozen else v_rate, *theta)
-            expected = generated.control(*signals, p)
-            rates = [(new - old) / 1e-3 for new, old in zip(law.theta, theta, strict=True)]
-            # rounding of terms that cancel; that of theta is left in the difference of two of them
-            assert (torque, s) == pytest.approx(expected[:2], rel=1e-12, abs=1e-9)
-            assert rates == pytest.approx(expected[2:], rel=1e-8, abs=1e-12)
+            e, Ta, omega = point.slip * v - sigma, p.r * law._force(v, sigma), (v - sigma) / p.r
+            expected = generated.control(e, e_integral, omega, Ta, 0.0 if frozen else v_rate, *theta, p)
+            # rounding of terms that cancel
+            assert law.command(v, sigma, v_rate, 1e-3) == pytest.approx(expected[:2], rel=1e-12, abs=1e-9)
+            e_integral += 1e-3 * e
+            theta = (theta[0] + 1e-3 * expected[2], theta[1] + 1e-3 * expected[3])
 
 
 # --- the adaptation --------------------------------------------------------------------------------------------------
@@ -312,9 +306,6 @@ def test_largest_gains_are_confirmed_by_the_exact_root_count(rail, scale):
         assert not loop.with_gains(**{name: value * (1 + 1e-6)}).is_stable()
     assert linear_limit_cycle(loop, K=found.K).slip_amplitude == pytest.approx(0.02, rel=1e-6)
     assert found.relay_gain == pytest.approx(critical_gains(loop)[0].gain, rel=1e-9)
-
-
-# --- the conclusion --------------------------------------------------------------------------------------------------
 
 
 # --- advice that is checked together ---------------------------------------------------------------------------------
@@ -359,45 +350,25 @@ def test_advice_names_what_is_unstable_and_what_would_be_stable():
     assert found.unstable == tuple(dry)  # wet rail alone would bear it
     assert "dry 100.0 empty" in dry
     assert (found.relay_gain, found.k, found.ms) == (0.0, 0.0, math.inf)
-    text = advice_text(found, "everywhere")
-    assert "do not use these gains" in text
-    assert "K/layer" not in text
-    assert f"half of the joint limit {found.D_limit:.4g}" in text
+    told = findings_text(PublishedBehind((effect_on(Rail.DRY),), found, {}))
+    assert "do not use these gains" in told
+    assert f"half of the joint limit {found.D_limit:.4g}" in told
     assert all(loop.is_stable() for loop in _stop(D=0.999 * found.D_limit).values())
     assert not all(loop.is_stable() for loop in _stop(D=1.01 * found.D_limit).values())
-    hopeless = joint_advice(_stop(rho=20.0))
-    assert hopeless.D_limit == 0.0
-    assert "No smaller D mends it" in advice_text(hopeless, "everywhere")
-
-
-def test_conclusion_and_table_have_the_numbers():
-    effects = [effect_on(rail) for rail in Rail]
-    text, table = conclusion(effects, _advice(), "everywhere"), cycle_table(effects)
-    for effect in effects:
-        left = effect.survivors
-        assert effect.cycle_text in text
-        assert f"K <= {left.K:.1f} N*m" in text
-        assert f"{left.layer:.3f} m/s at K = 70 N*m; rho <= {left.rho:.3g} 1/s; D <= {left.D:.4g}" in text
-        assert all(f"{one.linear.period:.3f}" in table for one in effect.cycles)
-    free = replace(effects[1], survivors=replace(effects[1].survivors, rho=math.inf, D=math.inf))
-    assert "; rho without limit; D without limit; " in conclusion([free], _advice(), "everywhere")
-    with pytest.raises(DomainError, match="at least one"):
-        conclusion([], _advice(), "everywhere")
+    assert joint_advice(_stop(rho=20.0)).D_limit == 0.0  # no smaller D mends it
 
 
 def test_effects_where_nothing_cycles():
     unstable = actuator_effect(published_loop(Rail.DRY).with_gains(D=30.0))
     assert (unstable.unstable_linear, unstable.cycles, unstable.holds_the_wheel) == (2, (), False)
-    assert "no stable cycle" in unstable.cycle_text
-    assert "no layer and no k makes it stable" in conclusion([unstable], _advice(), "everywhere")
     assert "--" in cycle_table([unstable]).splitlines()[1]
     left = unstable.survivors
     assert (left.relay_gain, left.K, left.k, left.layer) == (0.0, 0.0, 0.0, math.inf)
     resting = actuator_effect(published_loop(Rail.DRY).with_gains(K=0.0))
     assert resting.holds_the_wheel
     assert resting.unstable_actual == 2  # the adaptation does not ask for the relay
-    assert "does not carry the 19.4 N*m" in resting.cycle_text
     assert resting.survivors.relay_gain == pytest.approx(15.6, rel=1e-3)
+    assert all(f"{one.linear.period:.3f}" in cycle_table([effect_on(Rail.DRY)]) for one in effect_on(Rail.DRY).cycles)
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------
@@ -454,7 +425,7 @@ def test_bounds_that_do_not_exist():
     with pytest.raises(InfeasibleDesignError, match="outgrows"):
         layer_bound(DESIGN, plant, ACTUATOR, 200.0)
     with pytest.raises(InfeasibleDesignError, match="do not stabilise"):
-        induced_gains(replace(DESIGN, kp=5000.0), plant, ACTUATOR)
+        torque_impulse(replace(DESIGN, kp=5000.0), plant, ACTUATOR)
     weak = replace(DESIGN, K=50.0)
     assert not layer_bound(weak, plant, ACTUATOR, 20.0).layer_kept
 

@@ -1,19 +1,16 @@
-"""One line of the errata: what is printed, what follows, and by how much they differ.
+"""All errata of [Park2008]: equations as printed against the derivation, numbers and units computed again.
 
-Errata of the adhesion models and the observer: [Park2008] (6), (9), (10), (22)-(24), (27), (28).
-
-Errata of the sliding-mode law and its proof: [Park2008] (35)-(49), compared with the derivation.
-
-Errata of [Park2008]'s numbers and units: (40), B(t), Tables 3, 4, 5; computed from the printed numbers.
-
-All errata of [Park2008]: equations as printed against the derivation, numbers computed again.
+What goes wrong, and what is used instead, is in `errata.toml`.
 """
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Literal
 
 import sympy as sp
@@ -62,7 +59,7 @@ class Erratum:
 
 
 def compared(
-    where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, sign_and_size: str, explanation: str
+    where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, sign_and_size: str, explanation: str = ""
 ) -> Erratum:
     """An erratum by comparing expressions, one or a column of them."""
     difference = tuple(_tidy(a - b) for a, b in zip(printed, derived, strict=True))
@@ -76,8 +73,14 @@ def compared(
         agrees=all(vanishes(entry) for entry in difference),
         how="symbolic",
         sign_and_size=sign_and_size,
-        explanation=explanation,
+        explanation=explanation or _explanations()[where],
     )
+
+
+@cache
+def _explanations() -> dict[str, str]:
+    found: dict[str, str] = tomllib.loads(Path(__file__).with_name("errata.toml").read_text("utf-8"))
+    return found
 
 
 def _tidy(difference: sp.Expr) -> sp.Expr:
@@ -89,10 +92,20 @@ def column(entries: Sequence[sp.Expr]) -> str:
     return latex(entries[0]) if len(entries) == 1 else latex(sp.Matrix(entries))
 
 
-def told(where: str, printed: str, derived: str, *, how: How, sign_and_size: str, explanation: str) -> Erratum:
+def told(where: str, printed: str, derived: str, *, how: How, sign_and_size: str, explanation: str = "") -> Erratum:
     """An erratum of numbers or of a claim that disagrees; both sides in LaTeX."""
     texts = _without_latex(printed), _without_latex(derived)
-    return Erratum(where, printed, derived, r"\text{see size}", *texts, False, how, sign_and_size, explanation)
+    return Erratum(
+        where,
+        printed,
+        derived,
+        r"\text{see size}",
+        *texts,
+        False,
+        how,
+        sign_and_size,
+        explanation or _explanations()[where],
+    )
 
 
 def _text(entries: Sequence[sp.Expr]) -> str:
@@ -156,8 +169,6 @@ def _force_per_length() -> Erratum:
             f"unit slip), and the force of full sliding 1/w = {1 / w:.3g} 1/m times mu_d N, in another unit; "
             f"Cx as tabulated is {beam.CONTACT_STIFFNESS / w:.2g} Pa times w"
         ),
-        explanation="(9) with the tabulated Cx has the contact width in it already; the pressure (5) is per area and "
-        "needs it. The factors were solved for from Kx lambda at small slip and mu_d N at full slip.",
     )
 
 
@@ -207,14 +218,12 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
             f"v0 = 100 km/h: (31), (32) give Fs = gamma/beta = {static:.0f} N; with a Coulomb force of any size above "
             f"1/Fs = {1 / static:.1e} N the printed beta is negative, the fitted one is +{fitted['beta']:.4g} (m/s)/N"
         ),
-        explanation="The brackets are missing: 1/(Fs - Fc) and Fs/(Fs - Fc) are meant; as printed units do not fit.",
     )
     bracketed = compared(
         "(24) with brackets",
         (vs / (Fs - Fc), Fs * vs / (Fs - Fc)),
         derived,
         sign_and_size="no difference",
-        explanation="h = 1/g with (23), by comparing (13) with (22), solved for beta and gamma.",
     )
     return literal, bracketed
 
@@ -237,8 +246,6 @@ def _observer() -> Erratum:
         (as_printed,),
         (derived,),
         sign_and_size=f"of a step of Tb a share of {jump[0]} is in Ta_hat at once; filtered as a whole, {jump[1]}",
-        explanation="Only J omega' is filtered; Ta_hat is then not a filtered Ta and rings with every change of the "
-        "brake torque. Filtering all three terms gives Ta/(tau s + 1).",
     )
 
 
@@ -248,7 +255,6 @@ def _observer_forms() -> Erratum:
         (printed.observer_without_derivative,),
         (printed.observer,),
         sign_and_size="no difference",
-        explanation="The two printed forms of the observer are the same transfer function.",
     )
 
 
@@ -312,8 +318,6 @@ def _asked_rate(derivation: Derivation) -> Erratum:
         (printed.asked_rate,),
         (sp.factor(derived),),
         sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times as fast (r/J = {_RATIO:.3e} 1/(kg m))",
-        explanation="(37) with (41) has the factor r/J. Table 4's 1/h and km/h^2 are the units of (39); in (41) D and "
-        "K are added to a torque. That they are meant as torque is an inference.",
     )
 
 
@@ -333,8 +337,6 @@ def _random_force(derivation: Derivation) -> Erratum:
             f"not once; the travelling resistance, {travelling:.0f} N at 100 km/h, i.e. "
             f"{travelling / _MASS[0]:.3f} m/s^2, is left out"
         ),
-        explanation="One symbol stands for the travelling resistance in (4) and for the random force in (35). Here "
-        "Fr is the travelling resistance and the random force enters through Tr, in (3) and (4) both.",
     )
 
 
@@ -356,8 +358,6 @@ def _theta(derivation: Derivation) -> tuple[Erratum, Erratum]:
                 f"{'other' if numbers[0] * numbers[1] < 0 else 'same'} sign, {abs(numbers[0] / numbers[1]):.2f} times "
                 "the size"
             ),
-            explanation="1/M - 1/Mn is not 1/Mp: theta1 = (1/r)(1/M - 1/Mn). (T_m in (44) is never defined; it is Ta.) "
-            "The law does not use theta1's formula, only its estimate, so it is not wrong in itself.",
         ),
         _expected_to_agree("(44), theta_2", second, derivation.theta[1], "", derivation),
     )
@@ -383,15 +383,12 @@ def _lyapunov_rate(derivation: Derivation) -> tuple[Erratum, Erratum]:
         (sp.expand(before.subs(errors)),),
         (sp.expand(derivation.V_rate.subs(errors)),),
         sign_and_size="no difference without disturbances",
-        explanation="(47) is V' of the plant without disturbances; put (45) in (the text cites (46)) to get (48).",
     )
     second = compared(
         "(47)-(48)",
         (printed.lyapunov_rate_with_law,),
         (derivation.V_rate,),
         sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times too large (r/J = {_RATIO:.3e} 1/(kg m))",
-        explanation="V' = -(r/J)(D s^2 + K |s|) + cross term: the factor r/J is lost; and the text cites (46) where "
-        "(45) is put in. The disturbances of (35) are dropped in silence.",
     )
     return first, second
 
@@ -404,9 +401,6 @@ def _adaptation(derivation: Derivation) -> Erratum:
         derivation.adaptation_matrix,
         sign_and_size=f"units that follow: k1 in {units[0]}, k2 in {units[1]} (kg, m, s); printed: one number, "
         "dimensionless",
-        explanation="The formula with scalar k makes the cross term vanish too, but the components of theta and phi "
-        "have different units: a diagonal matrix gain is needed. With speeds in km/h the second component counts "
-        "12.96 times as much as the first beside its value in SI.",
     )
 
 
@@ -513,8 +507,6 @@ def _reaching_gain(derivation: Derivation) -> Erratum:
             f"{least:.3f} m/s^2 or |s| > {needed:.1f} m/s; over the whole run at three deviations K > {widest:.0f} N*m "
             f"is asked of {K:g} N*m"
         ),
-        explanation="(40) is assumed in the source, never evaluated. Gaussian noise has no bound, so no K holds it for "
-        "certain. D and K are read as N*m per km/h and N*m, bristle column; `verify` has the bound and its set.",
     )
 
 
@@ -529,8 +521,6 @@ def _viscous() -> Erratum:
         rf"B(t) < 0 \text{{ for }} t > {zero:g}\ \mathrm{{s}}",
         how="computed",
         sign_and_size=f"zero at {zero:g} s, {last:+.3f} N*m*s at {printed.TABLE5_TIMES[0]:g} s, the end of the stop",
-        explanation="A negative viscous coefficient drives the wheel. Its torque is a few N*m, so it is harmless in "
-        "the result; it is kept as printed in the published scenario.",
     )
 
 
@@ -548,8 +538,6 @@ def _table3() -> Erratum:
             f"row means {means['beam']:.4f} and {means['bristle']:.6f}: {improvement:.1f} % better, printed "
             f"{printed.TABLE3_IMPROVEMENT:g} % (that is {rounded:.1f} % from 0.011 and 0.0083)"
         ),
-        explanation="The bristle model's mean is 0.008475, not 0.0083, and an error of an adhesion coefficient has no "
-        "unit.",
     )
 
 
@@ -576,8 +564,6 @@ def _table4_kp() -> Erratum:
         rf"{values}\ \mathrm{{N\,m/(km/h)}}",
         how="computed",
         sign_and_size=_columns(sizes),
-        explanation="N-h is exactly kN*m/(km/h): an error of 1 km/h would ask for hundreds of kN*m of a brake whose "
-        "torque is a few kN*m. That N*m/(km/h) is meant is an inference, confirmed by simulation (`reproduce`).",
     )
 
 
@@ -595,8 +581,6 @@ def _table4_ki() -> Erratum:
         rf"{values}\ \mathrm{{N\,m/(km/h)/s}}",
         how="computed",
         sign_and_size=_columns(sizes),
-        explanation="N is kN*m/(km/h) per hour, which differs from the reading by 1000/3600, not by 1000: kilo and "
-        "hour nearly cancel. The reading per second is an inference, confirmed by simulation (`reproduce`).",
     )
 
 
@@ -609,8 +593,6 @@ def _table4_asmc() -> Erratum:
         rf"D = {D}\ \mathrm{{N\,m/(km/h)}},\ K = {K}\ \mathrm{{N\,m}},\ \rho = {rho}\ \mathrm{{s}}^{{-1}}",
         how="computed",
         sign_and_size=_columns({name: _sliding_sizes(*row[:3]) for name, row in rows.items()}),
-        explanation="1/h and km/h^2 are the units of (39), not of (41), and an integral that acts within an hour does "
-        "nothing in a stop of a minute. The readings are inferences, confirmed by simulation (`reproduce`).",
     )
 
 
@@ -641,8 +623,6 @@ def _table5() -> tuple[Erratum, Erratum]:
             f"{kinetic / scale:.3g} J in SI, {kinetic:.3g} J at inertia scale {scale:g}, and {scale:g} times that, "
             f"{scale * kinetic:.3g}, is the size of the 1.77e7 of p. 56"
         ),
-        explanation="The table's exponent and kilo are wrong; p. 56 has 10^7 N*m. That number is 3.6 times the joules "
-        "of a run with inertia scale 3.6. The exact value (mass step, slip losses) takes a simulation (`reproduce`).",
     )
     decelerations = {rail: mu * PARK2008.wheel_load / PARK2008.mass for rail, mu in printed.PEAK_ADHESION.items()}
     times = {rail: (v0 - v1) / a for rail, a in decelerations.items()}
@@ -660,8 +640,6 @@ def _table5() -> tuple[Erratum, Erratum]:
             f"{printed.MASS_STEP_TIME:g} s. At inertia scale {scale:g} the step is reached and peak adhesion all the "
             f"way gives {least:.1f} s"
         ),
-        explanation="The published times need M, J and B multiplied by 3.6 (speeds in km/h, forces in N). That all "
-        "sixteen numbers follow takes a simulation (`reproduce`); peak adhesion gives the bound.",
     )
     return energy, duration
 
@@ -676,9 +654,6 @@ def _least_time(scale: float, v0: float, v1: float) -> float:
 
 
 # --- all errata -------------------------------------------------------------------------------------------------------
-
-
-__all__ = ["Erratum", "errata"]
 
 
 def errata(derivation: Derivation) -> tuple[Erratum, ...]:

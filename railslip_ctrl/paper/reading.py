@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -67,111 +69,26 @@ class ReadingRule:
     where: str
 
 
-_P, _I, _F = Basis.PRINTED, Basis.INFERRED, Basis.FITTED
-_SCALE = f"{AS_PUBLISHED_INERTIA_SCALE:g}"
-_PI = TABLE4_PI["bristle"]
+def _rules() -> tuple[ReadingRule, ...]:
+    numbers = {
+        "scale": AS_PUBLISHED_INERTIA_SCALE,
+        "slip_acceleration": SLIP_ACCELERATION,
+        "wheel_load": PARK2008.wheel_load,
+        "kp": TABLE4_PI["bristle"].kp,
+        "ki": TABLE4_PI["bristle"].ki,
+        "mass": PARK2008.mass,
+        "filter_time": FILTER_TIME,
+        "random_force": PUBLISHED_DISTURBANCES.random_force,
+        "random_hold": PUBLISHED_DISTURBANCES.random_hold,
+    }
+    texts = tomllib.loads(Path(__file__).with_name("reading.toml").read_text("utf-8"))
+    return tuple(
+        ReadingRule(name, one["used"].format(**numbers), Basis(one["basis"]), cite("Park2008", one["where"]))
+        for name, one in texts.items()
+    )
 
-READING = (
-    ReadingRule(
-        "run",
-        "100 to 5 km/h from free rolling; at 25 s M 3517 to 5276 kg and dry to wet; one quarter car",
-        _P,
-        cite("Park2008", "pp. 54-56"),
-    ),
-    ReadingRule(
-        "inertia scale",
-        f"M, J and B times {_SCALE}: v integrated in km/h with forces in N; in SI 50 to 60 s are impossible",
-        _I,
-        cite("Park2008", "(4), Table 5"),
-    ),
-    ReadingRule(
-        "energy unit",
-        f"printed energy = {_SCALE} times the integral of Tb omega, which follows from the same units",
-        _I,
-        cite("Park2008", "Table 5, Fig. 20"),
-    ),
-    ReadingRule(
-        "plant law",
-        "the bristle model in all four columns (printed), as the static curve of Fig. 17 (inferred)",
-        _I,
-        cite("Park2008", "p. 54, Fig. 17"),
-    ),
-    ReadingRule(
-        "ramp of the curve",
-        f"slip acceleration R = {SLIP_ACCELERATION:g} m/s^2",
-        _F,
-        cite("Park2008", "(19)-(24), Fig. 17"),
-    ),
-    ReadingRule("wet rail", "beta doubled: adhesion about half", _I, cite("Park2008", "p. 55, Fig. 17")),
-    ReadingRule(
-        "wheel load",
-        f"N = {PARK2008.wheel_load:g} N throughout; it does not follow M",
-        _I,
-        cite("Park2008", "Table 1, p. 55"),
-    ),
-    ReadingRule(
-        "PI units",
-        f"Kp in N m per km/h, Ki in N m per km/h per s: bristle column {_PI.kp:g} N m/(m/s), {_PI.ki:g} N m/m",
-        _I,
-        cite("Park2008", "Table 4"),
-    ),
-    ReadingRule(
-        "PI limits",
-        "none but the brake's Tb >= 0, and no anti-windup",
-        _I,
-        cite("Park2008", "p. 55"),
-    ),
-    ReadingRule(
-        "references",
-        "each column holds its own reference slip: beam 0.119/0.059, bristle 0.132/0.092",
-        _P,
-        cite("Park2008", "p. 55, Fig. 17"),
-    ),
-    ReadingRule(
-        "ASMC units",
-        "D in N m per km/h and K in N m, added as torque; rho per second",
-        _I,
-        cite("Park2008", "(41), (45), Table 4"),
-    ),
-    ReadingRule(
-        "ASMC model",
-        "Ta from the plant's own curve at the measured slip (printed: (20), (22)), which turns wet with the rail",
-        _I,
-        cite("Park2008", "pp. 54-55"),
-    ),
-    ReadingRule("ASMC nominal mass", f"Mn = {PARK2008.mass:g} kg throughout", _I, cite("Park2008", "(45), p. 55")),
-    ReadingRule("adaptation", "off, k = 0: with the printed k behind the actuator the stop goes on for minutes", _I,
-         cite("Park2008", "(49), Table 4")),
-    ReadingRule(
-        "acceleration filter",
-        f"v' from s/(tau s + 1) (printed) with tau = {FILTER_TIME:g} s (any value serves)",
-        _I,
-        cite("Park2008", "p. 54, Fig. 16"),
-    ),
-    ReadingRule("actuator", "lag 0.6 s and dead time 0.15 s in all columns", _P, cite("Park2008", "p. 55")),
-    ReadingRule("torque sign", "Tb >= 0: a brake does not drive", _I, cite("Park2008", "Fig. 20")),
-    ReadingRule("resistance", "Fr = 0.63 v^2 N with v in m/s", _I, cite("Park2008", "p. 55")),
-    ReadingRule(
-        "random force",
-        f"Gaussian, {PUBLISHED_DISTURBANCES.random_force:g} N, in (3) and (4) both",
-        _P,
-        cite("Park2008", "(35), p. 55"),
-    ),
-    ReadingRule(
-        "noise hold",
-        f"each random force held for {PUBLISHED_DISTURBANCES.random_hold:g} s",
-        _F,
-        cite("Park2008", "p. 55"),
-    ),
-    ReadingRule("viscous friction", "B = 0.25 - 0.01 t, negative after 25 s", _P, cite("Park2008", "p. 55")),
-    ReadingRule("caliper", "Td = 0.05 Tb exp(-4 t) sin(10 pi t) with the acting Tb", _P, cite("Park2008", "p. 55")),
-    ReadingRule(
-        "slip error",
-        "against 0.132/0.092 in every column: Fig. 21 draws one reference; mean over time until 5 km/h",
-        _I,
-        cite("Park2008", "Table 5, Fig. 21"),
-    ),
-)  # fmt: skip
+
+READING = _rules()
 """The rules, in the order of what they bear on."""
 
 

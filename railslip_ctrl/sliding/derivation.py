@@ -18,7 +18,6 @@ import sympy as sp
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
-from railslip_ctrl.core.sources import cite
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 
@@ -58,13 +57,7 @@ def derive_surface(reference: Reference) -> Surface:
     rate = sp.expand(rate_form.subs(_SIGMA_RATE, sigma_rate))
     reference_rate = sp.expand(error_rate + _SIGMA_RATE)
     rate_step = step(
-        "rate of s",
-        (sliding_symbol("s_rate"), grouped_rate(rate)),
-        statement="The rate of the sliding variable with the plant in it. Fr is the travelling resistance of (4).",
-        done="sigma' of the plant put into the differentiated surface.",
-        source=cite("Park2008", "(35)"),
-        holds=(_rate_is_the_plant_s(reference, error, rate, train),),
-        check="equal to s' of the plant as it is linearised and simulated, proved and at random points",
+        "rate of s", (sliding_symbol("s_rate"), grouped_rate(rate)), _rate_is_the_plant_s(reference, error, rate, train)
     )
     return Surface(
         steps=(plant_step, slip_step, surface_step, rate_step),
@@ -91,14 +84,8 @@ def _accelerations() -> tuple[DerivationStep, sp.Expr, sp.Expr]:
     made = step(
         "accelerations",
         (sp.Matrix([plant.v_rate, plant.omega_rate]), sp.Matrix([train, wheel])),
-        statement="Equations of motion of the quarter car, the random adhesion torque Tr in both.",
-        done="(3) and (4) solved for the accelerations, Fa = Ta/r.",
-        source=cite("Park2008", "(3), (4)"),
-        holds=(
-            *(identical(row.subs(solved), sp.Integer(0)) for row in residual),
-            identical(power, -losses),
-        ),
-        check="residuals of (3) and (4) vanish; M v v' + J omega omega' = -(power lost in slip, resistance, brake)",
+        *(identical(row.subs(solved), sp.Integer(0)) for row in residual),
+        identical(power, -losses),
     )
     return made, train, wheel
 
@@ -108,13 +95,7 @@ def _slip_rate(train: sp.Expr, wheel: sp.Expr) -> tuple[DerivationStep, sp.Expr]
     definition = plant.SLIP_VELOCITY.rhs
     rate = sp.expand(sp.diff(definition, plant.v) * train + sp.diff(definition, plant.omega) * wheel)
     made = step(
-        "slip acceleration",
-        (_SIGMA_RATE, rate),
-        statement="The rate of the slip velocity.",
-        done="sigma = v - r omega differentiated, the accelerations put in.",
-        source=cite("Park2008", "(2), (3), (4)"),
-        holds=(identical(_in_plant_variables(rate), plant.motion().sigma_rate),),
-        check="equal to sigma' of the plant statement, proved and at random points",
+        "slip acceleration", (_SIGMA_RATE, rate), identical(_in_plant_variables(rate), plant.motion().sigma_rate)
     )
     return made, rate
 
@@ -137,11 +118,10 @@ def _differentiated(reference: Reference) -> tuple[sp.Expr, sp.Expr, sp.Expr, De
     made = step(
         "sliding variable",
         (s, e + rho * e_integral),
-        statement=f"s = e + rho times the integral of e, with e = {error}; then s' = e' + rho e.",
-        done=f"The error of the {reference} reference, e' = {error_rate}; (33) differentiated along time.",
-        source=cite("Park2008", "(33)"),
-        holds=(identical(integral_rate.subs({v_t: plant.v, sigma_t: plant.sigma}), error),),
-        check="the integral's rate is e; the coefficient of rho in s' was compared with e",
+        identical(integral_rate.subs({v_t: plant.v, sigma_t: plant.sigma}), error),
+        error=error,
+        reference=reference,
+        error_rate=error_rate,
     )
     return error, error_rate, e + rho * e_integral, made, rate_form
 
@@ -237,11 +217,7 @@ def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> DerivationStep:
     return step(
         "equivalent control",
         (Ueq, grouped(equivalent)),
-        statement="The torque that keeps s constant when nothing is uncertain.",
-        done="s' = 0 solved for Tb with Tr, Fr and Td dropped.",
-        source=cite("Park2008", "(36)"),
-        holds=(identical(surface.s_rate.subs(UNCERTAIN).subs(plant.Tb, equivalent), sp.Integer(0)),),
-        check="put back into s' without uncertainties it gives 0, proved and at random points",
+        identical(surface.s_rate.subs(UNCERTAIN).subs(plant.Tb, equivalent), sp.Integer(0)),
     )
 
 
@@ -250,14 +226,8 @@ def _reaching_step(surface: Surface, reaching: sp.Expr) -> DerivationStep:
     return step(
         "reaching dynamics",
         (_S_RATE, reaching),
-        statement="With Tb = Ueq + Ur only the uncertainties and Ur are left in s'.",
-        done="Tb = Ueq + Ur put into s'.",
-        source=cite("Park2008", "(34), (37)"),
-        holds=(
-            reaching.free_symbols <= kept,
-            identical(reaching, surface.disturbance + sp.diff(surface.s_rate, plant.Tb) * Ur),
-        ),
-        check="no measured quantity is left, and it is the disturbance plus (ds'/dTb) Ur",
+        reaching.free_symbols <= kept,
+        identical(reaching, surface.disturbance + sp.diff(surface.s_rate, plant.Tb) * Ur),
     )
 
 
@@ -267,11 +237,8 @@ def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> DerivationStep:
     return step(
         "robust control",
         (Ur, robust),
-        statement="s' = -D0 s - K0 sgn s is asked for, with D0 = (r/J) D and K0 = (r/J) K.",
-        done="The reaching dynamics without disturbances solved for Ur.",
-        source=cite("Park2008", "(39), (41)"),
-        holds=(identical(found, -ratio * (D * s + K * sp.sign(s))), identical(robust, D * s + K * sp.sign(s))),
-        check="put back it gives -(r/J)(D s + K sgn s), and it has the form of (41); proved and at random points",
+        identical(found, -ratio * (D * s + K * sp.sign(s))),
+        identical(robust, D * s + K * sp.sign(s)),
     )
 
 
@@ -280,11 +247,8 @@ def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> DerivationStep
     return step(
         "control law",
         (plant.Tb, law),
-        statement="The law for known parameters; sigma_d' and Ta have to be estimated.",
-        done="Equivalent and robust control added.",
-        source=cite("Park2008", "(43)"),
-        holds=(identical(closed, expected), identical(surface.s_rate.subs(plant.Tb, law), expected)),
-        check="s' of the plant under the law is the disturbance - (r/J)(D s + K sgn s), proved and at random points",
+        identical(closed, expected),
+        identical(surface.s_rate.subs(plant.Tb, law), expected),
     )
 
 
@@ -293,15 +257,7 @@ def _product_step(surface: Surface, product: sp.Expr) -> DerivationStep:
     size = sp.Dummy("|d|", positive=True)
     bound = sp.Abs(s) * (size - ratio * D * sp.Abs(s) - ratio * K)
     slack = sp.Abs(s) * size - s * surface.disturbance  # not negative, since x <= |x|
-    return step(
-        "reaching condition",
-        (sliding_symbol("s_times_s_rate"), product),
-        statement="s s' <= |s| (|d| - D0 |s| - K0) with d the disturbance: below -eta |s| where (40) holds.",
-        done="s times s'; the bound differs from it by |s||d| - s d >= 0.",
-        source=cite("Park2008", "(40), (42)"),
-        holds=(identical(bound - product, slack),),
-        check="bound - s s' = |s||d| - s d, proved and at random points",
-    )
+    return step("reaching condition", (sliding_symbol("s_times_s_rate"), product), identical(bound - product, slack))
 
 
 # --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
@@ -362,8 +318,8 @@ def derive_adaptation(reaching: Reaching) -> Adaptation:
         _error_step(error_dynamics, disturbance),
         _function_step(scalar),
         _rate_step(scalar, error_dynamics),
-        _adaptation_step(scalar, "adaptive law", "(49)", "theta constant, so theta_tilde' = -theta_hat'."),
-        _adaptation_step(matrix, "adaptive law, matrix gain", "(49), corrected", _MATRIX),
+        _adaptation_step("adaptive law", scalar),
+        _adaptation_step("adaptive law, matrix gain", matrix),
         _final_step(scalar, matrix),
         _disturbed_step(scalar, matrix, disturbance),
     )
@@ -377,9 +333,6 @@ def derive_adaptation(reaching: Reaching) -> Adaptation:
         V_matrix=matrix.V,
         adaptation_matrix=matrix.adaptation,
     )
-
-
-_MATRIX = "The two components have different units, so each has a gain of its own: k1 in s^2/(kg^2 m^4), k2 a number."
 
 
 def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
@@ -417,15 +370,9 @@ def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> DerivationS
     return step(
         "perturbed parameters",
         (sp.Matrix(THETA), sp.Matrix(theta)),
-        statement="With M = Mn + Mp and B = Bn + Bp, s' is the nominal one plus theta' phi, phi = (Ta, omega).",
-        done="s' with the true parameters less s' with the nominal ones; theta are its coefficients.",
-        source=cite("Park2008", "(44), corrected: printed theta1 = 1/(r Mp)"),
-        holds=(
-            identical(remainder, sp.Integer(0)),
-            not any(sp.diff(part, variable) != 0 for part in theta for variable in PHI),
-            identical(theta[0], by_mass),
-        ),
-        check="nothing is left over, theta is free of phi, theta1 = (1/r)(1/M - 1/Mn); proved and at random points",
+        identical(remainder, sp.Integer(0)),
+        not any(sp.diff(part, variable) != 0 for part in theta for variable in PHI),
+        identical(theta[0], by_mass),
     )
 
 
@@ -435,16 +382,7 @@ def _control_step(
     # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
     true = surface.s_rate.subs(TRUE).subs(plant.Tb, law)
     errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
-    return step(
-        "adaptive control law",
-        (plant.Tb, law),
-        statement="The law with nominal parameters and the estimate theta_hat.",
-        done="s' = 0 solved for Tb with theta_hat for theta and the disturbances dropped; robust control added.",
-        source=cite("Park2008", "(45)"),
-        holds=(identical(true, error_dynamics.subs(errors)),),
-        check="s' of the plant with the true parameters under the law equals the error dynamics, "
-        "proved and at random points",
-    )
+    return step("adaptive control law", (plant.Tb, law), identical(true, error_dynamics.subs(errors)))
 
 
 def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> DerivationStep:
@@ -456,11 +394,7 @@ def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> DerivationStep
     return step(
         "error dynamics",
         (sliding_symbol("s_rate"), sp.collect(error_dynamics, plant.Tr)),
-        statement="s' = theta_tilde' phi + d - (r/J)(D s + K sgn s), with d the disturbance at the true mass.",
-        done="The law put into s', theta = theta_hat + theta_tilde.",
-        source=cite("Park2008", "(45), (47)"),
-        holds=(identical(error_dynamics, expected),),
-        check="compared term by term, proved and at random points",
+        identical(error_dynamics, expected),
     )
 
 
@@ -469,11 +403,7 @@ def _function_step(scalar: Lyapunov) -> DerivationStep:
     return step(
         "Lyapunov function",
         (sliding_symbol("V"), scalar.V),
-        statement="V is a positive quadratic form of s and the estimation errors.",
-        done="Chosen as in the source.",
-        source=cite("Park2008", "(46)"),
-        holds=(all(minor.is_positive for minor in (hessian[:n, :n].det() for n in (1, 2, 3))),),
-        check="leading minors of its Hessian are positive for k > 0",
+        all(minor.is_positive for minor in (hessian[:n, :n].det() for n in (1, 2, 3))),
     )
 
 
@@ -483,28 +413,18 @@ def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> DerivationStep:
     return step(
         "rate of V",
         (sliding_symbol("V_rate"), scalar.V_rate),
-        statement="V' without disturbances, theta_hat' still free; theta is constant, so theta_tilde' = -theta_hat'.",
-        done="V differentiated along the error dynamics.",
-        source=cite("Park2008", "(47), (48), corrected"),
-        holds=(
-            all(entry == 0 for entry in second),
-            not rest.has(*THETA_TILDE),
-            vanishes(scalar.cross_term.subs(dict.fromkeys(THETA_TILDE, 0))),
-        ),
-        check="the cross term is linear in theta_tilde and holds all of it",
+        all(entry == 0 for entry in second),
+        not rest.has(*THETA_TILDE),
+        vanishes(scalar.cross_term.subs(dict.fromkeys(THETA_TILDE, 0))),
     )
 
 
-def _adaptation_step(function: Lyapunov, name: str, source: str, note: str) -> DerivationStep:
+def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
     solved = dict(zip(THETA_HAT_RATE, function.adaptation, strict=True))
     return step(
         name,
         (sp.Matrix(THETA_HAT_RATE), sp.Matrix(function.adaptation)),
-        statement=f"theta_hat' for which the cross term of V' vanishes for every theta_tilde. {note}",
-        done="The coefficients of theta_tilde in V' set to zero and solved for theta_hat'.",
-        source=cite("Park2008", source),
-        holds=(identical(function.cross_term.subs(solved), sp.Integer(0)),),
-        check="put back, the cross term is 0, proved and at random points",
+        identical(function.cross_term.subs(solved), sp.Integer(0)),
     )
 
 
@@ -513,11 +433,8 @@ def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> DerivationStep:
     return step(
         "rate of V, ideal",
         (sliding_symbol("V_rate"), scalar.V_rate_final),
-        statement="Without disturbances V' = -(r/J)(D s^2 + K |s|): not positive, and zero wherever s is.",
-        done="The adaptive law put into V'.",
-        source=cite("Park2008", "(48), corrected by the factor r/J"),
-        holds=(identical(scalar.V_rate_final, expected), identical(matrix.V_rate_final, expected)),
-        check="for the scalar and the matrix gain, s sgn s = |s|; proved and at random points",
+        identical(scalar.V_rate_final, expected),
+        identical(matrix.V_rate_final, expected),
     )
 
 
@@ -526,11 +443,8 @@ def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) ->
     return step(
         "rate of V, disturbed",
         (sliding_symbol("V_rate"), scalar.V_rate_disturbed),
-        statement="With the disturbance d = (1/(r M) + r/J) Tr + Fr/M - (r/J) Td the sign of V' is no longer settled.",
-        done="The disturbances kept.",
-        source="follows from the error dynamics; the source drops them from (47)",
-        holds=(identical(scalar.V_rate_disturbed, expected), identical(matrix.V_rate_disturbed, expected)),
-        check="for the scalar and the matrix gain, proved and at random points",
+        identical(scalar.V_rate_disturbed, expected),
+        identical(matrix.V_rate_disturbed, expected),
     )
 
 
@@ -548,11 +462,9 @@ def _slip_ratio() -> DerivationStep:
     return step(
         "slip ratio",
         (plant.slip, ratio),
-        statement="The reference is a slip ratio: sigma_d is the slip velocity at which lambda = lambda_d.",
-        done="sigma of the statement put into lambda.",
-        source=cite("Park2008", "(2)"),
-        holds=(rolling == 0, ratio.subs(plant.omega, 0) == 1, bool(sp.diff(ratio, plant.omega).is_negative)),
-        check="0 for a rolling wheel, 1 for a locked one, growing as the wheel slows",
+        rolling == 0,
+        ratio.subs(plant.omega, 0) == 1,
+        bool(sp.diff(ratio, plant.omega).is_negative),
     )
 
 
@@ -564,11 +476,8 @@ def _resistance() -> DerivationStep:
     return step(
         "travelling resistance",
         (plant.Fr, plant.RESISTANCE.rhs),
-        statement="Resistance of the train, its coefficients >= 0; the paper has the last alone.",
-        done="Taken from the statement.",
-        source=cite("Park2008", "(4), p. 55"),
-        holds=(all(part.is_positive for part in parts), identical(power, whole)),
-        check="each coefficient takes power from a moving train, and nothing else is in it",
+        all(part.is_positive for part in parts),
+        identical(power, whole),
     )
 
 
@@ -584,15 +493,9 @@ def _actuator() -> DerivationStep:
             sp.Matrix([sliding_symbol("Ga"), sliding_symbol("Tb_rate")]),
             sp.Matrix([transfer, rate]),
         ),
-        statement="Dead time and lag from commanded to acting torque (s: Laplace variable). The law leaves them out.",
-        done="Transfer function and state equation taken from the statement; Tc is the command a dead time ago.",
-        source=cite("Park2008", "p. 55"),
-        holds=(
-            vanishes(transfer - from_rate),
-            transfer.subs(s, 0) == 1,
-            len(poles) == 1 and bool(poles[0].is_negative),
-        ),
-        check="the state equation's Laplace transform is Ga; Ga(0) = 1, its pole is negative",
+        vanishes(transfer - from_rate),
+        transfer.subs(s, 0) == 1,
+        len(poles) == 1 and bool(poles[0].is_negative),
     )
 
 
@@ -601,54 +504,26 @@ def _actuator() -> DerivationStep:
 
 @dataclass(frozen=True)
 class Derivation(Adaptation):
-    """The law and all that leads to it.
+    """The law and all that leads to it, in Ta, omega, v_rate (v', measured), e and the parameters; N*m and m/s^2.
 
-    Expressions are in Ta (`plant.Ta`), omega, v_rate (v', measured), e and the parameters; only `law_in_adhesion`
-    has Ta replaced by an adhesion law.
-
-    Attributes
-    ----------
-    reference : str
-        "proportional" (sigma_d = lambda_d v, sigma_d' = lambda_d v') or "constant".
-    adhesion : str or None
-        Name of the adhesion law put in for Ta, or None.
-    steps : tuple of DerivationStep
-        In order; `all_checked` tells whether every check holds.
-    s, error, reference_rate : Expr
-        s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
-    s_rate : Expr
-        s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
-    disturbance : Expr
-        d: what Tr, Fr and Td add to s', at the true mass M. `disturbance_perturbed` has M = Mn + Mp.
-    equivalent_control, reaching, robust_term, control_law : Expr
-        (36); s' with Ueq + Ur in the symbol Ur (37); Ur (41); Tb (43). N*m but for `reaching`, m/s^2.
-    closed_rate, reaching_product : Expr
-        s' and s s' under `control_law` with the disturbances, (42).
-    theta : tuple of Expr
-        The unknown coefficients, true values, in r, J, Mn, Mp, Bp: (44) corrected.
-    phi : tuple of Expr
-        (Ta, omega).
-    adaptive_law_control : Expr
-        Tb with Mn, Bn and theta_hat, (45).
-    error_dynamics : Expr
-        s' under it in theta_tilde, with the disturbances.
-    V : Expr
-        s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
-    V_rate, cross_term : Expr
-        V' under the adaptive law, theta_hat' and theta_tilde still free, disturbances dropped; what of it has
-        theta_tilde in it, (47), (48).
-    adaptation : tuple of Expr
-        theta_hat' for which the cross term vanishes whatever theta_tilde is, (49).
-    V_rate_final, V_rate_disturbed : Expr
-        V' with it, -(r/J)(D s^2 + K |s|), and the same with the disturbances kept.
-    V_matrix, adaptation_matrix
-        The same for gains k1, k2 (diagonal matrix gain): units right.
-    estimation_disturbance : Expr
-        What the estimates Ta_hat and v_rate_hat in place of Ta and v_rate add to s' under `adaptive_law_control`.
-    adhesion_torque, adhesion_state_rate : Expr or None
-        Ta of the law, N*m, in v, sigma, z, N and the law's parameters; z', m/s, of a dynamic one.
-    law_in_adhesion : Expr
-        `adaptive_law_control` with that torque; the same as it without a law.
+    reference, adhesion: as asked of `derive`. steps: in order.
+    s, error, reference_rate: s in e and e_integral (33); e in v, sigma and the reference; sigma_d'.
+    s_rate: s' in (Ta, Tr, Fr, Tb, Td, omega, v_rate, e) with M, J, B, r, (35).
+    disturbance: d, what Tr, Fr and Td add to s', at the true mass M; `disturbance_perturbed` has M = Mn + Mp.
+    equivalent_control, reaching, robust_term, control_law: (36); s' with Ueq + Ur in the symbol Ur (37); Ur (41); Tb
+    (43).
+    closed_rate, reaching_product: s' and s s' under `control_law` with the disturbances, (42).
+    theta, phi: the unknown coefficients, true values, in r, J, Mn, Mp, Bp, (44) corrected; (Ta, omega).
+    adaptive_law_control, error_dynamics: Tb with Mn, Bn and theta_hat, (45); s' under it in theta_tilde, disturbed.
+    V: s^2/2 + theta_tilde1^2/(2 k) + theta_tilde2^2/(2 k), (46).
+    V_rate, cross_term: V' under the law, theta_hat' and theta_tilde free, disturbances dropped; what of it has
+    theta_tilde in it, (47), (48).
+    adaptation: theta_hat' for which the cross term vanishes whatever theta_tilde is, (49).
+    V_rate_final, V_rate_disturbed: V' with it, -(r/J)(D s^2 + K |s|), and the same with the disturbances kept.
+    V_matrix, adaptation_matrix: the same for gains k1, k2 (diagonal matrix gain): units right.
+    estimation_disturbance: what Ta_hat and v_rate_hat in place of Ta and v_rate add to s'.
+    adhesion_torque, adhesion_state_rate: Ta of the law in v, sigma, z, N and its parameters; z', m/s, of a dynamic one.
+    law_in_adhesion: `adaptive_law_control` with that torque; the same as it without a law.
     """
 
     reference: str
@@ -726,11 +601,8 @@ def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
     made = step(
         "estimates in the law",
         (sliding_symbol("s_rate_change"), shown),
-        statement="Ta and v' are not measured: the law has estimates of them, and their errors add to d.",
-        done="Ta_hat and v_rate_hat put into the law, its s' less the one with the true values.",
-        source=cite("Park2008", "p. 54, below (43)"),
-        holds=(vanishes(difference.subs(back)), vanishes(difference - shown)),
-        check="zero where the estimates are right, linear in their errors, proved",
+        vanishes(difference.subs(back)),
+        vanishes(difference - shown),
     )
     return made, sp.sympify(shown)
 
@@ -749,11 +621,9 @@ def _with_adhesion(
     made = step(
         "adhesion law",
         (plant.Ta, torque),
-        statement=f"Ta of the {chosen.title}, at the measured slip velocity.",
-        done="Ta = r Fa put into the law.",
+        _closed_plant_slides(closed, adaptive, closed_control),
+        title=chosen.title,
         source=chosen.source,
-        holds=(_closed_plant_slides(closed, adaptive, closed_control),),
-        check="s' from the closed plant's rates under the law is the error dynamics with this torque, proved",
     )
     return (made,), torque, closed.rates[2] if chosen.has_state else None, closed_control
 

@@ -7,13 +7,17 @@ estimated or still to be solved for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 
 import sympy as sp
 
 from railslip_ctrl.core.notation import Notation, latex_names
+from railslip_ctrl.core.sources import cite
 
 _ENTRIES = (
     Notation("s", "s", "m/s", "sliding variable e + rho * integral of e"),
@@ -179,26 +183,22 @@ class DerivationStep:
     check: str
 
 
-def step(
-    name: str,
-    equation: tuple[sp.Basic, sp.Basic],
-    *,
-    statement: str,
-    done: str,
-    source: str,
-    holds: Sequence[bool],
-    check: str,
-) -> DerivationStep:
-    """A step whose `equation` is (left, right); `holds` are the outcomes of its checks."""
+def step(name: str, equation: tuple[sp.Basic, sp.Basic], *holds: bool, **words: object) -> DerivationStep:
+    """A step whose `equation` is (left, right); `holds` are the outcomes of its checks, `words` go into its texts."""
     left, right = equation
+    texts = {key: text.format(**words) for key, text in _texts()[name].items()}
+    if texts["source"].startswith(("(", "p. ")):
+        texts["source"] = cite("Park2008", texts["source"])
     return DerivationStep(
         name=name,
-        statement=statement,
-        done=done,
         equation=sp.Eq(left, right, evaluate=False),
         equation_latex=f"{latex(left)} = {latex(right)}",
         equation_text=f"{plain(left)} = {plain(right)}",
-        source=source,
         checked=all(holds),
-        check=check,
+        **texts,
     )
+
+
+@cache
+def _texts() -> dict[str, dict[str, str]]:
+    return tomllib.loads(Path(__file__).with_name("steps.toml").read_text("utf-8"))
