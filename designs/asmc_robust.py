@@ -24,8 +24,8 @@ from railslip_ctrl.verification.actuator_effects import (
     ActuatorEffect,
     JointAdvice,
     PublishedBehind,
+    RelayCycle,
     actuator_effect,
-    cycle_table,
     joint_advice,
     published_loop,
     stop_loops,
@@ -44,6 +44,7 @@ from railslip_ctrl.verification.layered import (
     rail_bounds,
     torque_impulse,
 )
+from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
 
 READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
@@ -146,6 +147,41 @@ def main() -> None:
         print(simulated_table(found))
     if len(sys.argv) > 1:
         draw(result, Path(sys.argv[1]))
+
+
+def cycle_table(effects: list[ActuatorEffect]) -> str:
+    """Limit cycles of some `effects` as text.
+
+    For each K the wheel's, then the linearised loop's and the describing function's error.
+    """
+    lines = [
+        f"{'case':28} {'K':>5} {'period s':>9} {'s m/s':>7} {'slip':>7} {'torque N*m':>10} "
+        f"{'lin. T':>7} {'lin. slip':>10} {'DF T':>6} {'DF s':>6}"
+    ]
+    for effect in effects:
+        if effect.own_cycle is None:
+            lines.append(f"{effect.name:28} {effect.loop.gains.K:5.0f} {'--':>9}")
+        lines += [f"{effect.name:28} {cycle.linear.K:5.0f} {_row(cycle)}" for cycle in effect.cycles]
+    return "\n".join(
+        [
+            *lines,
+            "Adaptation off, speed frozen. lost: the wheel locks; --: no stable cycle; DF: describing function against "
+            "the wheel.",
+            f"*: beyond the linearisation: over the swing the wheel's response changes by over {LINEAR_CHANGE:.0%}, or "
+            "the slip leaves the model.",
+        ]
+    )
+
+
+def _row(cycle: RelayCycle) -> str:
+    c, linear = cycle.actual, cycle.linear
+    own = f"{'lost':>9} {'-':>7} {'-':>7} {'-':>10}"
+    errors = f"{'-':>6} {'-':>6}"
+    if c is not None:
+        own = f"{c.period:9.3f} {c.surface_amplitude:7.3f} {c.slip_amplitude:7.4f} {c.torque_amplitude:10.1f}"
+        errors = f"{100 * cycle.period_error:+5.1f}% {100 * cycle.amplitude_error:+5.1f}%"
+    mark = " " if cycle.linear_holds else "*"
+    return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
 
 
 def survivors_table(effects: list[ActuatorEffect]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from dataclasses import replace
 
@@ -16,13 +15,12 @@ from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper.errata import errata
-from railslip_ctrl.report import plots
 from railslip_ctrl.report.verification import evidence, verification_text
 from railslip_ctrl.sliding.code_python import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import reaching, robust
-from railslip_ctrl.verification.fixed_step import IdealDisturbances, simulate_ideal
+from railslip_ctrl.verification.fixed_step import simulate_ideal
 from railslip_ctrl.verification.joint_verification import verify
 from railslip_ctrl.verification.published_law import (
     AXES,
@@ -64,7 +62,6 @@ from railslip_ctrl.verification.robust import (
     leak_proved,
     leaking_design,
     matrix_gain,
-    parameter_box,
     projected,
     projection_proved,
     robust_set,
@@ -206,20 +203,6 @@ def test_projection_is_needed_and_never_raises_V():
     assert rates.tolist() == [0.0, 1.0, -1.0]
 
 
-def test_projection_and_leak_hold_the_estimate_where_the_published_law_does_not():
-    # an estimate far outside: with noise it stays where s does not see it, projected or leaking it comes back
-    noise = IdealDisturbances(slip_noise=0.1)
-    far = (0.0, 0.05)
-    common = {"duration": 4.0, "held_speed": 100 / 3.6, "disturbances": noise, "start_estimate": far}
-    box = parameter_box(PARK2008)
-    free = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0), **common)
-    boxed = simulate_ideal(PARK2008, replace(PUBLISHED_LAW, K=900.0, box=box), **common)
-    leaking = simulate_ideal(PARK2008, leaking_design(PARK2008), **common)
-    assert abs(free.theta_hat[-1, 0, 1] - 0.05) < 1e-3
-    assert boxed.theta_hat[-1, 0, 1] <= box[1][1]
-    assert leaking.theta_hat[-1, 0, 1] < 0.05 * math.exp(-0.9 * leaking_design(PARK2008).leak * 4.0)
-
-
 def test_the_set_of_the_leak_is_invariant():
     """V(0) = s^2/2 + theta1^2/(2 k1) bounds |theta_tilde_i| by sqrt(2 k_i V(0)); on its edge no point has V' > 0."""
     gains = leaking_design(PARK2008)
@@ -255,21 +238,6 @@ def test_gains_are_checked(change, word):
 # --- command --------------------------------------------------------------------------------------------------------
 
 
-def test_json_of_the_robust_law(railslip):
-    status, out, err = railslip("verify", "--law", "robust", "--seed", "7", "--json")
-    assert (status, err) == (1, "")
-    content = json.loads(out)
-    assert set(content) == {"conditions", "all_hold"}
-    assert content["all_hold"] is False
-    for one in content["conditions"]:
-        assert set(one) == {"name", "statement", "holds", "how", "evidence", "down_to_kmh", "tolerated_errors"}
-        assert one["how"] in ("symbolic", "sampled", "simulated")
-        assert one["holds"] is not any(words in one["name"] for words in ("behind the actuator", "mistaken"))
-    gain = next(one for one in content["conditions"] if one["name"] == "robust gain")
-    assert gain["down_to_kmh"] == 5.0
-    assert gain["tolerated_errors"]["Ta_hat"] > 0.1
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -301,20 +269,16 @@ def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     for result in (si, published):
         assert result.largest_rise(result.ideal) < 1e-4
         assert result.largest_rise(result.disturbed) > 1e-2
-    show(module, (si, published), tmp_path, monkeypatch)
-    assert (tmp_path / "lyapunov_asmc.png").exists()
-    out = capsys.readouterr().out
-    assert "Without the actuator 11 of 28 conditions do not hold in SI" in out
-    assert "As published (M, J and B times 3.6) the same fail." in out
-    assert max(map(len, out.splitlines())) <= 110
-    assert out.count("V along an ideal stop") == 2
+    assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
     # the published mass step: in SI the stop is over, as published V jumps by what verify says
     assert si.stepped is None
     i = np.searchsorted(published.stepped.time, 25.0 - 1e-9)
     hat, theta = published.stepped.theta_hat[i, 0, 0], published.stepped.theta[0]
     # theta2 does not change; theta1 was 0
     assert published.jump() == pytest.approx(((theta - hat) ** 2 - hat**2) / (2 * 2.1e-8), rel=1e-2)  # s moves on too
-    assert 0 < si.plateau() < 1e-3 * si.ideal.V[0, 0]
+    show(module, (si, published), tmp_path, monkeypatch)
+    assert "Without the actuator 11 of 28 conditions do not hold in SI" in capsys.readouterr().out
+    assert (tmp_path / "lyapunov_asmc.png").exists()
 
 
 # --- reaching ---------------------------------------------------------------------------------------------------------
@@ -434,8 +398,6 @@ def test_holding_torque_is_the_adhesion_torque_less_what_slows_the_wheel():
     [
         ({"random_torque": -1.0}, "random_torque"),
         ({"torque_fraction": 1.0}, "torque_fraction: 1 is not allowed"),
-        ({"slip": (0.2, 0.1)}, "slip"),
-        ({"mass": (math.nan, 1.0)}, "mass"),
     ],
 )
 def test_sets_are_checked(change, word):
@@ -487,16 +449,6 @@ def test_an_estimate_rests_off_theta_only_while_the_speed_is_held():
     assert np.linalg.norm(alive[-1] / start) > 0.1  # theta is 0
 
 
-def test_V_falls_in_the_fixed_step_and_theta_need_not_converge():
-    run = simulate_ideal(PARK2008.loaded(), PUBLISHED_LAW, nominal=PARK2008, duration=20.0)
-    V = run.V[np.isfinite(run.V[:, 0]), 0]
-    assert np.max(np.diff(V)) < 1e-4 * V[0]  # chatter of the sampled relay
-    assert V[-1] < 1e-3 * V[0]
-    alive = np.isfinite(run.theta_hat[:, 0, 1])
-    left = run.theta - run.theta_hat[alive][-1, 0]
-    assert abs(left[1]) > 1e-6  # theta2 = 0 was the initial estimate: it has been moved away from it, and stays away
-
-
 def test_V_rate_of_a_run_converges_to_the_derived_one(monkeypatch):
     gains = replace(PUBLISHED_LAW, K=0.0)  # no chatter: V' = -D0 s^2
     errors = []
@@ -540,17 +492,11 @@ def test_asmc_published(tmp_path, capsys, monkeypatch):
     assert si.from_surface == pytest.approx(60.35 / 0.43 * 1.54)
     assert published.proportional_gain == pytest.approx(783.6, abs=0.05)
     for reading in (si, published):
-        assert reading.least_K[0] > 6.5 * reading.K
+        assert reading.least_K_run[0] > reading.least_K[0] > 6.5 * reading.K
         assert reading.feed_forward > 60 * reading.K
         assert reading.integral_gain < 10
     assert si.reaching_time == pytest.approx(6.5, abs=0.05)
     assert published.reaching_time == pytest.approx(3.6 * si.reaching_time)
-    for reading in (si, published):
-        assert reading.least_K_run[0] > reading.least_K[0]
-    drawn, save = [], plots.save_figure
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: (drawn.append(figure), save(figure, path)))
     show(module, (si, published), tmp_path, monkeypatch)
     assert "far too small to make it slide" in capsys.readouterr().out
     assert (tmp_path / "asmc_published.png").exists()
-    # D is no longer than a line beside the PI's gain: the number stands at the bar
-    assert "5.508" in [text.get_text() for text in drawn[0].axes[1].texts]

@@ -12,7 +12,7 @@ from .law import HOLD_TIME, KEPT
 from .sampled_law import EXPLAINED, LARGEST, LIMITED, OPTIONS, Assignment, SampledLaw
 
 
-class _Printer(ProductPowers, C99CodePrinter):  # type: ignore[misc]
+class _CPrinter(ProductPowers, C99CodePrinter):  # type: ignore[misc]
     """C99 has no M_PI."""
 
     def _print_Pi(self, expression: sp.Expr) -> str:
@@ -239,7 +239,7 @@ def _prepared(law: SampledLaw, carried: list[str]) -> list[str]:
 
 
 def _assignments(targets: list[Assignment], law: SampledLaw, *, declare: bool = True) -> list[str]:
-    printer = _Printer({"user_functions": {name: f"railslip_asmc_{name}" for name in HELPERS}})
+    printer = _CPrinter({"user_functions": {name: f"railslip_asmc_{name}" for name in HELPERS}})
     own = {name for name, _ in targets}
     again = {name for name, value in law.prepare if value.func is LIMITED}
     lines = [f"    /* {law.meaning(name)} */" for name, _ in targets if name in EXPLAINED]

@@ -43,7 +43,7 @@ class ProductPowers:
         return str(super()._print_Pow(expression, **options))  # type: ignore[misc]
 
 
-class _Printer(ProductPowers, PythonCodePrinter):  # type: ignore[misc]
+class _PythonPrinter(ProductPowers, PythonCodePrinter):  # type: ignore[misc]
     """sgn 0 is 0 here and in C; SymPy prints copysign, for which it is 1."""
 
     def _print_sign(self, expression: sp.Expr) -> str:
@@ -222,7 +222,7 @@ def _prepared(law: SampledLaw) -> list[str]:
 
 def assignments(targets: list[Assignment], law: SampledLaw) -> list[str]:
     """Lines that assign the targets, common parts first; parameters are read from `p`."""
-    printer = _Printer({"fully_qualified_modules": True, "user_functions": {name: name for name in HELPERS}})
+    printer = _PythonPrinter({"fully_qualified_modules": True, "user_functions": {name: name for name in HELPERS}})
     lines = [f"    # {law.meaning(name)}" for name, _ in targets if name in EXPLAINED]
     for name, expression in common_parts(targets, {name: f"p.{name}" for name in law.parameters}):
         text = printer.doprint(expression)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -85,9 +86,14 @@ def first_limit(stable: Callable[[float], bool], start: float) -> float:
         low = high
     else:
         return math.inf
-    while high - low > _TOLERANCE * high:
+    return _bisected(stable, low, high, _TOLERANCE)
+
+
+def _bisected(holds: Callable[[float], bool], low: float, high: float, tolerance: float) -> float:
+    """Largest value between `low`, where it holds, and `high`, where it does not, to a relative tolerance."""
+    while high - low > tolerance * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
+        low, high = (middle, high) if holds(middle) else (low, middle)
     return low
 
 
@@ -255,11 +261,7 @@ def _joint_limit(
             continue
         if not stable(loop, low):
             return 0.0
-        below = low
-        while limit - below > _JOINT_TOLERANCE * limit:
-            middle = 0.5 * (below + limit)
-            below, limit = (middle, limit) if stable(loop, middle) else (below, middle)
-        limit = below
+        limit = _bisected(partial(stable, loop), low, limit, _JOINT_TOLERANCE)
     return limit
 
 
@@ -396,41 +398,6 @@ def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycl
             continue
         cycles.append(RelayCycle(predicted, linear, linearisation_change(loop, linear), actual))
     return tuple(cycles)
-
-
-def cycle_table(effects: Sequence[ActuatorEffect]) -> str:
-    """Limit cycles of some `effects` as text.
-
-    For each K the wheel's, then the linearised loop's and the describing function's error.
-    """
-    lines = [
-        f"{'case':28} {'K':>5} {'period s':>9} {'s m/s':>7} {'slip':>7} {'torque N*m':>10} "
-        f"{'lin. T':>7} {'lin. slip':>10} {'DF T':>6} {'DF s':>6}"
-    ]
-    for effect in effects:
-        if effect.own_cycle is None:
-            lines.append(f"{effect.name:28} {effect.loop.gains.K:5.0f} {'--':>9}")
-        lines += [f"{effect.name:28} {cycle.linear.K:5.0f} {_row(cycle)}" for cycle in effect.cycles]
-    return "\n".join(
-        [
-            *lines,
-            "Adaptation off, speed frozen. lost: the wheel locks; --: no stable cycle; DF: describing function against "
-            "the wheel.",
-            f"*: beyond the linearisation: over the swing the wheel's response changes by over {LINEAR_CHANGE:.0%}, or "
-            "the slip leaves the model.",
-        ]
-    )
-
-
-def _row(cycle: RelayCycle) -> str:
-    c, linear = cycle.actual, cycle.linear
-    own = f"{'lost':>9} {'-':>7} {'-':>7} {'-':>10}"
-    errors = f"{'-':>6} {'-':>6}"
-    if c is not None:
-        own = f"{c.period:9.3f} {c.surface_amplitude:7.3f} {c.slip_amplitude:7.4f} {c.torque_amplitude:10.1f}"
-        errors = f"{100 * cycle.period_error:+5.1f}% {100 * cycle.amplitude_error:+5.1f}%"
-    mark = " " if cycle.linear_holds else "*"
-    return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
 
 
 # --- the published law behind the actuator ----------------------------------------------------------------------------

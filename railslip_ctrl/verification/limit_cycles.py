@@ -230,21 +230,38 @@ def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float
             f"limit cycle: with K = {height:g} N*m and a load of {load:g} N*m there is none with two switches a period "
             "(s would change sign in between); change K or the load"
         )
-    swing = height * _series(loop.slip_response, omega, part, turns)
-    sigma = _half_range(swing)
-    fundamental = complex(loop.surface_response(omega))
-    return LimitCycle(
-        K=height,
-        load=load,
-        frequency=omega,
-        relay_gain=1.0 / abs(fundamental),
-        surface_amplitude=height * _half_range(surface),
-        sigma_amplitude=sigma,
-        torque_amplitude=height * _half_range(_series(loop.torque_response, omega, part, turns)),
-        surface_mean=height * mean,
-        slip_amplitude=sigma / loop.plant.point.speed,
-        sigma_range=(loop.plant.point.sigma + float(swing.min()), loop.plant.point.sigma + float(swing.max())),
+    return _of_signals(
+        loop,
+        (height, load, omega, 1.0 / abs(complex(loop.surface_response(omega)))),
+        height * surface,
+        loop.plant.point.sigma + height * _series(loop.slip_response, omega, part, turns),
+        height * _series(loop.torque_response, omega, part, turns),
+        mean=height * mean,
         stable=first.stable,
+    )
+
+
+def _of_signals(
+    loop: SurfaceLoop,
+    known: tuple[float, float, float, float],
+    surface: Floats,
+    sigma: Floats,
+    torque: Floats,
+    *,
+    mean: float,
+    stable: bool,
+) -> LimitCycle:
+    """The cycle of signals over a period; known: K, load, frequency and relay gain."""
+    swing = _half_range(sigma)
+    return LimitCycle(
+        *known,
+        surface_amplitude=_half_range(surface),
+        sigma_amplitude=swing,
+        torque_amplitude=_half_range(torque),
+        surface_mean=mean,
+        slip_amplitude=swing / loop.plant.point.speed,
+        sigma_range=(float(sigma.min()), float(sigma.max())),
+        stable=stable,
     )
 
 
@@ -444,7 +461,7 @@ def _solve(loop: SurfaceLoop, K: float, load: float, start: Floats) -> Floats | 
     from scipy.optimize import root
 
     equations = _Equations(loop, K, load, loop.plant.point.sigma)
-    search = _Search(equations)
+    search = _CycleSearch(equations)
     with np.errstate(all="ignore"), suppress(_TooLong):  # a step may leave the domain; it is then no solution
         root(search.residual, start, jac=search.jacobian, tol=1e-10)
     solved = float(np.abs(search.residuals).max()) < _FOUND
@@ -455,7 +472,7 @@ class _TooLong(Exception):
     """A search has had its evaluations."""
 
 
-class _Search:
+class _CycleSearch:
     """The residual and its derivatives while evaluations are left, and the best unknowns met."""
 
     def __init__(self, equations: _Equations) -> None:
@@ -498,20 +515,13 @@ def _cycle(loop: SurfaceLoop, K: float, load: float, x: Floats, stable: bool) ->
     sigma, _, omega, share, mean = equations.split(x)
     surface = equations.surface_series(sigma, omega, mean)
     phase = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
-    signals = [equations.at(series, phase) for series in (surface, equations.series(sigma))]
-    torque = equations.at(equations.torque_series(x), phase)
-    swing = _half_range(signals[1])
-    return LimitCycle(
-        K=K,
-        load=load,
-        frequency=float(omega[0]),
-        relay_gain=K * abs(complex(equations.relay_series(share)[1] / surface[1])),
-        surface_amplitude=_half_range(signals[0]),
-        sigma_amplitude=swing,
-        torque_amplitude=_half_range(torque),
-        surface_mean=float(mean[0]),
-        slip_amplitude=swing / point.speed,
-        sigma_range=(point.sigma + float(signals[1].min()), point.sigma + float(signals[1].max())),
+    return _of_signals(
+        loop,
+        (K, load, float(omega[0]), K * abs(complex(equations.relay_series(share)[1] / surface[1]))),
+        equations.at(surface, phase),
+        point.sigma + equations.at(equations.series(sigma), phase),
+        equations.at(equations.torque_series(x), phase),
+        mean=float(mean[0]),
         stable=stable,
     )
 
@@ -543,20 +553,9 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     period, run = whole_periods(run.after(_SETTLING * scale))
     turn = np.exp(-2j * math.pi / period * run.time)
     gain = abs(np.sum(height * np.sign(run.surface) * turn) / np.sum(run.surface * turn))
-    swing = 0.5 * float(np.ptp(run.sigma))
-    return LimitCycle(
-        K=height,
-        load=loop.load,
-        frequency=2 * math.pi / period,
-        relay_gain=float(gain),
-        surface_amplitude=0.5 * float(np.ptp(run.surface)),
-        sigma_amplitude=swing,
-        torque_amplitude=0.5 * float(np.ptp(run.torque)),
-        surface_mean=float(run.surface.mean()),
-        slip_amplitude=swing / point.speed,
-        sigma_range=(float(run.sigma.min()), float(run.sigma.max())),
-        stable=True,
-    )
+    known = (height, loop.load, 2 * math.pi / period, float(gain))
+    mean = float(run.surface.mean())
+    return _of_signals(loop, known, run.surface, run.sigma, run.torque, mean=mean, stable=True)
 
 
 @dataclass(frozen=True)
