@@ -390,18 +390,13 @@ def test_cycles_that_do_not_exist():
         measured_cycle(run)
 
 
-def test_a_statement_of_two_actuators_is_refused(monkeypatch):
-    """The lag's sign turned in the transfer function alone, then in the state equation alone."""
-    s, tau, T, Tc = (symbol(name) for name in ("s", "tau", "T", "Tc"))
-    broken = {"actuator_transfer": sp.exp(-tau * s) / (T * s - 1), "actuator_lag_rate": (Tc + plant.Tb) / T}
-    for name, expression in broken.items():
-        with monkeypatch.context() as patch:
-            patch.setattr(plant, name, lambda expression=expression: expression)
-            relay_loop._actuation.cache_clear()
-            with pytest.raises(DomainError, match="do not describe one actuator"):
-                relay_loop.actuator_dead_time(ACTUATOR)
-    relay_loop._actuation.cache_clear()
-    assert relay_loop.actuator_dead_time(ACTUATOR) == ACTUATOR.dead_time
+def test_the_actuator_is_the_stated_one():
+    s, tau, T = (symbol(name) for name in ("s", "tau", "T"))
+    stated = sp.lambdify(s, plant.actuator_transfer().subs({tau: 0.15, T: 0.6}))
+    for at in (0.3j, 4.0j, -0.2 + 1.0j):
+        assert relay_loop.actuator_response(ACTUATOR, at) == pytest.approx(stated(at), rel=1e-14)
+        lag = complex(relay_loop.actuator_lag(ACTUATOR)(at))
+        assert lag * np.exp(-0.15 * at) == pytest.approx(stated(at), rel=1e-14)
 
 
 def test_searches_that_are_refused():

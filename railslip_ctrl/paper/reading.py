@@ -128,98 +128,72 @@ class _LoadedWetCurve(Curve):
 # --- kinds of change -----------------------------------------------------------------------------------------------
 
 
+def _changed(setup: Setup, **changes: Any) -> Setup:
+    """With fields of the scenario changed."""
+    return replace(setup, scenario=setup.scenario.with_changes(**changes))
+
+
 def _scenario(**changes: Any) -> Change:
     """Fields of the scenario."""
-    return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
+    return lambda setup: _changed(setup, **changes)
 
 
 def _vehicle(**changes: Any) -> Change:
     """Fields of the vehicle."""
-
-    def change(setup: Setup) -> Setup:
-        vehicle = setup.scenario.vehicle.model_copy(update=changes)
-        return replace(setup, scenario=setup.scenario.with_changes(vehicle=vehicle))
-
-    return change
+    return lambda setup: _changed(setup, vehicle=setup.scenario.vehicle.model_copy(update=changes))
 
 
 def _disturbances(**changes: Any) -> Change:
     """Fields of the scenario's disturbances."""
-
-    def change(setup: Setup) -> Setup:
-        disturbances = setup.scenario.disturbances.model_copy(update=changes)
-        return replace(setup, scenario=setup.scenario.with_changes(disturbances=disturbances))
-
-    return change
+    return lambda setup: _changed(setup, disturbances=setup.scenario.disturbances.model_copy(update=changes))
 
 
 def _ramp(factor: float) -> Change:
     """The slip acceleration of the curve's ramp."""
-
-    def change(setup: Setup) -> Setup:
-        law = setup.scenario.adhesion
-        assert isinstance(law, Curve), "the reading's plant has the curve"
-        changed = law.model_copy(update={"R": factor * law.R})
-        return replace(setup, scenario=setup.scenario.with_changes(adhesion=changed))
-
-    return change
+    return lambda setup: _changed(
+        setup, adhesion=setup.scenario.adhesion.model_copy(update={"R": factor * SLIP_ACCELERATION})
+    )
 
 
 def _wet_by(law: type[Curve]) -> Change:
     """Another way in which the curve turns wet."""
-
-    def change(setup: Setup) -> Setup:
-        dry = setup.scenario.adhesion
-        changed = law(**{name: getattr(dry, name) for name in type(dry).model_fields})
-        return replace(setup, scenario=setup.scenario.with_changes(adhesion=changed))
-
-    return change
+    return lambda setup: _changed(setup, adhesion=law(**dict(setup.scenario.adhesion)))
 
 
 def _plant(adhesion: str, *columns: str) -> Change:
     """Another law in the plant, and in the ASMC that takes the plant's, in these columns (none named: all)."""
-
-    def change(setup: Setup) -> Setup | None:
-        if columns and setup.case.gains not in columns:
-            return None
-        return replace(setup, scenario=published_scenario(adhesion=adhesion))
-
-    return change
+    return lambda setup: (
+        replace(setup, scenario=published_scenario(adhesion=adhesion))
+        if not columns or setup.case.gains in columns
+        else None
+    )
 
 
 def _asmc(**changes: Any) -> Change:
     """Fields of the sliding-mode controller."""
-
-    def change(setup: Setup) -> Setup | None:
-        if not isinstance(setup.controller, SlidingControl):
-            return None
-        return replace(setup, controller=replace(setup.controller, **changes))
-
-    return change
+    return lambda setup: (
+        replace(setup, controller=replace(setup.controller, **changes))
+        if isinstance(setup.controller, SlidingControl)
+        else None
+    )
 
 
 def _asmc_gains(gains: Callable[[Setup], dict[str, Any]]) -> Change:
     """Gains of the sliding-mode controller."""
-
-    def change(setup: Setup) -> Setup | None:
-        if not isinstance(setup.controller, SlidingControl):
-            return None
-        return replace(
-            setup, controller=replace(setup.controller, gains=replace(setup.controller.gains, **gains(setup)))
-        )
-
-    return change
+    return lambda setup: (
+        _asmc(gains=replace(setup.controller.gains, **gains(setup)))(setup)
+        if isinstance(setup.controller, SlidingControl)
+        else None
+    )
 
 
-def _pi(change_controller: Callable[[LinearControl, Setup], LinearControl]) -> Change:
-    """The PI controller."""
-
-    def change(setup: Setup) -> Setup | None:
-        if not isinstance(setup.controller, LinearControl):
-            return None
-        return replace(setup, controller=change_controller(setup.controller, setup))
-
-    return change
+def _pi(changes: Callable[[Setup], dict[str, Any]]) -> Change:
+    """Fields of the PI controller."""
+    return lambda setup: (
+        replace(setup, controller=replace(setup.controller, **changes(setup)))
+        if isinstance(setup.controller, LinearControl)
+        else None
+    )
 
 
 def _si(setup: Setup) -> Setup:
@@ -228,23 +202,18 @@ def _si(setup: Setup) -> Setup:
 
 def _one_reference(reference: ReferenceSlip) -> Change:
     """The same reference slip held in every column."""
-
-    def change(setup: Setup) -> Setup:
-        controller = published_controller(setup.case.kind, setup.case.gains, reference=reference)
-        return replace(setup, controller=controller)
-
-    return change
+    return lambda setup: replace(
+        setup, controller=published_controller(setup.case.kind, setup.case.gains, reference=reference)
+    )
 
 
 def _beam_model(setup: Setup) -> Setup | None:
-    if not isinstance(setup.controller, SlidingControl) or setup.case.gains != "beam":
-        return None
-    return replace(setup, controller=replace(setup.controller, model_law=published_law("beam", Rail.DRY)))
+    return _asmc(model_law=published_law("beam", Rail.DRY))(setup) if setup.case.gains == "beam" else None
 
 
-def _si_gains(controller: LinearControl, setup: Setup) -> LinearControl:
+def _si_gains(setup: Setup) -> dict[str, Any]:
     printed = TABLE4_PI_PRINTED[setup.case.gains]
-    return replace(controller, design=PIController(PIGains(kp=printed.Kp, ki=printed.Ki)))
+    return {"design": PIController(PIGains(kp=printed.Kp, ki=printed.Ki))}
 
 
 def _rates_of_s(setup: Setup) -> dict[str, Any]:
@@ -276,7 +245,7 @@ ALTERNATIVES = (
     Alternative(
         "PI limits",
         "anti-windup, Tt = Kp/Ki",
-        _pi(lambda controller, _: replace(controller, torque_low=0.0, tracking_time=None)),
+        _pi(lambda _: {"torque_low": 0.0, "tracking_time": None}),
     ),
     Alternative("references", "bristle reference in all columns", _one_reference(published_reference("bristle"))),
     Alternative("references", "beam reference in all columns", _one_reference(published_reference("beam"))),

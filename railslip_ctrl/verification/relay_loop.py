@@ -4,8 +4,6 @@ The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho i
 
     Tb_cmd = (J/r)[sigma_d' + (1/(r M) + r/J) Ta_model - (r B/J) omega + rho e + theta phi] + D s + K sgn(s).
 
-The actuator is the plant's statement in numbers, its transfer function and state equation checked to agree.
-
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
 feed-forward is Q_m sigma with F from the model, so that its linear part is, with G = (s + rho)/s and s_surface =
@@ -22,21 +20,16 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.core.notation import symbol
+from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
-from railslip_ctrl.model import plant
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
 
@@ -95,64 +88,14 @@ TABLE4_SLIDING = MappingProxyType(
 # --- the brake actuator -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Actuation:
-    """Functions made of the statement.
-
-    response(s, tau, T): Ga; numerator(T), denominator(T): its coefficients in s without the dead time, highest first;
-    delay(tau, T): the dead time.
-    """
-
-    response: Callable[..., Any]
-    numerator: Callable[..., Any]
-    denominator: Callable[..., Any]
-    delay: Callable[..., Any]
-
-
 def actuator_response(actuator: Actuator, s: Complexes) -> Complexes:
     """Ga(s), commanded to acting torque, at complex s (1/s), any shape."""
-    return np.asarray(_actuation().response(s, actuator.dead_time, actuator.lag))
+    return np.asarray(np.exp(-s * actuator.dead_time) / (actuator.lag * s + 1.0))
 
 
 def actuator_lag(actuator: Actuator) -> Rational:
     """Ga without its dead time."""
-    return _lag(actuator.lag)
-
-
-@cache
-def _lag(lag: float) -> Rational:
-    made = _actuation()
-    numerator, denominator = (
-        np.trim_zeros(np.atleast_1d(np.asarray(f(lag), dtype=float)), "f") for f in (made.numerator, made.denominator)
-    )
-    return Rational.from_polynomials(numerator, denominator)
-
-
-def actuator_dead_time(actuator: Actuator) -> float:
-    """Dead time of Ga, s."""
-    return float(_actuation().delay(actuator.dead_time, actuator.lag))
-
-
-@cache
-def _actuation() -> _Actuation:
-    """DomainError where transfer function and state equation of the statement are not the same actuator."""
-    s, tau, T, Tc = (symbol(name) for name in ("s", "tau", "T", "Tc"))
-    transfer, rate = plant.actuator_transfer(), plant.actuator_lag_rate()
-    rational, exponential = transfer.as_independent(sp.exp, as_Add=False)
-    delay = sp.simplify(-sp.diff(sp.log(exponential), s))
-    of_state = sp.solve(sp.Eq(s * plant.Tb, rate), plant.Tb)[0] / Tc
-    if sp.simplify(rational - of_state) != 0 or not delay.is_positive or delay.has(s):
-        raise DomainError(
-            f"actuator: transfer function {transfer} and state equation Tb' = {rate} of the plant's statement do not "
-            "describe one actuator with a dead time; mend the statement"
-        )
-    numerator, denominator = (sp.Poly(part, s).all_coeffs() for part in sp.fraction(sp.together(rational)))
-    return _Actuation(
-        response=sp.lambdify((s, tau, T), transfer, "numpy"),
-        numerator=sp.lambdify(T, numerator, "numpy"),
-        denominator=sp.lambdify(T, denominator, "numpy"),
-        delay=sp.lambdify((tau, T), delay, "numpy"),
-    )
+    return Rational.from_polynomials(np.array([1.0]), np.trim_zeros(np.array([actuator.lag, 1.0]), "f"))
 
 
 # --- the loop around s ---------------------------------------------------------------------------------------------
@@ -269,7 +212,7 @@ class SurfaceLoop:
         `relay_gain` (N*m/(m/s)) and `adaptation` (k, as printed) as of `controller`.
         """
         controller = self.controller(relay_gain=relay_gain, adaptation=adaptation)
-        return DeadTimeLoop(controller * self._behind_the_controller, actuator_dead_time(self.actuator))
+        return DeadTimeLoop(controller * self._behind_the_controller, self.actuator.dead_time)
 
     def is_stable(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> bool:
         """Whether the linear loop is stable, by the exact root count.
@@ -303,7 +246,7 @@ class SurfaceLoop:
 
     def sliding_existence(self) -> SlidingExistence:
         """Whether an ideal sliding mode exists; see `SlidingExistence`."""
-        lag, dead_time = actuator_lag(self.actuator), actuator_dead_time(self.actuator)
+        lag, dead_time = actuator_lag(self.actuator), self.actuator.dead_time
         # 1/P + Ga C grows as (J/r) s, and G tends to 1
         degree = 1 + lag.poles.size - lag.zeros.size
         gain = self.plant.gain * lag.gain
