@@ -17,6 +17,7 @@ from railslip_ctrl.sliding.derivation import Derivation
 from railslip_ctrl.sliding.proof import latex, plain
 
 from .document import facts, heading, indented, render
+from .export import exported
 
 _TITLE = "The adaptive sliding-mode law, derived from the plant"
 _STEP = ("name", "statement", "done", "equation_latex", "source", "checked", "check")
@@ -35,14 +36,14 @@ def derivation_json(
         "reference": derivation.reference,
         "adhesion": derivation.adhesion,
         "all_checked": derivation.all_checked,
-        "steps": [{name: getattr(step, name) for name in _STEP} for step in derivation.steps],
+        "steps": [exported(step, *_STEP) for step in derivation.steps],
         "law": {
             "latex": f"T_b = {latex(derivation.law_in_adhesion)}",
             "python": code.python,
             "c": code.c,
             **({"numbers": {one.rail.value: _numbers_json(one) for one in numbers}} if numbers else {}),
         },
-        "errata": [{name: getattr(row, name) for name in _ERRATUM} for row in errata],
+        "errata": [exported(row, *_ERRATUM) for row in errata],
     }
 
 

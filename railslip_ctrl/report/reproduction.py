@@ -21,7 +21,7 @@ from railslip_ctrl.paper.tables import (
 )
 
 from .document import facts, heading, indented, render, table
-from .export import number
+from .export import exported, number
 
 _STANDARD_ERRORS = 2.0  # within so many, a deviation may be the seeds'
 _WORDS = dict(zip(QUANTITIES, ("time", "distance", "energy", "slip error"), strict=True))
@@ -37,19 +37,13 @@ def reproduction_json(
         "rms_deviation_percent": number(comparison.rms_deviation_percent),
         "all_within": comparison.within,
         "reading": [{"rule": r.name, "used": r.used, "basis": r.basis.value, "where": r.where} for r in READING],
-        "table3": {
-            "beam_mean": three.beam_mean,
-            "bristle_mean": three.bristle_mean,
-            "improvement_percent": three.improvement_percent,
-            "improvement_percent_published": printed.TABLE3_IMPROVEMENT,
-            "improvement_of_printed_means_percent": three.improvement_of_printed_means_percent,
-            "improvement_in_adhesion_regime_percent": three.improvement_in_adhesion_regime_percent,
-            "not_reproducible": three.not_reproducible,
-            "source": three.source,
-        },
-        "facts": [
-            {"name": f.name, "statement": f.statement, "found": f.found, "holds": f.holds, "how": f.how} for f in found
-        ],
+        "table3": exported(
+            three,
+            *("beam_mean", "bristle_mean", "improvement_percent", "improvement_of_printed_means_percent"),
+            *("improvement_in_adhesion_regime_percent", "not_reproducible", "source"),
+        )
+        | {"improvement_percent_published": printed.TABLE3_IMPROVEMENT},
+        "facts": [exported(one, "name", "statement", "found", "holds", "how") for one in found],
     }
     if sensitivity is not None:
         content["sensitivity"] = sensitivity_json(sensitivity)
@@ -58,16 +52,8 @@ def reproduction_json(
 
 def row_json(row: Row) -> dict[str, Any]:
     """One number of Table 5, published and obtained."""
-    return {
-        "item": row.item,
-        "published": row.published,
-        "obtained": number(row.obtained),
-        "standard_error": number(row.standard_error),
-        "deviation_percent": number(row.deviation_percent),
-        "tolerance_percent": row.tolerance_percent,
-        "within": row.within,
-        "source": row.source,
-    }
+    names = ("item", "published", "obtained", "standard_error", "deviation_percent", "tolerance_percent", "within")
+    return exported(row, *names, "source")
 
 
 def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:

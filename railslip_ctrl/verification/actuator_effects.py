@@ -43,7 +43,7 @@ from .limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from .relay_loop import TABLE4_SLIDING, FeedForward, SlidingExistence, SlidingGains, SurfaceLoop
+from .relay_loop import TABLE4_SLIDING, SlidingExistence, SlidingGains, SurfaceLoop
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import Condition
 
@@ -286,7 +286,6 @@ def published_loop(
     speed_kmh: float = INITIAL_SPEED_KMH,
     vehicle: Vehicle = PARK2008,
     gains: SlidingGains | None = None,
-    feed_forward: FeedForward = FeedForward.MODEL,
 ) -> SurfaceLoop:
     """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
@@ -296,7 +295,7 @@ def published_loop(
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
     column = TABLE4_SLIDING["beam" if adhesion == "beam" else "bristle"]
-    return SurfaceLoop(plant, gains or column, scaled.actuator, feed_forward)
+    return SurfaceLoop(plant, gains or column, scaled.actuator)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from .reaching import (
     resistance_force,
     true_theta,
 )
-from .relay_loop import OMEGA_UNIT_FACTOR, FeedForward, SlidingGains
+from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
 
 Floats = NDArray[np.float64]
 
@@ -355,27 +355,18 @@ class PublishedLaw:
     """The generated law with the plant's own parameters, for `simulate_fine`: [Park2008] (45) with (49).
 
     Holds int e, theta and the adhesion model's state, which starts at the point's. The point's slip is the reference,
-    its law the adhesion model; `layer`, m/s, > 0 replaces the relay by K sat(s/layer); `frozen`: the reference is held,
-    so that sigma_d' = 0.
+    its law the adhesion model; `frozen`: the reference is held, so that sigma_d' = 0.
     """
 
-    def __init__(
-        self,
-        point: OperatingPoint,
-        gains: SlidingGains,
-        *,
-        feed_forward: FeedForward = FeedForward.MODEL,
-        layer: float = 0.0,
-        frozen: bool = True,
-    ) -> None:
-        self.point, self.frozen, self.feed_forward = point, frozen, feed_forward
+    def __init__(self, point: OperatingPoint, gains: SlidingGains, *, frozen: bool = True) -> None:
+        self.point, self.frozen = point, frozen
         self.integral, self.theta = 0.0, (0.0, 0.0)
         self.z = point.adhesion_state or 0.0
         self._functions, self._p = numeric_plant(type(point.law)), plant_parameters(point.law, point.vehicle)
         M, J, B, r = self._p[:4]
         k2 = OMEGA_UNIT_FACTOR * gains.k
         self._parameters = law_parameters(
-            **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip, "boundary": layer},
+            **{"J": J, "r": r, "Mn": M, "Bn": B, "lambda_d": point.slip},
             **{"rho": gains.rho, "D": gains.D, "K": gains.K, "k1": gains.k, "k2": k2},
         )
 
@@ -383,22 +374,15 @@ class PublishedLaw:
         """See `SteppedLaw`."""
         r = self._p[3]
         e, omega = self.point.slip * v - sigma, (v - sigma) / r
-        measured = (e, self.integral, omega, r * self._force(v, sigma), 0.0 if self.frozen else v_rate)
+        Ta = r * float(self._functions.force(v, sigma, self.z, 0.0, 0.0, 0.0, self._p))
+        measured = (e, self.integral, omega, Ta, 0.0 if self.frozen else v_rate)
         torque, s, *rates = generated_law().control(*measured, *self.theta, self._parameters)
         self.integral += step * e
         self.theta = (self.theta[0] + step * rates[0], self.theta[1] + step * rates[1])
-        if self.point.law.has_state and self.feed_forward is FeedForward.MODEL:
+        if self.point.law.has_state:
             middle = self.z + 0.5 * step * self._z_rate(v, sigma, self.z)
             self.z += step * self._z_rate(v, sigma, middle)
         return torque, s
-
-    def _force(self, v: float, sigma: float) -> float:
-        z = self.z
-        if self.feed_forward is FeedForward.OFF:
-            return self.point.adhesion_force
-        if self.feed_forward is FeedForward.REST:
-            z = float(self._functions.rest_state(v, sigma, 0.0, 0.0, 0.0, 0.0, self._p))
-        return float(self._functions.force(v, sigma, z, 0.0, 0.0, 0.0, self._p))
 
     def _z_rate(self, v: float, sigma: float, z: float) -> float:
         return float(self._functions.rates(v, sigma, z, 0.0, 0.0, 0.0, self._p)[2])

@@ -38,7 +38,6 @@ from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 
 from .fixed_step import END_SPEED, PublishedLaw, simulate_fine, slip_range, slip_velocity_limit, whole_periods
 from .relay_loop import (
-    FeedForward,
     SurfaceLoop,
     actuator_response,
 )
@@ -351,7 +350,7 @@ class _Equations:
         sigma, z, omega, share, mean = self.split(x)
         loop, (M, J, B, r) = self.loop, self.p[:4]
         v, slip_velocity = self.point.speed, self.point.sigma + sigma
-        Ta = r * self._model_force(slip_velocity, z)
+        Ta = r * np.asarray(self.functions.force(v, slip_velocity, z, 0.0, 0.0, 0.0, self.p))
         bracket = (1 / (r * M) + r / J) * Ta - r * B / J * (v - slip_velocity) / r - loop.gains.rho * sigma
         command = self.series(J / r * bracket) + loop.gains.D * self.surface_series(sigma, omega, mean)
         command = command + self.K * self.relay_series(share)
@@ -380,14 +379,6 @@ class _Equations:
         """Of height 1, positive over [0, share)."""
         k = self.k[1:]
         return np.concatenate([2 * share - 1, (1 - np.exp(-2j * np.pi * k * share)) / (1j * np.pi * k)], axis=-1)
-
-    def _model_force(self, sigma: Floats, z: Floats) -> Floats:
-        v, none = self.point.speed, (0.0, 0.0, 0.0)
-        if self.loop.feed_forward is FeedForward.OFF:
-            return np.full_like(sigma, self.point.adhesion_force)
-        if self.loop.feed_forward is FeedForward.REST:
-            z = self.functions.rest_state(v, sigma, 0.0, *none, self.p)
-        return np.asarray(self.functions.force(v, sigma, z, *none, self.p))
 
     def _rates(self, sigma: Floats, z: Floats, torque: Floats) -> tuple[Floats, Floats]:
         at = (self.point.speed, self.point.sigma + sigma, z, torque, self.torque, 0.0, self.p)
@@ -543,7 +534,7 @@ def simulated_limit_cycle(loop: SurfaceLoop, *, K: float | None = None) -> Limit
     The load is the vehicle's own; K, N*m, left out the gains' own. DomainError where s does not cycle.
     """
     height, point = loop.gains.K if K is None else K, loop.plant.point
-    law = PublishedLaw(point, replace(loop.gains, K=height, k=0.0), feed_forward=loop.feed_forward)
+    law = PublishedLaw(point, replace(loop.gains, K=height, k=0.0))
     scale = point.vehicle.inertia_scale
     duration = (_SETTLING + _MEASURED) * scale
     try:
@@ -582,7 +573,7 @@ def law_runs(loop: SurfaceLoop) -> tuple[LawRun, LawRun]:
 def _law_run(loop: SurfaceLoop, *, frozen: bool) -> LawRun:
     point = loop.plant.point
     name = f"{point.speed / KMH:.3g} km/h frozen" if frozen else "speed falling"
-    law = PublishedLaw(point, loop.gains, feed_forward=loop.feed_forward, frozen=frozen)
+    law = PublishedLaw(point, loop.gains, frozen=frozen)
     duration = (_FROZEN if frozen else _STOP) * point.vehicle.inertia_scale
     try:
         run = simulate_fine(

@@ -6,8 +6,8 @@ The law is [Park2008] (33)-(36), (41), (45), its gains read in SI: s = e + rho i
 
 Deviations from an operating point with the speed frozen. From (3), (4): sigma (1/P) = q with 1/P = (J/r) s + Q, where
 Q = (J/r)[(1/M + r^2/J) F(s) + B/J] is what adhesion and friction do, F(s) from sigma to the adhesion force. The law's
-feed-forward is Q_m sigma with F from the model, so that its linear part is, with G = (s + rho)/s and s_surface =
--G sigma,
+feed-forward is Q_m sigma with F from the model, driven by the measured slip velocity, so that its linear part is, with
+G = (s + rho)/s and s_surface = -G sigma,
 
     Tb_cmd = -C sigma + relay,    C = (J/r) rho + D G - Q_m,    q = Ga Tb_cmd,
 
@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 from types import MappingProxyType
 
@@ -37,19 +36,6 @@ from .reaching import resistance_force
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-
-
-class FeedForward(StrEnum):
-    """Where the law takes its adhesion torque Ta_model from.
-
-    MODEL: the adhesion law with a state of its own, driven by the measured slip velocity. It equals the true Ta once
-    its state has met the plant's. REST: the law at rest at the measured slip. OFF: none, Ta held at the operating
-    point's. For a static law MODEL and REST are the same.
-    """
-
-    MODEL = "model"
-    REST = "rest"
-    OFF = "off"
 
 
 @dataclass(frozen=True)
@@ -122,14 +108,12 @@ class SurfaceLoop:
     """The linear loop around the relay of the sliding-mode law, the speed frozen; InputError for a plant with it as a
     state.
 
-    rho and D close the linear part; K and k are used where a method says so. `feed_forward`: how Ta_model is formed;
-    its parameters are the plant's own.
+    rho and D close the linear part; K and k are used where a method says so.
     """
 
     plant: LinearPlant
     gains: SlidingGains
     actuator: Actuator
-    feed_forward: FeedForward = FeedForward.MODEL
 
     def __post_init__(self) -> None:
         if self.plant.speed_state:
@@ -180,12 +164,7 @@ class SurfaceLoop:
     def _compensation(self) -> tuple[Floats, Floats]:
         """Q_m as numerator and denominator, N*m/(m/s)."""
         zeros, poles = self._wheel
-        if self.feed_forward is FeedForward.MODEL:
-            return self.inertia_over_radius * np.polysub(poles, np.polymul([1.0, 0.0], zeros)), zeros
-        if self.feed_forward is FeedForward.REST:  # F(0) is the slope of the curve at rest
-            return np.array([self.inertia_over_radius * poles[-1] / zeros[-1]]), np.array([1.0])
-        vehicle = self.plant.point.vehicle
-        return np.array([vehicle.effective_viscous_friction / vehicle.wheel.radius]), np.array([1.0])
+        return self.inertia_over_radius * np.polysub(poles, np.polymul([1.0, 0.0], zeros)), zeros
 
     def controller(self, *, relay_gain: float = 0.0, adaptation: float = 0.0) -> Rational:
         """C(s) from -sigma to the commanded torque, N*m/(m/s).
