@@ -18,7 +18,7 @@ from rich.text import Text
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification import layered, layered_conditions
-from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS
+from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS, SLIP_AMPLITUDE
 from railslip_ctrl.verification.joint_verification import FullVerification
 from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
 from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
@@ -83,6 +83,7 @@ def _template(text: str) -> Any:
     environment.filters["f"] = format
     environment.globals |= {
         **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
+        "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
         **{"HOLD_ERROR": layered.HOLD_ERROR, "CUT_OUT_SHARE": layered_conditions.CUT_OUT_SHARE},
         **{"LARGEST_CUT_OUT_KMH": layered_conditions.LARGEST_CUT_OUT_KMH, "OFFSET": layered.OFFSET},
         **{"DISTURBANCE": layered.DISTURBANCE, "ADHESION_NOISE": ADHESION_NOISE},

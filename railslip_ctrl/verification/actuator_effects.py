@@ -43,13 +43,16 @@ from .limit_cycles import (
     simulated_limit_cycle,
     smallest_layer,
 )
-from .relay_loop import TABLE4_SLIDING, SlidingExistence, SlidingGains, SurfaceLoop
+from .relay_loop import TABLE4_SLIDING, SlidingExistence, SurfaceLoop
 from .robust import LAYER_WIDTH, effective_torque
 from .verdict import Condition
 
 _RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
 _STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
 _TOLERANCE = 1e-9  # relative, of the bisection: far above the rounding of the root count
+SLIP_AMPLITUDE = 0.02
+"""Half of the slip's swing, a ratio, within which a relay is to hold the wheel."""
+
 _FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation with a period of 10 minutes
 _RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
 
@@ -127,31 +130,21 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
     return 4 * loop.gains.K / (math.pi * high)
 
 
-def largest_relay(loop: SurfaceLoop, slip_amplitude: float) -> float:
-    """Largest K, N*m, whose linearised limit cycle without load stays within a slip amplitude (half of the slip's
-    swing, a ratio, > 0, else InputError); a load makes it smaller. DomainError where the relay does not oscillate.
-    """
-    if not (math.isfinite(slip_amplitude) and slip_amplitude > 0):
-        raise InputError(f"slip amplitude: {slip_amplitude} is not allowed; give a finite value > 0")
-    return slip_amplitude / linear_limit_cycle(loop, K=1.0).slip_amplitude
-
-
 @dataclass(frozen=True)
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
     stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k:
-    largest k. K: largest, N*m, for
-    a limit cycle within slip_amplitude, linearised; 0 where no K gives a stable cycle, inf where none oscillates.
-    linear_change: `linearisation_change` over that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho,
-    D: 1/s, N*m/(m/s); inf without bound. relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest
-    without limit cycle at the gains' own K, m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
+    largest k. K: largest, N*m, for a limit cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it
+    smaller; 0 where no K gives a stable cycle, inf where none oscillates. linear_change: `linearisation_change` over
+    that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho, D: 1/s, N*m/(m/s); inf without bound.
+    relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest without limit cycle at the gains' own K,
+    m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
     """
 
     stable: bool
     k: float
     K: float
-    slip_amplitude: float
     linear_change: float
     rho: float
     D: float
@@ -160,19 +153,18 @@ class Survivors:
     excursion: float
 
 
-def survivors(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Survivors:
+def survivors(loop: SurfaceLoop) -> Survivors:
     """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
     gains = loop.gains
     stable = loop.is_stable()
     gain = largest_relay_gain(loop)
     # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
-    relay = largest_relay(loop, slip_amplitude) if 0.0 < gain < math.inf else gain
+    relay = SLIP_AMPLITUDE / linear_limit_cycle(loop, K=1.0).slip_amplitude if 0.0 < gain < math.inf else gain
     finite = 0.0 < relay < math.inf
     return Survivors(
         stable=stable,
         k=largest_adaptation(loop),
         K=relay,
-        slip_amplitude=slip_amplitude,
         linear_change=linearisation_change(loop, linear_limit_cycle(loop, K=relay)) if finite else 0.0,
         rho=first_limit(lambda rho: loop.with_gains(rho=rho).is_stable(), gains.rho) if stable else 0.0,
         D=first_limit(lambda D: loop.with_gains(D=D).is_stable(), gains.D) if stable else 0.0,
@@ -285,17 +277,16 @@ def published_loop(
     adhesion: str = "bristle",
     speed_kmh: float = INITIAL_SPEED_KMH,
     vehicle: Vehicle = PARK2008,
-    gains: SlidingGains | None = None,
 ) -> SurfaceLoop:
     """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
     `inertia_scale` is a factor on M, J, B and, as a change of units demands, the stiffness of the bristle model.
-    `gains` left out: Table 4's bristle column (beam for the beam law).
+    Its gains are Table 4's bristle column (beam for the beam law).
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
     column = TABLE4_SLIDING["beam" if adhesion == "beam" else "bristle"]
-    return SurfaceLoop(plant, gains or column, scaled.actuator)
+    return SurfaceLoop(plant, column, scaled.actuator)
 
 
 @dataclass(frozen=True)
@@ -370,8 +361,8 @@ class ActuatorEffect:
         return low > 0.0 and high < 2 * self.loop.plant.point.sigma
 
 
-def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> ActuatorEffect:
-    """Analyse one loop; `slip_amplitude`: what K may make of the slip, a ratio, > 0, see `largest_relay`."""
+def actuator_effect(loop: SurfaceLoop) -> ActuatorEffect:
+    """Analyse one loop."""
     relays = (loop.gains.K, *(K for K in COMPARED_RELAYS if K > loop.gains.K))
     return ActuatorEffect(
         loop=loop,
@@ -380,7 +371,7 @@ def actuator_effect(loop: SurfaceLoop, *, slip_amplitude: float = 0.02) -> Actua
         unstable_ideal=adaptive_unstable_poles(without_actuator(loop)),
         unstable_actual=adaptive_unstable_poles(loop),
         unstable_linear=adaptive_unstable_poles(loop.with_gains(k=0.0)),
-        survivors=survivors(loop, slip_amplitude=slip_amplitude),
+        survivors=survivors(loop),
     )
 
 

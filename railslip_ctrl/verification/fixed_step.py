@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.core.errors import DomainError, InputError
+from railslip_ctrl.core.errors import DomainError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, published_law
 from railslip_ctrl.model.kernels import module_of, module_text, plain
@@ -285,12 +285,9 @@ def simulate_fine(
 
     The controller is called once a step, s, which is made smaller so that it divides the dead time. `disturbance`:
     torque at the wheel, N*m, over time, s; adds to the brake's. `offset`: initial slip velocity above the point's, m/s.
-    `frozen`: the speed is held; else it falls as it brakes. InputError for a duration or step that is not positive and
-    finite; DomainError where the wheel locked or left the adhesion law's domain on either side (or is not a number).
-    Slip below 0, a wheel released, is within it.
+    `frozen`: the speed is held; else it falls as it brakes. DomainError where the wheel locked or
+    left the adhesion law's domain on either side (or is not a number). Slip below 0, a wheel released, is within it.
     """
-    if not (math.isfinite(duration) and duration > 0 and math.isfinite(step) and step > 0):
-        raise InputError(f"simulation: duration {duration} s and step {step} s; give finite values > 0")
     delay = math.ceil(actuator.dead_time / step - 1e-9)
     h = actuator.dead_time / delay if delay else step
     count = math.ceil(duration / h)
@@ -336,13 +333,6 @@ def whole_periods(run: FineRun) -> tuple[float, FineRun]:
     instants = run.time[ends] - s[ends] / (s[ends + 1] - s[ends]) * (run.time[ends + 1] - run.time[ends])
     period = float((instants[1] - instants[0]) / (up.size - 1))
     return period, FineRun(*(getattr(run, name)[up[0] : up[-1]] for name in run.__dataclass_fields__))
-
-
-def switch(s: float, layer: float) -> float:
-    """sgn(s), or sat(s/layer)."""
-    if layer > 0:
-        return max(-1.0, min(1.0, s / layer))
-    return math.copysign(1.0, s) if s else 0.0
 
 
 def slip_range(run: FineRun) -> tuple[float, float]:

@@ -46,7 +46,7 @@ from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linea
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Actuator, PIGains, Rail, Vehicle
 
-from .fixed_step import holding_torque, simulate_fine, switch
+from .fixed_step import holding_torque, simulate_fine
 from .reaching import ADHESION_NOISE, TORQUE_DECAY, TORQUE_FRACTION, TORQUE_FREQUENCY
 from .relay_loop import actuator_lag
 
@@ -583,7 +583,7 @@ class LayeredLaw:
         if abs(led) < d.layer or led * e < 0.0:
             self.integral += step * e
         hold = self.hold(v) if callable(self.hold) else self.hold
-        return max(0.0, hold + d.K * switch(led, d.layer)), led
+        return max(0.0, hold + d.K * max(-1.0, min(1.0, led / d.layer))), led
 
 
 def bounded_torques(height: float, impulse: Impulse) -> dict[str, Torque]:
