@@ -155,7 +155,7 @@ def grouped_rate(rate: sp.Expr) -> sp.Expr:
 
 
 Ueq, Ur, D, K, D0, K0 = (sliding_symbol(name) for name in ("Ueq", "Ur", "D", "K", "D0", "K0"))
-_S_RATE = sliding_symbol("s_rate")
+_S_RATE, _ZERO = sliding_symbol("s_rate"), sp.Integer(0)
 
 
 @dataclass(frozen=True)
@@ -172,26 +172,45 @@ class Reaching(Surface):
 
 def derive_reaching(surface: Surface) -> Reaching:
     """The law from s'."""
-    equivalent = linear_solution(surface.s_rate.subs(UNCERTAIN), plant.Tb)
-    reaching = grouped_rate(sp.expand(surface.s_rate.subs(plant.Tb, equivalent + Ur)))
+    rate, known, d = surface.s_rate, surface.s_rate.subs(UNCERTAIN), surface.disturbance
+    equivalent = linear_solution(known, plant.Tb)
+    reaching = grouped_rate(sp.expand(rate.subs(plant.Tb, equivalent + Ur)))
     robust = _robust(reaching)
-    law = equivalent + robust
-    closed = sp.expand(surface.s_rate.subs(plant.Tb, law))
+    law = grouped(equivalent) + robust
+    closed = sp.expand(rate.subs(plant.Tb, equivalent + robust))
     product = sp.expand(s * closed)
+    slowed, size = plant.r / plant.J * (D * s + K * sp.sign(s)), sp.Dummy("|d|", positive=True)
+    bound = sp.Abs(s) * (size - plant.r / plant.J * (D * sp.Abs(s) + K))
+    slack = sp.Abs(s) * size - s * d  # not negative, since x <= |x|
     steps = (
         *surface.steps,
-        _equivalent_step(surface, equivalent),
-        _reaching_step(surface, reaching),
-        _robust_step(reaching, robust),
-        _law_step(surface, grouped(equivalent) + robust, closed),
-        _product_step(surface, product),
+        step("equivalent control", (Ueq, grouped(equivalent)), identical(known.subs(plant.Tb, equivalent), _ZERO)),
+        step(
+            "reaching dynamics",
+            (_S_RATE, reaching),
+            reaching.free_symbols <= d.free_symbols | {Ur},
+            identical(reaching, d + sp.diff(rate, plant.Tb) * Ur),
+        ),
+        step(
+            "robust control",
+            (Ur, robust),
+            identical(reaching.subs(UNCERTAIN).subs(Ur, robust), -slowed),
+            identical(robust, D * s + K * sp.sign(s)),
+        ),
+        step(
+            "control law",
+            (plant.Tb, law),
+            identical(closed, d - slowed),
+            identical(rate.subs(plant.Tb, law), d - slowed),
+        ),
+        step("reaching condition", (sliding_symbol("s_times_s_rate"), product), identical(bound - product, slack)),
     )
     return Reaching(
         **vars(surface) | {"steps": steps},
         equivalent_control=grouped(equivalent),
         reaching=reaching,
         robust_term=robust,
-        control_law=grouped(equivalent) + robust,
+        control_law=law,
         closed_rate=closed,
         reaching_product=product,
     )
@@ -213,53 +232,6 @@ def _robust(reaching: sp.Expr) -> sp.Expr:
     return sp.expand(in_rates.subs({D0: ratio * D, K0: ratio * K})).subs(sign, sp.sign(s))
 
 
-def _equivalent_step(surface: Surface, equivalent: sp.Expr) -> DerivationStep:
-    return step(
-        "equivalent control",
-        (Ueq, grouped(equivalent)),
-        identical(surface.s_rate.subs(UNCERTAIN).subs(plant.Tb, equivalent), sp.Integer(0)),
-    )
-
-
-def _reaching_step(surface: Surface, reaching: sp.Expr) -> DerivationStep:
-    kept = surface.disturbance.free_symbols | {Ur}
-    return step(
-        "reaching dynamics",
-        (_S_RATE, reaching),
-        reaching.free_symbols <= kept,
-        identical(reaching, surface.disturbance + sp.diff(surface.s_rate, plant.Tb) * Ur),
-    )
-
-
-def _robust_step(reaching: sp.Expr, robust: sp.Expr) -> DerivationStep:
-    found = reaching.subs(UNCERTAIN).subs(Ur, robust)
-    ratio = plant.r / plant.J
-    return step(
-        "robust control",
-        (Ur, robust),
-        identical(found, -ratio * (D * s + K * sp.sign(s))),
-        identical(robust, D * s + K * sp.sign(s)),
-    )
-
-
-def _law_step(surface: Surface, law: sp.Expr, closed: sp.Expr) -> DerivationStep:
-    expected = surface.disturbance - plant.r / plant.J * (D * s + K * sp.sign(s))
-    return step(
-        "control law",
-        (plant.Tb, law),
-        identical(closed, expected),
-        identical(surface.s_rate.subs(plant.Tb, law), expected),
-    )
-
-
-def _product_step(surface: Surface, product: sp.Expr) -> DerivationStep:
-    ratio = plant.r / plant.J
-    size = sp.Dummy("|d|", positive=True)
-    bound = sp.Abs(s) * (size - ratio * D * sp.Abs(s) - ratio * K)
-    slack = sp.Abs(s) * size - s * surface.disturbance  # not negative, since x <= |x|
-    return step("reaching condition", (sliding_symbol("s_times_s_rate"), product), identical(bound - product, slack))
-
-
 # --- perturbed parameters and the adaptive law ------------------------------------------------------------------------
 
 
@@ -275,6 +247,7 @@ TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}
 """The true parameters in nominal and perturbation."""
 
 NOMINAL = {plant.M: Mn, plant.B: Bn}
+_V_RATE = sliding_symbol("V_rate")
 
 
 @dataclass(frozen=True)
@@ -307,21 +280,44 @@ def derive_adaptation(reaching: Reaching) -> Adaptation:
     uncertainty = sp.expand(known.subs(TRUE) - known.subs(NOMINAL))
     theta = tuple(sp.factor(sp.diff(uncertainty, variable)) for variable in PHI)
     disturbance = reaching.disturbance.subs(TRUE)
-    law = _law(known, reaching.robust_term)
-    error_dynamics = _error_dynamics(known, law, disturbance)
-    scalar = _lyapunov(error_dynamics, disturbance, (k, k))
-    matrix = _lyapunov(error_dynamics, disturbance, (k1, k2))
+    equivalent = linear_solution(_with_theta(known, THETA_HAT), plant.Tb)
+    law = grouped(equivalent) + reaching.robust_term
+    true = tuple(hat + tilde for hat, tilde in zip(THETA_HAT, THETA_TILDE, strict=True))
+    error_dynamics = sp.expand(_with_theta(known, true).subs(plant.Tb, law)) + disturbance
+    scalar, matrix = (_lyapunov(error_dynamics, disturbance, gains) for gains in ((k, k), (k1, k2)))
+    # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
+    plant_rate = reaching.s_rate.subs(TRUE).subs(plant.Tb, law)
+    errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
+    taken = sum(tilde * variable for tilde, variable in zip(THETA_TILDE, PHI, strict=True))
+    falls = plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
     steps = (
         *reaching.steps,
-        _theta_step(uncertainty, theta),
-        _control_step(reaching, law, theta, error_dynamics),
-        _error_step(error_dynamics, disturbance),
-        _function_step(scalar),
-        _rate_step(scalar, error_dynamics),
+        step(
+            "perturbed parameters",
+            (sp.Matrix(THETA), sp.Matrix(theta)),
+            identical(uncertainty - sum(a * b for a, b in zip(theta, PHI, strict=True)), _ZERO),
+            not any(sp.diff(part, variable) != 0 for part in theta for variable in PHI),
+            identical(theta[0], (1 / (Mn + Mp) - 1 / Mn) / plant.r),
+        ),
+        step("adaptive control law", (plant.Tb, law), identical(plant_rate, error_dynamics.subs(errors))),
+        step(
+            "error dynamics",
+            (_S_RATE, sp.collect(error_dynamics, plant.Tr)),
+            identical(error_dynamics, taken + disturbance - plant.r / plant.J * (D * s + K * sp.sign(s))),
+        ),
+        *_function_steps(scalar),
         _adaptation_step("adaptive law", scalar),
         _adaptation_step("adaptive law, matrix gain", matrix),
-        _final_step(scalar, matrix),
-        _disturbed_step(scalar, matrix, disturbance),
+        step(
+            "rate of V, ideal",
+            (_V_RATE, scalar.V_rate_final),
+            *(identical(one.V_rate_final, -falls) for one in (scalar, matrix)),
+        ),
+        step(
+            "rate of V, disturbed",
+            (_V_RATE, scalar.V_rate_disturbed),
+            *(identical(one.V_rate_disturbed, s * disturbance - falls) for one in (scalar, matrix)),
+        ),
     )
     return Adaptation(
         **vars(reaching) | {"steps": steps},
@@ -340,16 +336,6 @@ def _with_theta(known: sp.Expr, theta: tuple[sp.Expr, ...]) -> sp.Expr:
     return known.subs(NOMINAL) + sum(a * b for a, b in zip(theta, PHI, strict=True))
 
 
-def _law(known: sp.Expr, robust: sp.Expr) -> sp.Expr:
-    equivalent = linear_solution(_with_theta(known, THETA_HAT), plant.Tb)
-    return grouped(equivalent) + robust
-
-
-def _error_dynamics(known: sp.Expr, law: sp.Expr, disturbance: sp.Expr) -> sp.Expr:
-    true = tuple(hat + tilde for hat, tilde in zip(THETA_HAT, THETA_TILDE, strict=True))
-    return sp.expand(_with_theta(known, true).subs(plant.Tb, law)) + disturbance
-
-
 def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Symbol, ...]) -> Lyapunov:
     V = s**2 / 2 + sum(tilde**2 / (2 * gain) for tilde, gain in zip(THETA_TILDE, gains, strict=True))
     ideal = error_dynamics - disturbance
@@ -364,55 +350,15 @@ def _lyapunov(error_dynamics: sp.Expr, disturbance: sp.Expr, gains: tuple[sp.Sym
     return Lyapunov(V, rate, cross, adaptation, final, final + sp.diff(V, s) * disturbance)
 
 
-def _theta_step(uncertainty: sp.Expr, theta: tuple[sp.Expr, ...]) -> DerivationStep:
-    remainder = uncertainty - sum(a * b for a, b in zip(theta, PHI, strict=True))
-    by_mass = (1 / (Mn + Mp) - 1 / Mn) / plant.r
-    return step(
-        "perturbed parameters",
-        (sp.Matrix(THETA), sp.Matrix(theta)),
-        identical(remainder, sp.Integer(0)),
-        not any(sp.diff(part, variable) != 0 for part in theta for variable in PHI),
-        identical(theta[0], by_mass),
-    )
-
-
-def _control_step(
-    surface: Surface, law: sp.Expr, theta: tuple[sp.Expr, ...], error_dynamics: sp.Expr
-) -> DerivationStep:
-    # independent of the way taken: the true plant's s' under the law, theta_tilde = theta - theta_hat by definition
-    true = surface.s_rate.subs(TRUE).subs(plant.Tb, law)
-    errors = {tilde: a - hat for tilde, a, hat in zip(THETA_TILDE, theta, THETA_HAT, strict=True)}
-    return step("adaptive control law", (plant.Tb, law), identical(true, error_dynamics.subs(errors)))
-
-
-def _error_step(error_dynamics: sp.Expr, disturbance: sp.Expr) -> DerivationStep:
-    expected = (
-        sum(tilde * variable for tilde, variable in zip(THETA_TILDE, PHI, strict=True))
-        + disturbance
-        - plant.r / plant.J * (D * s + K * sp.sign(s))
-    )
-    return step(
-        "error dynamics",
-        (sliding_symbol("s_rate"), sp.collect(error_dynamics, plant.Tr)),
-        identical(error_dynamics, expected),
-    )
-
-
-def _function_step(scalar: Lyapunov) -> DerivationStep:
+def _function_steps(scalar: Lyapunov) -> tuple[DerivationStep, DerivationStep]:
+    """V and its rate."""
     hessian = sp.hessian(scalar.V, (s, *THETA_TILDE))
-    return step(
-        "Lyapunov function",
-        (sliding_symbol("V"), scalar.V),
-        all(minor.is_positive for minor in (hessian[:n, :n].det() for n in (1, 2, 3))),
-    )
-
-
-def _rate_step(scalar: Lyapunov, error_dynamics: sp.Expr) -> DerivationStep:
     second = [sp.diff(scalar.cross_term, a, b) for a in THETA_TILDE for b in THETA_TILDE]
     rest = scalar.V_rate - scalar.cross_term
-    return step(
+    positive = all(minor.is_positive for minor in (hessian[:n, :n].det() for n in (1, 2, 3)))
+    return step("Lyapunov function", (sliding_symbol("V"), scalar.V), positive), step(
         "rate of V",
-        (sliding_symbol("V_rate"), scalar.V_rate),
+        (_V_RATE, scalar.V_rate),
         all(entry == 0 for entry in second),
         not rest.has(*THETA_TILDE),
         vanishes(scalar.cross_term.subs(dict.fromkeys(THETA_TILDE, 0))),
@@ -428,30 +374,11 @@ def _adaptation_step(name: str, function: Lyapunov) -> DerivationStep:
     )
 
 
-def _final_step(scalar: Lyapunov, matrix: Lyapunov) -> DerivationStep:
-    expected = -plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
-    return step(
-        "rate of V, ideal",
-        (sliding_symbol("V_rate"), scalar.V_rate_final),
-        identical(scalar.V_rate_final, expected),
-        identical(matrix.V_rate_final, expected),
-    )
-
-
-def _disturbed_step(scalar: Lyapunov, matrix: Lyapunov, disturbance: sp.Expr) -> DerivationStep:
-    expected = s * disturbance - plant.r / plant.J * (D * s**2 + K * sp.Abs(s))
-    return step(
-        "rate of V, disturbed",
-        (sliding_symbol("V_rate"), scalar.V_rate_disturbed),
-        identical(scalar.V_rate_disturbed, expected),
-        identical(matrix.V_rate_disturbed, expected),
-    )
-
-
 # --- what else the plant states ---------------------------------------------------------------------------------------
 
 
-def statement_steps() -> tuple[DerivationStep, ...]:
+@cache
+def _statement_steps() -> tuple[DerivationStep, ...]:
     """The steps, one an equation."""
     return _slip_ratio(), _resistance(), _actuator()
 
@@ -580,11 +507,6 @@ def derive(*, reference: Reference = "proportional", law: str | None = None) -> 
 def _whatever_the_adhesion(reference: Reference) -> Adaptation:
     """What is derived with Ta as an argument, once for all adhesion laws."""
     return derive_adaptation(derive_reaching(derive_surface(reference)))
-
-
-@cache
-def _statement_steps() -> tuple[DerivationStep, ...]:
-    return statement_steps()
 
 
 def _estimates(adaptive: Adaptation) -> tuple[DerivationStep, sp.Expr]:
