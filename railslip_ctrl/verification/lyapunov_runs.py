@@ -55,7 +55,6 @@ class AlongRun:
     """How a condition fared: share of the time it held, and when it was first violated, s (NaN: never)."""
 
     name: str
-    statement: str
     share: float
     first_violation: float
 
@@ -209,27 +208,25 @@ def _forward_rate(time: Floats, values: Floats) -> Floats:
 
 
 def _conditions(signals: LyapunovSignals) -> tuple[AlongRun, ...]:
-    """Shares of the time, each sample weighted with the time to the next."""
+    """s s' < 0; V' <= 0; the same without what the changes of the true theta add; K + D|s| > (J/r)|d|.
+
+    Shares of the time, each sample weighted with the time to the next. A sampled relay cannot do better than to carry s
+    across 0 within the sample, which counts as held.
+    """
     weight = np.append(np.diff(signals.time), 0.0)
-    # a sampled relay cannot do better than to carry s across 0 within the sample
     crosses = np.append(signals.s[:-1] * signals.s[1:] <= 0, False)
-    judged = (
-        ("sliding", "s s' < 0, or s crosses 0 within the sample", (signals.s * signals.s_rate < 0) | crosses),
-        ("Lyapunov", "V' <= 0, or s crosses 0 within the sample", (signals.V_rate <= 0) | crosses),
-        (
-            "Lyapunov, theta constant",
-            "the same without what the changes of the true theta add to V'",
-            (signals.V_rate_constant <= 0) | crosses,
-        ),
-        ("reaching (40)", "K + D|s| exceeds (J/r)|d| of the disturbances acting", signals.available > signals.asked),
-    )
-    return tuple(_along(name, statement, held, weight, signals.time) for name, statement, held in judged)
-
-
-def _along(name: str, statement: str, held: NDArray[np.bool_], weight: Floats, time: Floats) -> AlongRun:
-    broken = np.flatnonzero(~held)
-    share = float(weight[held].sum() / weight.sum())
-    return AlongRun(name, statement, share, float(time[broken[0]]) if broken.size else math.nan)
+    judged = {
+        "sliding": (signals.s * signals.s_rate < 0) | crosses,
+        "Lyapunov": (signals.V_rate <= 0) | crosses,
+        "Lyapunov, theta constant": (signals.V_rate_constant <= 0) | crosses,
+        "reaching (40)": signals.available > signals.asked,
+    }
+    found = []
+    for name, held in judged.items():
+        broken = np.flatnonzero(~held)
+        share = float(weight[held].sum() / weight.sum())
+        found.append(AlongRun(name, share, float(signals.time[broken[0]]) if broken.size else math.nan))
+    return tuple(found)
 
 
 def _ultimate(run: Run) -> tuple[UltimateBound, ...]:
