@@ -476,28 +476,20 @@ def least_authority(design: LayeredDesign, vehicle: Vehicle, adhesion: RailAdhes
     asked = []
     for laden in load_cases(vehicle).values():
         plants = adhesion.plants(laden).values()
+        impulses = [(plant, torque_impulse(design, plant, laden.actuator)) for plant in plants]
         try:
             asked += [bounds.from_offset.command for bounds in rail_bounds(design, laden, adhesion).values()]
         except InfeasibleDesignError:
-            asked += [_linear_command(design, plant) for plant in plants]
-        asked += [_hold_command(design, plant) for plant in plants]
+            height = bounded_disturbance(laden)
+            asked += [
+                impulse.norms[2] * height + OFFSET / plant.gain * float(np.abs(impulse.command).max())
+                for plant, impulse in impulses
+            ]
+        for plant, impulse in impulses:  # the linear loop's answer to a hold that is wrong from t = 0 on
+            means = 0.5 * (impulse.command[1:] + impulse.command[:-1])
+            peak = float(np.abs(np.cumsum(np.diff(impulse.time) * means)).max())
+            asked.append(HOLD_ERROR * holding_torque(plant.point) * peak)
     return max(asked)
-
-
-def _hold_command(design: LayeredDesign, plant: LinearPlant) -> float:
-    """Peak of |Tb - hold|, N*m, of the linear loop where hold is wrong by `HOLD_ERROR` from t = 0 on."""
-    impulse = torque_impulse(design, plant, plant.point.vehicle.actuator)
-    means = 0.5 * (impulse.command[1:] + impulse.command[:-1])
-    peak = float(np.abs(np.cumsum(np.diff(impulse.time) * means)).max())
-    return HOLD_ERROR * holding_torque(plant.point) * peak
-
-
-def _linear_command(design: LayeredDesign, plant: LinearPlant) -> float:
-    """Bound of |Tb - hold|, N*m, from `OFFSET` without the wheel's nonlinearity."""
-    vehicle = plant.point.vehicle
-    impulse = torque_impulse(design, plant, vehicle.actuator)
-    of_offset = OFFSET / plant.gain * float(np.abs(impulse.command).max())
-    return impulse.norms[2] * bounded_disturbance(vehicle) + of_offset
 
 
 def rail_bounds(
