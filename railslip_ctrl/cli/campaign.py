@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.model.vehicle import remarks
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
@@ -74,6 +75,7 @@ def command(
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
+    check_extra("campaign", "campaign")
     check_directory(out, _REPORT)
     campaign = load_campaign(campaign_file, controllers=controller)
     vehicle = campaign.scenario.vehicle

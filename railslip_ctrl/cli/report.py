@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.linearization import OperatingPoint
@@ -94,6 +95,8 @@ def command(
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
+    if whole:
+        check_extra("html", "--html", ", or give --no-html")
     told = _timed()
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it

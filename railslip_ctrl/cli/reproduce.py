@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
@@ -66,6 +67,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     count = _seeds(seeds)
     names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in PICTURES)]
     if out is not None:
+        check_extra("html", "--out")
         check_directory(out, names)  # before the work, not after it
     comparison = table5(count, progress=progress)
     found = published_facts(progress=progress)
