@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -115,12 +117,14 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
 
 
 def _write_csv(run: Run, path: Path) -> None:
-    """Time series, SI, with every digit."""
-    import pandas as pd
-
+    """Time series, SI, with every digit; what is no number is left empty."""
     assert run.signals is not None, "a replay records them"
     columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
-    pd.DataFrame(columns).to_csv(path, index=False)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        for row in zip(*(values.tolist() for values in columns.values()), strict=True):
+            rows.writerow("" if isinstance(x, float) and math.isnan(x) else x for x in row)
 
 
 def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], object]]:
