@@ -622,10 +622,8 @@ def test_the_command(tmp_path, railslip):
     assert content["stored"] is True
     log = Path(out / "run-5-soft.csv").read_text().splitlines()
     assert log[0].startswith("time,distance,speed,")
-    again = replay(load_campaign(path), 5).runs["soft"].signals
-    assert pd.read_csv(out / "run-5-soft.csv", float_precision="round_trip")[list(again._fields)].equals(
-        pd.DataFrame(again._asdict())
-    )
+    again = np.column_stack(replay(load_campaign(path), 5).runs["soft"].signals)
+    assert [[float(cell) for cell in line.split(",")[: again.shape[1]]] for line in log[1:]] == again.tolist()
     assert float(log[-1].split(",")[1]) == content["controllers"]["soft"]["braking_distance_m"]
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,16 +13,15 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.extras import check_extra
-from railslip_ctrl.model.vehicle import remarks
-from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
 from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option
+from .options import controller_option, tell_remarks
 from .output import print_json, print_text, progress
 from .settings import HELP
 
@@ -80,9 +78,7 @@ def command(
     check_extra("campaign", "campaign")
     check_directory(out, _REPORT)
     campaign = load_campaign(campaign_file, controllers=controller)
-    vehicle = campaign.scenario.vehicle
-    for note in remarks(vehicle):
-        progress(f"note: {vehicle.name}: {note}")
+    tell_remarks(campaign.scenario.vehicle)
     if number is not None:
         _replay(campaign, number, out, as_json=as_json)
         return
@@ -92,7 +88,7 @@ def command(
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
-    files = write_files(out, _writers(summary, text, json.dumps(content, indent=2, allow_nan=False) + "\n"))
+    files = write_files(out, {"report.txt": text, "report.json": json_text(content), **_pictures(summary)})
     if as_json:
         print_json(content)
     else:
@@ -127,16 +123,12 @@ def _write_csv(run: Run, path: Path) -> None:
             rows.writerow("" if isinstance(x, float) and math.isnan(x) else x for x in row)
 
 
-def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], object]]:
+def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
 
     figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
-    return {
-        "report.txt": lambda path: path.write_text(text, encoding="utf-8"),
-        "report.json": lambda path: path.write_text(content, encoding="utf-8"),
-        **{name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None},
-    }
+    return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}
 
 
 @contextmanager
