@@ -19,6 +19,7 @@ from rich.text import Text
 
 from railslip_ctrl.cli.output import print_text
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.identification.columns import UNITS
 from railslip_ctrl.model import kernels
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import Rail
@@ -83,6 +84,10 @@ def test_in_a_file_the_width_is_always_the_same(monkeypatch, capsys):
     monkeypatch.setattr("railslip_ctrl.cli.output._terminal_width", lambda: 70)
     print_text(lambda: render([Text("word " * 60)]))
     assert max(map(len, capsys.readouterr().out.splitlines())) > 100
+
+
+def test_help_lists_the_quantities_of_a_log(railslip):
+    assert ", ".join(UNITS) in " ".join(railslip("identify", "--help")[1].split())
 
 
 # --- the numbers of an adhesion law in the derived law ----------------------------------------------------------------

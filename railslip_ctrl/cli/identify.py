@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,15 +18,15 @@ from railslip_ctrl.identification.identify import Campaign, Identification, iden
 from railslip_ctrl.identification.logs import STANDARD_INPUT
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
-from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle
+from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import check_file, json_text
+from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
 from railslip_ctrl.report.identification_json import campaign_json, identification_json
 from railslip_ctrl.report.observed_rows import observed_rows
 
-from .options import Quantity, from_file, tell_remarks
+from .options import Quantity, from_file
 from .output import print_json, print_text, progress
 from .settings import HELP
 
@@ -170,7 +171,7 @@ def command(
     text = _report(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
     if out is not None:
-        files = write_files(out, _files(found, text, content))
+        files = write_files(out, _writers(found, text, content))
         progress(f"wrote {len(files)} files to {out}{_model_told(found)}")
     if as_json:
         print_json(content)
@@ -234,7 +235,8 @@ def _bounds(name: str, text: str) -> tuple[float, float]:
 
 def _vehicle(path: Path | None, loaded: bool) -> Vehicle:
     chosen = PARK2008 if path is None else from_file("--vehicle", path, load_vehicle)
-    tell_remarks(chosen)
+    for note in remarks(chosen):
+        click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
     return chosen.loaded() if loaded else chosen
 
 
@@ -281,9 +283,16 @@ def _file_names(count: int) -> list[str]:
     return [*several, *_model_names(count), "identification.txt", "identification.json", *pictures]
 
 
-def _files(found: Identification | Campaign, text: str, content: Mapping[str, Any]) -> dict[str, str | bytes]:
-    from railslip_ctrl.report.plots import adhesion_figure, braking_figure, coefficients_figure, drift_figure
-    from railslip_ctrl.report.plots.style import figure_files
+def _writers(
+    found: Identification | Campaign, text: str, content: Mapping[str, Any]
+) -> dict[str, Callable[[Path], None]]:
+    from railslip_ctrl.report.plots import (
+        adhesion_figure,
+        braking_figure,
+        coefficients_figure,
+        drift_figure,
+        save_figure,
+    )
 
     logs = (found,) if isinstance(found, Identification) else found.logs
     more = (
@@ -291,15 +300,19 @@ def _files(found: Identification | Campaign, text: str, content: Mapping[str, An
         if isinstance(found, Identification)
         else (coefficients_figure(found),)
     )
-    files: dict[str, str | bytes] = {
+    texts = {
         **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
         **_over_speed(found),
         "identification.txt": text,
-        "identification.json": json_text(content),
+        "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
     }
+    writers: dict[str, Callable[[Path], None]] = {}
+    for name, written in texts.items():
+        writers[name] = lambda path, written=written: _write_text(path, written)  # type: ignore[misc]
     for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), *more), strict=True):
-        files |= {f"{name}.{form}": picture for form, picture in figure_files(figure).items()}
-    return files
+        for suffix in ("png", "svg"):
+            writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
+    return writers
 
 
 def _over_speed(found: Identification | Campaign) -> dict[str, str]:
@@ -313,3 +326,7 @@ def _model_told(found: Identification | Campaign) -> str:
         return ", the model to model.toml"
     each = "model-1.toml and so on are for the v0 of their log"
     return f", the model to model.toml, to be taken at --initial-speed; {each}" if _over_speed(found) else f"; {each}"
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
