@@ -60,7 +60,8 @@ def number(value: float) -> float | None:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays and tuples are lists, complex numbers [re, im], what is not finite is null."""
+    """A value as JSON has it: arrays and tuples are lists, named ones objects, complex numbers [re, im], what is not
+    finite is null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Enum):
@@ -71,6 +72,8 @@ def plain(value: Any) -> Any:
         return [value.real, value.imag]
     if isinstance(value, float):
         return number(value)
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {key: plain(one) for key, one in value.items()}
     return [plain(one) for one in value] if isinstance(value, list | tuple) else value
