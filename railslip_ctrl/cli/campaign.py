@@ -36,7 +36,7 @@ _REPORT = ("report.txt", "report.json")
     required=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for the runs (Parquet), report and pictures; of a campaign begun there the rest is run.",
+    help="Folder for runs (Parquet), report and pictures; a campaign begun there is continued.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
 @click.option(
@@ -47,14 +47,14 @@ _REPORT = ("report.txt", "report.json")
     default="braking_distance_m",
     show_default=True,
     metavar="MEASURE",
-    help="What the worst runs have most of: a column of the runs, its unit at the end of its name.",
+    help="Measure of the worst runs: a column of the runs, its unit at the end of its name.",
 )
 @click.option(
     "--replay",
     "number",
     type=int,
     metavar="I",
-    help="Run number I again, with its time series (CSV, picture).  [default: none]",
+    help="Repeat run number I, with its time series (CSV, picture).  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -67,8 +67,8 @@ def command(
     number: int | None,
     as_json: bool,
 ) -> None:
-    """Many braking runs with sampled quantities: on every core, resumed where they were interrupted, with statistics.
-    Exit status 0, or 2 for bad input.
+    """Run a scenario many times with sampled quantities, on every core, with statistics; an interrupted campaign is
+    continued. Exit status 0, or 2 for bad input.
 
     The adhesion law is the scenario's, so there is no --adhesion: name a scenario file in CAMPAIGN.toml, with
     scenario = "own.toml", and in it the law by the key adhesion = "beam", or adhesion = "law.toml" for your own.

@@ -29,9 +29,9 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 @run_options
 @gain_options
 @click.option(
-    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and the sensors' noise."
+    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and of the sensor noise."
 )
-@click.option("--no-noise", is_flag=True, help="Neither random force nor sensors' noise.")
+@click.option("--no-noise", is_flag=True, help="No random force and no sensor noise.")
 @click.option(
     "--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.  [default: none]"
 )
@@ -63,8 +63,8 @@ def command(
     log_period: float,
     as_json: bool,
 ) -> None:
-    """A braking run: what became of it, time, distance, energy, slip error; time series and pictures. Exit status 1
-    if the train did not stop, 2 for bad input.
+    """Simulate a braking run: outcome, time, distance, energy, slip error; time series and pictures. Exit status 1 if
+    the train did not stop, 2 for bad input.
 
     Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
     """
