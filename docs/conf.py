@@ -53,11 +53,20 @@ nitpicky = True
 # What is documented elsewhere: a build without network has no inventories of other projects to look into.
 nitpick_ignore_regex = [
     (r"py:.*", r"(numpy|np|control|ct|sympy|sp|scipy|pandas|pd|pyarrow|pa|matplotlib)\..*"),
-    (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba)\..*"),
+    (r"py:.*", r"(pydantic\w*|annotated_types|click|markupsafe|rich|numba|flint|datetime)\..*"),
     (r"py:.*", r"(abc|collections\.abc|concurrent|pathlib|enum|types|typing|dataclasses|contextlib|distributed)\..*"),
     (r"py:class", r"(NDArray|ArrayLike|Figure|Axes|Path|Any|RenderableType|ValidationError|BaseModel|Self|Literal)"),
+    (
+        r"py:class",
+        r"(Markup|FrequencyResponseData|layout\.\w+|None\.\w+)",
+    ),  # imported for type checkers alone, or by another name
+    (r"py:class", r"railslip_ctrl\..*\._\w+"),  # private bases of public classes
+    (r"py:class", r"railslip_ctrl\.design\.tuning\.TunedCases"),
     # names that modules give to types of their own
-    (r"py:class", r"(.*\.)?(Floats|Complexes|Booleans|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)"),
+    (
+        r"py:class",
+        r"(.*\.)?(Floats|Complexes|Bools|Booleans|Columns|Indices|Batch|Flags|State|Method|How|Reference|F|L|R|T|_M)",
+    ),
     (r"py:class", r".*\[.*"),  # a type in words that Sphinx splits at its commas
 ]
 

@@ -42,6 +42,7 @@ ROOMS = {
     "": "input_errors",
     "core/": "input_errors units vehicle numeric",
     "core/cache": "cache",
+    "core/extras": "dependencies",
     "core/folders": "cache interruption",
     "core/processes": "interruption",
     "core/rounding": "units",

@@ -27,6 +27,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, quantity_heads, replay_json, replay_text
+from railslip_ctrl.report.plots import save_figure
 from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario
 from railslip_ctrl.simulation.campaign import (
@@ -600,6 +601,17 @@ def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
     assert energy.lines[0].get_xdata() == pytest.approx(edges)
 
 
+@pytest.mark.parametrize("spread", [1e-12, 1e-8, 1e-4])
+def test_pictures_of_runs_that_hardly_differ_can_be_read(spread, tmp_path):
+    quiet = dict.fromkeys(("speed_noise", "wheel_noise"), 0.0)
+    calm = SHORT.disturbances.model_copy(update={"random_force": 0.0, "caliper_fraction": 0.0})
+    same = SHORT.with_changes(disturbances=calm, measurement=SHORT.measurement.model_copy(update=quiet))
+    mass = Quantity(("vehicle.mass",), Uniform(1.0 - spread, 1.0 + spread), relative=True)
+    summary = summarise(execute(Campaign(same, (PI,), 4, (mass,)), tmp_path / "out", workers=1))
+    for figure in (distributions_figure(summary), scatter_figure(summary)):
+        save_figure(figure, tmp_path / "figure.png")  # conftest.py looks at what is saved
+
+
 def test_the_command(tmp_path, railslip):
     path, out = write_campaign(tmp_path, 8), tmp_path / "out"
     status, text, errors = railslip("campaign", path, "--out", out, "--workers", "1")
@@ -610,6 +622,8 @@ def test_the_command(tmp_path, railslip):
     assert content["stored"] is True
     log = Path(out / "run-5-soft.csv").read_text().splitlines()
     assert log[0].startswith("time,distance,speed,")
+    again = np.column_stack(replay(load_campaign(path), 5).runs["soft"].signals)
+    assert [[float(cell) for cell in line.split(",")[: again.shape[1]]] for line in log[1:]] == again.tolist()
     assert float(log[-1].split(",")[1]) == content["controllers"]["soft"]["braking_distance_m"]
     for wrong, words in (
         (("--replay", "8"), "--replay: 8 is not allowed; the campaign has runs 0 to 7"),

@@ -1,6 +1,4 @@
-"""The `railslip` command, one command a file: parse, call, show.
-
-What it is made of is in `program`, which takes a moment to import."""
+"""The `railslip` command, one subcommand a file: parse, call, show. Begin with `program`."""
 
 from __future__ import annotations
 

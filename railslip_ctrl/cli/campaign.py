@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import csv
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -11,16 +12,16 @@ from pathlib import Path
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.model.vehicle import remarks
-from railslip_ctrl.report import check_directory, write_files
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
+from railslip_ctrl.report.export import FileContent, check_directory, json_text, write_files
 from railslip_ctrl.simulation.campaign.execution import execute, replay
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.campaign.specification import Campaign
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary, check_measure, summarise
 from railslip_ctrl.simulation.run import Run
 
-from .options import controller_option
+from .options import controller_option, tell_remarks
 from .output import print_json, print_text, progress
 from .settings import HELP
 
@@ -35,7 +36,7 @@ _REPORT = ("report.txt", "report.json")
     required=True,
     type=click.Path(path_type=Path),
     metavar="DIR",
-    help="Folder for the runs (Parquet), report and pictures; of a campaign begun there the rest is run.",
+    help="Folder for runs (Parquet), report and pictures; a campaign begun there is continued.",
 )
 @click.option("--workers", type=int, metavar="N", help="Processes.  [default: one for each core]")
 @click.option(
@@ -46,14 +47,14 @@ _REPORT = ("report.txt", "report.json")
     default="braking_distance_m",
     show_default=True,
     metavar="MEASURE",
-    help="What the worst runs have most of: a column of the runs, its unit at the end of its name.",
+    help="Measure of the worst runs: a column of the runs, its unit at the end of its name.",
 )
 @click.option(
     "--replay",
     "number",
     type=int,
     metavar="I",
-    help="Run number I again, with its time series (CSV, picture).  [default: none]",
+    help="Repeat run number I, with its time series (CSV, picture).  [default: none]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 def command(
@@ -66,19 +67,18 @@ def command(
     number: int | None,
     as_json: bool,
 ) -> None:
-    """Many braking runs with sampled quantities: on every core, resumed where they were interrupted, with statistics.
-    Exit status 0, or 2 for bad input.
+    """Run a scenario many times with sampled quantities, on every core, with statistics; an interrupted campaign is
+    continued. Exit status 0, or 2 for bad input.
 
     The adhesion law is the scenario's, so there is no --adhesion: name a scenario file in CAMPAIGN.toml, with
     scenario = "own.toml", and in it the law by the key adhesion = "beam", or adhesion = "law.toml" for your own.
 
     Example: railslip campaign tolerances.toml --out tolerances
     """
+    check_extra("campaign", "campaign")
     check_directory(out, _REPORT)
     campaign = load_campaign(campaign_file, controllers=controller)
-    vehicle = campaign.scenario.vehicle
-    for note in remarks(vehicle):
-        progress(f"note: {vehicle.name}: {note}")
+    tell_remarks(campaign.scenario.vehicle)
     if number is not None:
         _replay(campaign, number, out, as_json=as_json)
         return
@@ -88,7 +88,7 @@ def command(
     progress("statistics and pictures")
     summary = summarise(store, worst_by=worst_by)
     text, content = campaign_text(summary), campaign_json(summary)
-    files = write_files(out, _writers(summary, text, json.dumps(content, indent=2, allow_nan=False) + "\n"))
+    files = write_files(out, {"report.txt": text, "report.json": json_text(content), **_pictures(summary)})
     if as_json:
         print_json(content)
     else:
@@ -113,24 +113,22 @@ def _replay(campaign: Campaign, number: int, out: Path, *, as_json: bool) -> Non
 
 
 def _write_csv(run: Run, path: Path) -> None:
-    """Time series, SI, with every digit."""
-    import pandas as pd
-
+    """Time series, SI, with every digit; what is no number is left empty."""
     assert run.signals is not None, "a replay records them"
     columns = {**run.signals._asdict(), **{f"controller_{name}": v for name, v in run.controller_signals.items()}}
-    pd.DataFrame(columns).to_csv(path, index=False)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        for row in zip(*(values.tolist() for values in columns.values()), strict=True):
+            rows.writerow("" if isinstance(x, float) and math.isnan(x) else x for x in row)
 
 
-def _writers(summary: CampaignSummary, text: str, content: str) -> dict[str, Callable[[Path], object]]:
+def _pictures(summary: CampaignSummary) -> dict[str, FileContent]:
     from railslip_ctrl.report.plots import save_figure
     from railslip_ctrl.report.plots.campaign import distributions_figure, scatter_figure
 
     figures = {"distributions.png": distributions_figure(summary), "scatter.png": scatter_figure(summary)}
-    return {
-        "report.txt": lambda path: path.write_text(text, encoding="utf-8"),
-        "report.json": lambda path: path.write_text(content, encoding="utf-8"),
-        **{name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None},
-    }
+    return {name: partial(save_figure, figure) for name, figure in figures.items() if figure is not None}
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def command(
         return
     text = _text(*chosen)
     made = "" if out.parent.is_dir() else f", made the folder {out.parent}"
-    write_files(out.parent, {out.name: lambda path: _write(path, text)})
+    write_files(out.parent, {out.name: text})
     progress(f"wrote {out}{made}")
 
 
@@ -125,7 +125,3 @@ def _law(adhesion: str | None, initial_speed: float | None) -> tuple[str | None,
     if adhesion is not None and adhesion.lower().endswith(".py"):
         raise InputError(f"--adhesion: {adhesion}: a Python file is not derived with; give a law by name, or FILE.toml")
     return None if adhesion is None else law_class(adhesion).name, None, None
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

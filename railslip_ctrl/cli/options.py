@@ -45,7 +45,7 @@ from railslip_ctrl.simulation.catalogue import (
     reference_of,
 )
 from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP
+from railslip_ctrl.simulation.scenario import BUILT_IN, LARGEST_STEP, LEAST_STEP, load_scenario, named_law
 
 from .output import progress
 
@@ -61,6 +61,8 @@ _LOAD_TOLERANCE = 0.1  # share by which a load may differ from that of the log: 
 _SPEED_TOLERANCE = 0.1  # share by which v0 may differ: mu_max of [Park2008] Table 1 then changes by 3 %
 
 DEFAULT_ENVELOPE = "default"
+
+_SCENARIO = "the scenario's"
 
 LAW_FILES = (".toml", ".py")
 """How the name of a file ends that --adhesion takes."""
@@ -95,40 +97,51 @@ class Quantity(click.ParamType[float]):
 
 @dataclass(frozen=True)
 class CaseOptions:
-    """What the common options say: a vehicle, and the operating points it is looked at in."""
+    """What the common options say: a vehicle, and the operating points or the braking run it is looked at in.
+
+    Speeds in km/h, masses in kg, times in s. None, or empty, where an option was left out; `adhesion` and
+    `initial_speed` then have their defaults, in whose place a run has its scenario's.
+    """
 
     adhesion: str
     rails: tuple[str, ...]
     speeds: tuple[float, ...]
     initial_speed: float
-    slip: float | None
     vehicle: Path | None
     loaded: bool
     masses: tuple[float, ...]
     inertia_scale: float | None
     dead_time: float | None
     lag: float | None
+    slip: float | None = None
+    scenario: str = BUILT_IN[0]
+    step: float | None = None
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
         """The vehicle, with the (first) mass given; what was assumed of it is said on standard error."""
         chosen = self.given_vehicle.loaded() if self.loaded else self.given_vehicle
         chosen = _with_mass(chosen, self.masses[0] if self.masses else None)
-        for note in remarks(chosen):
-            click.echo(f"railslip: note: {chosen.name}: {note}", err=True)
+        tell_remarks(chosen)
         return chosen
 
     @cached_property
     def given_vehicle(self) -> Vehicle:
         """The vehicle of the file, empty, with the brake given."""
-        chosen = PARK2008 if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
+        return self._changed(self._own_vehicle(PARK2008))
+
+    def _own_vehicle(self, otherwise: Vehicle) -> Vehicle:
+        return otherwise if self.vehicle is None else from_file("--vehicle", self.vehicle, load_vehicle)
+
+    def _changed(self, vehicle: Vehicle) -> Vehicle:
+        """A vehicle with the inertia scale and the brake given."""
         update: dict[str, object] = {}
         if self.inertia_scale is not None:
             update["inertia_scale"] = self.inertia_scale
         actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
         if actuator:
-            update["actuator"] = chosen.actuator.model_copy(update=actuator)
-        return chosen.model_copy(update=update)
+            update["actuator"] = vehicle.actuator.model_copy(update=actuator)
+        return vehicle.model_copy(update=update)
 
     def name_points(self) -> bool:
         """Whether an option names operating points."""
@@ -164,7 +177,11 @@ class CaseOptions:
 
     def law(self, rail: Rail) -> AdhesionLaw:
         """The adhesion law on a rail, at the vehicle's wheel load."""
-        return _law(self.adhesion, rail, self.initial_speed, self.chosen_vehicle.wheel_load)
+        load = self.chosen_vehicle.wheel_load
+        if not is_law_file(self.adhesion):
+            return published_law(self.adhesion, rail, self.initial_speed, load)
+        assumed = not _is_given("initial_speed")
+        return law_from_file(Path(self.adhesion), self.initial_speed, load, assumed=assumed).on(rail)
 
     def _takes_initial_speed(self, speed: float) -> bool:
         """Whether the law has parameters at another v0, km/h."""
@@ -213,135 +230,240 @@ class CaseOptions:
                 raise InputError(f"--rail: {rail!r} is not a rail condition; choose dry or wet")
         return tuple(dict.fromkeys(Rail(rail.lower()) for rail in self.rails)) or tuple(Rail)
 
+    # --- a braking run ----------------------------------------------------------------------------------------------
+
+    def run_scenario(self) -> Scenario:
+        """The scenario with what was given changed; what was assumed of its vehicle is said on standard error."""
+        scenario = naming("--scenario", lambda: load_scenario(self.scenario))
+        vehicle = self._run_vehicle(scenario.vehicle)
+        tell_remarks(vehicle)
+        self._check_run(scenario)
+        start = self.speeds[0] * KMH if self.speeds else scenario.initial_speed
+        changes: dict[str, Any] = {"initial_speed": start}
+        if self.step is not None:
+            changes["step"] = self.step
+        if self.rails:
+            (changes["rail"],) = self.chosen_rails()
+        v0 = self.law_speed(start)
+        if _is_given("adhesion") or scenario.has_named_law:
+            name = self.adhesion if _is_given("adhesion") else scenario.adhesion.name
+            changes["adhesion"] = self._run_law(name, vehicle, v0)
+        elif _is_given("initial_speed"):
+            raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
+        if not math.isclose(v0, start):
+            warn(
+                f"--initial-speed: the adhesion is that of brakes applied at {v0 / KMH:g} km/h, but this run begins at "
+                f"{start / KMH:g} km/h (--speed)"
+            )
+        return scenario.for_vehicle(vehicle).with_changes(**changes)
+
+    def law_speed(self, start: float) -> float:
+        """v0 of the adhesion law of a run, m/s: its own `start`, unless it is given."""
+        return self.initial_speed * KMH if _is_given("initial_speed") else start
+
+    def _check_run(self, scenario: Scenario) -> None:
+        """Refuse what the scenario would refuse, by the names of the options."""
+        if self.step is not None and self.step > LARGEST_STEP:
+            raise InputError(f"--step: {self.step:g} s is not allowed; give a value <= {LARGEST_STEP:g} s")
+        if self.speeds and not self.speeds[0] * KMH > scenario.final_speed:
+            final = f"{scenario.final_speed / KMH:g} km/h"
+            raise InputError(
+                f"--speed: {self.speeds[0]:g} km/h is not allowed; give a value > {final}, at which the run ends"
+            )
+
+    def _run_law(self, name: str, vehicle: Vehicle, v0: float) -> AdhesionLaw:
+        """The adhesion law of a run; a complaint of v0, m/s, names the option that it came from."""
+        try:
+            if is_law_file(name):
+                return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
+            return named_law(name, vehicle, v0)
+        except InputError as error:
+            if _is_given("initial_speed") or not str(error).startswith("initial speed: "):
+                raise
+            option = "--speed:" if self.speeds else "--scenario: its initial speed"
+            message = str(error).removeprefix("initial speed: ")
+            raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
+
+    def _run_vehicle(self, own: Vehicle) -> Vehicle:
+        """The scenario's vehicle or the file's, with what was given of it."""
+        vehicle = self._own_vehicle(own)
+        if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
+            progress(
+                f"note: --vehicle: inertia scale {vehicle.inertia_scale:g}, the file's, in place of the scenario's "
+                f"{own.inertia_scale:g}; give --inertia-scale for another"
+            )
+        vehicle = self._changed(vehicle.loaded() if self.loaded else vehicle)
+        for mass in self.masses:
+            vehicle = vehicle.model_copy(update={"mass": mass, "mass_loaded": max(mass, vehicle.mass_loaded)})
+        return vehicle
+
 
 def _with_mass(vehicle: Vehicle, mass: float | None) -> Vehicle:
     return vehicle if mass is None else vehicle.with_mass(mass)
 
 
+def tell_remarks(vehicle: Vehicle) -> None:
+    """What was assumed of a vehicle, on standard error."""
+    for note in remarks(vehicle):
+        progress(f"note: {vehicle.name}: {note}")
+
+
 def case_options(function: F) -> F:
     """The options that name a vehicle and its operating points, handed to the command as one `CaseOptions`."""
-    return _collected(function, multiple_masses=False)
+    return _collected(function, _options())
 
 
 def family_options(function: F) -> F:
     """As `case_options`, with the mass repeatable too: every mass is combined with every rail and speed."""
-    return _collected(function, multiple_masses=True)
+    return _collected(function, _options(masses=True))
 
 
 def stop_options(function: F) -> F:
     """As `case_options` without the speed, for a command that looks at whole stops."""
-    return _collected(function, multiple_masses=False, speeds=False)
+    return _collected(function, _options(speeds=False))
 
 
-def _collected(function: F, *, multiple_masses: bool, speeds: bool = True) -> F:
+def run_options(function: F) -> F:
+    """The options of a braking run and its controller, handed to the command as `cases` and `control`."""
+    return _collected(function, [*_options(run=True), *_controller_options()], control=True)
+
+
+def _collected(function: F, options: list[Any], *, control: bool = False) -> F:
     @functools.wraps(function)
     def wrapped(**given: Any) -> Any:
-        if not speeds:
-            given["speeds"] = ()
-        if not multiple_masses:
-            mass = given.pop("mass")
-            given["masses"] = () if mass is None else (mass,)
-        cases = CaseOptions(**{field.name: given.pop(field.name) for field in fields(CaseOptions)})
-        return function(cases=cases, **given)
+        def made(kind: type) -> Any:
+            return kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
 
-    options = [*_point_options(speeds=speeds), _mass_option(multiple=multiple_masses), *_actuator_options()]
+        for name in ("rails", "speeds", "masses"):
+            value = given.get(name)
+            given[name] = value if isinstance(value, tuple) else () if value is None else (value,)
+        records = {"control": made(ControllerOptions)} if control else {}
+        records["cases"] = made(CaseOptions)
+        return function(**records, **given)
+
     command = cast(F, wrapped)
     for option in reversed(options):
         command = option(command)
     return command
 
 
-def _mass_option(*, multiple: bool) -> Any:
-    return click.option(
-        "--mass",
-        "masses" if multiple else "mass",
-        multiple=multiple,
-        type=Quantity("kg", gt=0),
-        metavar="KG",
-        help="Quarter-car mass M, kg; the wheel load stays"
-        + ("; repeatable." if multiple else ".")
-        + "  [default: the vehicle's]",
-    )
+def _options(*, speeds: bool = True, masses: bool = False, run: bool = False) -> list[Any]:
+    """Without `speeds` for whole stops, with several `masses`, or for a `run`, which takes one of each."""
+    scenario = _scenario_options() if run else []
+    speed = [_speed_option(run=run)] if speeds else []
+    slip = [] if run else [_slip_option(of_point=speeds)]
+    return [*scenario, *_point_options(run=run), *speed, *slip, *_vehicle_options(masses=masses, run=run)]
 
 
-def _point_options(*, speeds: bool) -> list[Any]:
-    speed = click.option(
+def _several(name: str, to: str, *, many: bool, text: str, default: str, **kind: Any) -> Any:
+    told = f"{text}{'; repeatable' if many else ''}.  [default: {default}]"
+    return click.option(name, to, multiple=many, help=told, **kind)
+
+
+def _number(name: str, unit: str, text: str, default: str, **bounds: float) -> Any:
+    metavar = "X" if unit == "1" else unit.upper()
+    return click.option(name, type=Quantity(unit, **bounds), metavar=metavar, help=f"{text}  [default: {default}]")
+
+
+def _speed_option(*, run: bool) -> Any:
+    return _several(
         "--speed",
         "speeds",
-        multiple=True,
+        many=not run,
+        text="Speed at which the brake is applied, km/h" if run else "Train speed, km/h",
+        default=_SCENARIO if run else "100",
         type=Quantity("km/h", gt=0),
         metavar="KMH",
-        help="Train speed, km/h; repeatable.  [default: 100]",
     )
+
+
+def _point_options(*, run: bool) -> list[Any]:
+    laws = f"{', '.join(law_names())}; a file with a law and its parameters; or a Python file with a law of your own"
     return [
         click.option(
             "--adhesion",
             default="bristle",
-            show_default=True,
+            show_default=not run,
             metavar="LAW|FILE.toml|FILE.py",
-            help=f"Adhesion law: {', '.join(law_names())}; a file with a law and its parameters; or a Python file with "
-            "a law of your own, which is run.",
+            help=f"Adhesion law: {laws}, which is run." + (f"  [default: {_SCENARIO}]" if run else ""),
         ),
-        click.option(
+        _several(
             "--rail",
             "rails",
-            multiple=True,
+            many=not run,
+            text="Rail at the start" if run else "Rail condition",
+            default=_SCENARIO if run else "both",
             metavar="dry|wet",
-            help="Rail condition; repeatable.  [default: both]",
         ),
-        *([speed] if speeds else []),
         click.option(
             "--initial-speed",
             default=INITIAL_SPEED_KMH,
-            show_default=True,
+            show_default=not run,
             type=Quantity("km/h", gt=0),
             metavar="KMH",
-            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law.",
+            help="Speed v0 at which the brake was applied, km/h, 30 to 140; a parameter of the adhesion law."
+            + ("  [default: --speed]" if run else ""),
         ),
-        _slip_option(of_point=speeds),
+    ]
+
+
+def _vehicle_options(*, masses: bool, run: bool) -> list[Any]:
+    return [
         click.option(
             "--vehicle",
             type=click.Path(path_type=Path),
             metavar="FILE",
-            help="Vehicle: .toml, or a railtoolkit .yaml.  [default: the published vehicle]",
+            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.  "
+            f"[default: {_SCENARIO if run else 'the published vehicle'}]",
         ),
         click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load."),
-        click.option(
-            "--inertia-scale",
-            type=Quantity("1", gt=0),
-            metavar="X",
-            help="Factor on M, J and B: 1 is SI, 3.6 the as-published reading.  [default: the vehicle's, 1]",
+        _several(
+            "--mass",
+            "masses",
+            many=masses,
+            text="Quarter-car mass M, kg; the wheel load stays",
+            default="the vehicle's",
+            type=Quantity("kg", gt=0),
+            metavar="KG",
         ),
+        _number(
+            "--inertia-scale",
+            "1",
+            "Factor on M, J and B, in runs also on the stiffness of a published dynamic law: 1 is SI, 3.6 the "
+            "as-published reading.",
+            _SCENARIO if run else "the vehicle's, 1",
+            gt=0,
+        ),
+        _number("--dead-time", "s", "Actuator dead time, s; no part of the linearised plant.", "the vehicle's", ge=0),
+        _number("--lag", "s", "Actuator lag, s.", "the vehicle's", ge=0),
         click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."),
+    ]
+
+
+def _scenario_options() -> list[Any]:
+    return [
+        click.option(
+            "--scenario",
+            default=BUILT_IN[0],
+            show_default=True,
+            metavar=f"{'|'.join(BUILT_IN)}|FILE.toml",
+            help="The published run in the as-published reading or in SI, or a file.",
+        ),
+        _number("--step", "s", "Largest step of the integration, s.", _SCENARIO, ge=LEAST_STEP),
     ]
 
 
 def _slip_option(*, of_point: bool) -> Any:
     """The slip of an operating point, or that held through whole stops."""
     static = ", ".join(name for name, law in law_classes().items() if not law.has_state)
+    point = f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
+    text = point if of_point else "Reference slip ratio held, 0 < X < 1."
     return click.option(
         "--slip",
         type=Quantity("1", ge=0, lt=1) if of_point else Quantity("1", gt=0, lt=1),
         metavar="X",
-        help=(
-            f"Slip ratio of the operating point, 0 < X < 1, or 0 with a static law ({static})."
-            if of_point
-            else "Reference slip ratio held, 0 < X < 1."
-        )
-        + "  [default: the law's published reference]",
+        help=f"{text}  [default: the law's published reference]",
     )
-
-
-def _actuator_options() -> list[Any]:
-    return [
-        click.option(
-            "--dead-time",
-            type=Quantity("s", ge=0),
-            metavar="S",
-            help="Actuator dead time, s; it is in loops, not in the linearised plant.  [default: the vehicle's]",
-        ),
-        click.option("--lag", type=Quantity("s", ge=0), metavar="S", help="Actuator lag, s.  [default: the vehicle's]"),
-    ]
 
 
 def envelope_options(left_out: str) -> Callable[[F], F]:
@@ -378,20 +500,22 @@ def gain_options(function: F) -> F:
     return function
 
 
+def naming(option: str, made: Callable[[], R]) -> R:
+    """What is made, with the option named in its complaint."""
+    try:
+        return made()
+    except InputError as error:
+        message = str(error).removeprefix(f"{option.removeprefix('--')}: ")
+        raise InputError(f"{option}: {message}") from None
+    except InfeasibleDesignError as error:
+        raise InfeasibleDesignError(f"{option}: {str(error).removeprefix('controller: ')}") from None
+
+
 def from_file(option: str, path: Path, load: Callable[[Path], R]) -> R:
     """What `load` makes of the file, with the option named in its complaint."""
     if str(path) in ("", "."):
         raise InputError(f"{option}: {str(path)!r} is not a file; give its path")
-    try:
-        return load(path)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from None
-
-
-def _law(adhesion: str, rail: Rail, initial_speed: float, wheel_load: float) -> AdhesionLaw:
-    if not is_law_file(adhesion):
-        return published_law(adhesion, rail, initial_speed, wheel_load)
-    return law_from_file(Path(adhesion), initial_speed, wheel_load, assumed=not _is_given("initial_speed")).on(rail)
+    return naming(option, lambda: load(path))
 
 
 def is_law_file(adhesion: str) -> bool:
@@ -462,106 +586,7 @@ def chosen_gains(kp: float | None, ki: float | None) -> PIGains | None:
     return None if kp is None or ki is None else PIGains(kp=kp, ki=ki)
 
 
-# --- the options that name a braking run's scenario and controller ---------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ScenarioOptions:
-    """What the options say of the scenario."""
-
-    scenario: str
-    adhesion: str | None
-    rail: str | None
-    speed: float | None
-    initial_speed: float | None
-    vehicle: Path | None
-    loaded: bool
-    mass: float | None
-    inertia_scale: float | None
-    dead_time: float | None
-    lag: float | None
-    step: float | None
-
-    def chosen(self) -> Scenario:
-        """The scenario with what was given changed; what was assumed of its vehicle is said on standard error."""
-        from railslip_ctrl.simulation.scenario import load_scenario
-
-        scenario = _naming("--scenario", lambda: load_scenario(self.scenario))
-        vehicle = self._vehicle(scenario.vehicle)
-        for note in remarks(vehicle):
-            progress(f"note: {vehicle.name}: {note}")
-        self._check(scenario)
-        changes: dict[str, Any] = {"initial_speed": scenario.initial_speed if self.speed is None else self.speed * KMH}
-        if self.step is not None:
-            changes["step"] = self.step
-        if self.rail is not None:
-            if self.rail.lower() not in tuple(Rail):
-                raise InputError(f"--rail: {self.rail!r} is not a rail condition; choose dry or wet")
-            changes["rail"] = Rail(self.rail.lower())
-        v0 = self.law_speed(changes["initial_speed"])
-        if self.adhesion is not None:
-            changes["adhesion"] = self._law(self.adhesion, vehicle, v0)
-        elif scenario.has_named_law:
-            changes["adhesion"] = self._law(scenario.adhesion.name, vehicle, v0)
-        elif self.initial_speed is not None:
-            raise InputError("--initial-speed: this scenario's adhesion has parameters of its own; leave it out")
-        if not math.isclose(v0, changes["initial_speed"]):
-            run = f"{changes['initial_speed'] / KMH:g} km/h"
-            warn(
-                f"--initial-speed: the adhesion is that of brakes applied at {v0 / KMH:g} km/h, but this run begins at "
-                f"{run} (--speed)"
-            )
-        return scenario.for_vehicle(vehicle).with_changes(**changes)
-
-    def law_speed(self, initial_speed: float) -> float:
-        """v0 of adhesion laws, m/s: the run's, unless it is given."""
-        return initial_speed if self.initial_speed is None else self.initial_speed * KMH
-
-    def _check(self, scenario: Scenario) -> None:
-        """Refuse what the scenario would refuse, by the names of the options."""
-        if self.step is not None and self.step > LARGEST_STEP:
-            raise InputError(f"--step: {self.step:g} s is not allowed; give a value <= {LARGEST_STEP:g} s")
-        if self.speed is not None and not self.speed * KMH > scenario.final_speed:
-            final = f"{scenario.final_speed / KMH:g} km/h"
-            raise InputError(
-                f"--speed: {self.speed:g} km/h is not allowed; give a value > {final}, at which the run ends"
-            )
-
-    def _law(self, name: str, vehicle: Vehicle, v0: float) -> Any:
-        """The adhesion law; a complaint of v0 names the option that it came from."""
-        try:
-            return _run_law(name, vehicle, v0)
-        except InputError as error:
-            if self.initial_speed is not None or not str(error).startswith("initial speed: "):
-                raise
-            option = "--scenario: its initial speed" if self.speed is None else "--speed:"
-            message = str(error).removeprefix("initial speed: ")
-            raise InputError(f"{option} {message}; give the law's v0 with --initial-speed") from None
-
-    def _vehicle(self, own: Vehicle) -> Vehicle:
-        """The scenario's vehicle or the file's, with what was given of it."""
-        vehicle = own
-        if self.vehicle is not None:
-            from railslip_ctrl.model.vehicle_files import load_vehicle
-
-            path = self.vehicle
-            vehicle = _naming("--vehicle", lambda: load_vehicle(path))
-            if vehicle.inertia_scale != own.inertia_scale and self.inertia_scale is None:
-                progress(
-                    f"note: --vehicle: inertia scale {vehicle.inertia_scale:g}, the file's, in place of the scenario's "
-                    f"{own.inertia_scale:g}; give --inertia-scale for another"
-                )
-        if self.loaded:
-            vehicle = vehicle.loaded()
-        update: dict[str, Any] = {}
-        if self.mass is not None:
-            update = {"mass": self.mass, "mass_loaded": max(self.mass, vehicle.mass_loaded)}
-        if self.inertia_scale is not None:
-            update["inertia_scale"] = self.inertia_scale
-        actuator = {k: v for k, v in (("dead_time", self.dead_time), ("lag", self.lag)) if v is not None}
-        if actuator:
-            update["actuator"] = vehicle.actuator.model_copy(update=actuator)
-        return vehicle.model_copy(update=update)
+# --- the controller of a braking run --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -590,7 +615,7 @@ class ControllerOptions:
         reference = self._reference(scenario, column)
         if is_tuned_when_asked(name, scenario.vehicle, gains):
             progress(f"tuning {name} for {scenario.vehicle.name}; this takes some seconds")
-        made = _naming(
+        made = naming(
             "--controller",
             lambda: controller_named(
                 name,
@@ -635,65 +660,6 @@ class ControllerOptions:
         return controller_from_file(self.controller, scenario.vehicle, scenario.adhesion.reference, law_speed)
 
 
-def collected(function: F) -> F:
-    """The options of scenario and controller, handed to the command as `scenario_options`, `controller_options`."""
-
-    @functools.wraps(function)
-    def wrapped(**given: Any) -> Any:
-        scenario = ScenarioOptions(**{field.name: given.pop(field.name) for field in fields(ScenarioOptions)})
-        controller = ControllerOptions(**{field.name: given.pop(field.name) for field in fields(ControllerOptions)})
-        return function(scenario_options=scenario, controller_options=controller, **given)
-
-    command = cast(F, wrapped)
-    for option in reversed([*_scenario_options(), *_controller_options()]):
-        command = option(command)
-    return command
-
-
-def _scenario_options() -> list[Any]:
-    def number(name: str, unit: str, text: str, **bounds: float) -> Any:
-        return click.option(name, type=Quantity(unit, **bounds), metavar=unit.upper().replace("/", ""), help=text)
-
-    return [
-        click.option(
-            "--scenario",
-            default=BUILT_IN[0],
-            show_default=True,
-            metavar=f"{'|'.join(BUILT_IN)}|FILE.toml",
-            help="The published run in the as-published reading or in SI, or a file.",
-        ),
-        click.option(
-            "--adhesion",
-            metavar="LAW|FILE.toml|FILE.py",
-            help=f"The plant's adhesion law: {', '.join(law_names())}; a file with a law and its parameters; or a "
-            "Python file with a law of your own, which is run.  [default: the scenario's]",
-        ),
-        click.option("--rail", metavar="dry|wet", help="Rail at the start.  [default: the scenario's]"),
-        number("--speed", "km/h", "Speed at which the brake is applied, km/h.  [default: the scenario's]", gt=0),
-        number("--initial-speed", "km/h", "v0 of a published adhesion law, km/h, 30 to 140.  [default: --speed]", gt=0),
-        click.option(
-            "--vehicle",
-            type=click.Path(path_type=Path),
-            metavar="FILE",
-            help="Vehicle: .toml, or a railtoolkit .yaml; published adhesion follows its wheel load.  "
-            "[default: the scenario's]",
-        ),
-        click.option("--loaded", is_flag=True, help="Use the vehicle's loaded mass and wheel load from the start."),
-        number(
-            "--mass", "kg", "Quarter-car mass M at the start, kg; the wheel load stays.  [default: the vehicle's]", gt=0
-        ),
-        click.option(
-            "--inertia-scale",
-            type=Quantity("1", gt=0),
-            metavar="X",
-            help="Factor on M, J and B, and on the stiffness of a published dynamic law.  [default: the scenario's]",
-        ),
-        number("--dead-time", "s", "Actuator dead time, s.  [default: the vehicle's]", ge=0),
-        number("--lag", "s", "Actuator lag, s.  [default: the vehicle's]", ge=0),
-        number("--step", "s", "Largest step of the integration, s.  [default: the scenario's]", ge=LEAST_STEP),
-    ]
-
-
 def controller_option(default: str | None, *, multiple: bool = False, otherwise: str = "") -> Callable[[F], F]:
     """`--controller`, the same in every command; `otherwise` says what holds where it is not given."""
     told = f"  [default: {otherwise}]" if otherwise else ""
@@ -722,7 +688,7 @@ def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip |
     from railslip_ctrl.simulation.step_objects import as_control
 
     path = Path(text)
-    return _naming(
+    return naming(
         "--controller",
         lambda: as_control(load_controller(path, initial_speed=law_speed), vehicle, reference, path.stem),
     )
@@ -765,22 +731,3 @@ def _controller_options() -> list[Any]:
             help="The controller's sampling period, s.  [default: every step; slide-protection 0.01]",
         ),
     ]
-
-
-def _run_law(name: str, vehicle: Vehicle, v0: float) -> Any:
-    if is_law_file(name):
-        return law_from_file(Path(name), v0 / KMH, vehicle.wheel_load)
-    from railslip_ctrl.simulation.scenario import named_law
-
-    return named_law(name, vehicle, v0)
-
-
-def _naming(option: str, made: Callable[[], R]) -> R:
-    """What is made, with the option named in its complaint."""
-    try:
-        return made()
-    except InputError as error:
-        message = str(error).removeprefix(f"{option.removeprefix('--')}: ")
-        raise InputError(f"{option}: {message}") from None
-    except InfeasibleDesignError as error:
-        raise InfeasibleDesignError(f"{option}: {str(error).removeprefix('controller: ')}") from None

@@ -1,4 +1,4 @@
-"""What commands print."""
+"""Printing: JSON, text as wide as the terminal, progress."""
 
 from __future__ import annotations
 

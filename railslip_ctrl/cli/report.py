@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import time
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import Any
 
 import click
 
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.model.linearization import OperatingPoint
@@ -25,7 +25,7 @@ from railslip_ctrl.report.design_report import (
     first_page,
 )
 from railslip_ctrl.report.document import WIDTH, width
-from railslip_ctrl.report.export import Provenance
+from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.recommendation import DesignReport, design_report
 
@@ -94,6 +94,8 @@ def command(
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
+    if whole:
+        check_extra("html", "--html", ", or give --no-html")
     told = _timed()
     names = [f"{name}.{suffix}" for name in _PICTURES for suffix in ("png", "svg")]
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
@@ -105,7 +107,7 @@ def command(
     with claimed(out):
         found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
         files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)
-        written = write_files(out, {name: partial(_write, files[name]) for name in content["files"]})
+        written = write_files(out, {name: files[name] for name in content["files"]})
     if as_json:
         print_json(content)
     else:
@@ -137,7 +139,7 @@ def _made(
         svg = {name: forms["svg"] for name, forms in pictures.items()}
         files[_PAGE] = page(first, design_sections(found), svg, source, found.date, found.seconds).encode()
     content = design_report_json(found, [*_TEXTS, *files])
-    files["report.json"] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    files["report.json"] = json_text(content).encode()
     text = partial(design_report_text, found, first, rest)
     files["report.txt"] = text().encode()
     return files, content, text
@@ -166,7 +168,3 @@ def _timed() -> Callable[[str], None]:
     """Progress with the seconds since now before it."""
     started = time.perf_counter()
     return lambda message: progress(f"{time.perf_counter() - started:5.1f} s  {message}")
-
-
-def _write(content: bytes, path: Path) -> None:
-    path.write_bytes(content)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import datetime
-import json
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
@@ -22,7 +21,7 @@ from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
 from railslip_ctrl.paper.tables import DEFAULT_SEEDS, MOST_SEEDS, Table5, checked_seeds, table3, table5
 from railslip_ctrl.report import check_directory, write_files
-from railslip_ctrl.report.export import Provenance
+from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
 
 from .output import print_json, print_text, progress, provenance
@@ -66,6 +65,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     count = _seeds(seeds)
     names = ["reproduction.txt", "reproduction.json", _PAGE, *(f"{name}.png" for name in PICTURES)]
     if out is not None:
+        check_extra("html", "--out")
         check_directory(out, names)  # before the work, not after it
     comparison = table5(count, progress=progress)
     found = published_facts(progress=progress)
@@ -73,7 +73,7 @@ def command(ctx: click.Context, seeds: str, with_sensitivity: bool, out: Path | 
     text = reproduction_text(comparison, table3(), found, worth)
     content = reproduction_json(comparison, table3(), found, worth)
     if out is not None:
-        write_files(out, _writers(text, content, comparison, found, provenance(ctx)))
+        write_files(out, _files(text, content, comparison, found, provenance(ctx)))
         progress(f"wrote {len(names)} files to {out}")
     if as_json:
         print_json(content)
@@ -91,10 +91,9 @@ def _seeds(text: str) -> int:
         raise InputError(f"--{error}") from None
 
 
-def _writers(
+def _files(
     text: str, content: dict[str, Any], comparison: Table5, facts: Sequence[Fact], source: Provenance
-) -> dict[str, Callable[[Path], None]]:
-    """What writes each file."""
+) -> dict[str, str | bytes]:
     from railslip_ctrl.core.cache import cached
     from railslip_ctrl.design.assessment import published_groups
     from railslip_ctrl.paper.errata import errata
@@ -129,14 +128,8 @@ def _writers(
     about = (comparison, facts, wrong, groups)
     today, seconds = datetime.date.today(), time.perf_counter() - started
     html = page(reproduction_first_page(*about), reproduction_sections(*about), svg, source, today, seconds)
-    writers: dict[str, Callable[[Path], None]] = {
-        "reproduction.txt": lambda path: _write_text(path, text),
-        "reproduction.json": lambda path: _write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n"),
-        _PAGE: lambda path: _write_text(path, html),
-    }
-    for name in PICTURES:
-        writers[f"{name}.png"] = partial(_write_bytes, drawn[name]["png"])
-    return writers
+    files = {"reproduction.txt": text, "reproduction.json": json_text(content), _PAGE: html}
+    return {**files, **{f"{name}.png": drawn[name]["png"] for name in PICTURES}}
 
 
 def published_points() -> list[OperatingPoint]:
@@ -151,11 +144,3 @@ def published_points() -> list[OperatingPoint]:
             for v in (100.0, 60.0, 20.0)
         ]
     return found
-
-
-def _write_bytes(content: bytes, path: Path) -> None:
-    path.write_bytes(content)
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

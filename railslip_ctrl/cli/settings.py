@@ -1,4 +1,4 @@
-"""What the program and its commands have alike; a module of its own as the list of commands imports nothing heavy."""
+"""Settings of every command; a module of its own, as listing the commands must import nothing heavy."""
 
 from typing import Any
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.report.export import check_directory, check_file, write_files
+from railslip_ctrl.report.export import FileContent, check_directory, check_file, json_text, write_files
 from railslip_ctrl.report.simulation import simulation_json, simulation_text, write_simulation_csv
 from railslip_ctrl.simulation import Run, Simulator
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
-from .options import ControllerOptions, Quantity, ScenarioOptions, collected, gain_options
+from .options import CaseOptions, ControllerOptions, Quantity, gain_options, run_options
 from .output import print_json, print_text, progress
 from .settings import HELP
 
@@ -28,12 +26,12 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
 
 
 @click.command(context_settings=HELP)
-@collected
+@run_options
 @gain_options
 @click.option(
-    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and the sensors' noise."
+    "--seed", default="0", show_default=True, metavar="N", help="Seed of the random force and of the sensor noise."
 )
-@click.option("--no-noise", is_flag=True, help="Neither random force nor sensors' noise.")
+@click.option("--no-noise", is_flag=True, help="No random force and no sensor noise.")
 @click.option(
     "--csv", "csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the time series.  [default: none]"
 )
@@ -53,12 +51,11 @@ _FILES = ("simulation.txt", "simulation.json", "simulation.csv", "simulation.png
     metavar="S",
     help="Time between rows of the time series, s; at least the sampling period.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object and nothing else.")
 @click.pass_context
 def command(
     ctx: click.Context,
-    scenario_options: ScenarioOptions,
-    controller_options: ControllerOptions,
+    cases: CaseOptions,
+    control: ControllerOptions,
     seed: str,
     no_noise: bool,
     csv: Path | None,
@@ -66,8 +63,8 @@ def command(
     log_period: float,
     as_json: bool,
 ) -> None:
-    """A braking run: what became of it, time, distance, energy, slip error; time series and pictures. Exit status 1
-    if the train did not stop, 2 for bad input.
+    """Simulate a braking run: outcome, time, distance, energy, slip error; time series and pictures. Exit status 1 if
+    the train did not stop, 2 for bad input.
 
     Example: railslip simulate --scenario park2008 --controller asmc --gains bristle --seed 7 --csv run.csv
     """
@@ -76,9 +73,9 @@ def command(
     if out is not None:
         check_directory(out, _FILES)
     noise = None if no_noise else _seed(seed)
-    scenario = scenario_options.chosen()
-    law_speed = scenario_options.law_speed(scenario.initial_speed)
-    controller, column = controller_options.chosen(scenario, law_speed)
+    scenario = cases.run_scenario()
+    law_speed = cases.law_speed(scenario.initial_speed)
+    controller, column = control.chosen(scenario, law_speed)
     simulator = Simulator(scenario, controller)
     every = max(round(log_period / simulator.period), 1)
     rows = every * simulator.period
@@ -92,7 +89,7 @@ def command(
     if csv is not None:
         write_files(csv.parent, {csv.name: lambda path: write_simulation_csv(run, path)}, option="--csv")
     if out is not None:
-        files = write_files(out, _writers(run, content, law_speed))
+        files = write_files(out, _files(run, content, law_speed))
         progress(f"wrote {len(files)} files to {out}")
     if as_json:
         print_json(content)
@@ -107,20 +104,13 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _writers(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, Callable[[Path], None]]:
+def _files(run: Run, content: dict[str, Any], law_speed: float) -> dict[str, FileContent]:
     from railslip_ctrl.report.plots.runs import simulation_figure
-    from railslip_ctrl.report.plots.style import save_figure
+    from railslip_ctrl.report.plots.style import figure_files
 
-    figure = simulation_figure(run)
-    text = (simulation_text(run, law_speed), json.dumps(content, indent=2, allow_nan=False) + "\n")
     return {
-        "simulation.txt": lambda path: _write_text(path, text[0]),
-        "simulation.json": lambda path: _write_text(path, text[1]),
+        "simulation.txt": simulation_text(run, law_speed),
+        "simulation.json": json_text(content),
         "simulation.csv": lambda path: write_simulation_csv(run, path),
-        "simulation.png": lambda path: save_figure(figure, path),
-        "simulation.svg": lambda path: save_figure(figure, path),
+        **{f"simulation.{form}": picture for form, picture in figure_files(simulation_figure(run)).items()},
     }
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core import extras
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import file_name
@@ -247,6 +248,7 @@ class Log:
         units: Mapping[str, str] | None = None,
         block_bytes: int = BLOCK_BYTES,
     ) -> None:
+        extras.check_extra("identify", "identify")
         self._file = LogFile(path)
         self.name = self._file.name
         self.broken = Broken()

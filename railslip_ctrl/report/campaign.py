@@ -22,7 +22,7 @@ from railslip_ctrl.simulation.campaign.statistics import (
 from railslip_ctrl.simulation.run import Outcome, Run
 
 from .document import facts, fixed, heading, render, table
-from .export import number
+from .export import exported, plain
 
 
 def headed(title: str, unit: str) -> str:
@@ -97,88 +97,50 @@ def replay_text(replayed: Replay) -> str:
 
 def replay_json(replayed: Replay) -> dict[str, Any]:
     """The same, unrounded."""
-    return {
-        "run": replayed.number,
-        "values": replayed.values,
-        "stored": replayed.stored,
-        "controllers": {
-            name: {"outcome": run.outcome.value, **{measure.name: _number(measure.of(run)) for measure in COLUMNS}}
-            for name, run in replayed.runs.items()
-        },
+    runs = {
+        name: {"outcome": run.outcome.value, **{measure.name: plain(measure.of(run)) for measure in COLUMNS}}
+        for name, run in replayed.runs.items()
     }
-
-
-def _number(value: float | None) -> float | None:
-    return None if value is None else number(value)
+    return exported(replayed, "values", "stored", run="number") | {"controllers": runs}
 
 
 def campaign_json(summary: CampaignSummary) -> dict[str, Any]:
     """The same, unrounded; unbounded intervals are null."""
-    campaign = summary.campaign
+    pair_names = {"mean_difference": "difference", "share_second_smaller": "second_smaller"}
+    named = {"hash": "fingerprint", "scenario": "scenario.name", "runs_asked": "runs"}
     return {
         "version": __version__,
-        "hash": campaign.fingerprint,
-        "scenario": campaign.scenario.name,
-        "runs": summary.runs,
-        "runs_asked": campaign.runs,
-        "complete": summary.complete,
-        "seed": campaign.seed,
-        "sampling": campaign.sampling.value,
-        "quantities": _quantity_texts(summary),
         "confidence": CONFIDENCE,
+        **exported(summary.campaign, "seed", "sampling", **named),
+        **exported(summary, "runs", "complete", "worst_by"),
+        "quantities": _quantity_texts(summary),
         "controllers": {name: _controller_json(found) for name, found in summary.controllers.items()},
-        "paired": [
-            {
-                "first": pair.first,
-                "second": pair.second,
-                "measure": pair.measure,
-                "pairs": pair.pairs,
-                "mean_difference": _estimate_json(pair.difference),
-                "share_second_smaller": _estimate_json(pair.second_smaller),
-            }
-            for pair in summary.paired
-        ],
+        "paired": [exported(pair, "first", "second", "measure", "pairs", **pair_names) for pair in summary.paired],
         "points": [
             {
-                "values": point.values,
-                "not_stopped": {name: _estimate_json(found) for name, found in point.not_stopped.items()},
+                **exported(point, "values", "not_stopped"),
                 "means": [
-                    {"controller": name, "measure": measure, **_estimate_json(found)}
+                    {"controller": name, "measure": measure, **plain(found)}
                     for (name, measure), found in point.means.items()
                 ],
             }
             for point in summary.points
         ],
-        "worst_by": summary.worst_by,
     }
 
 
 def _controller_json(found: ControllerSummary) -> dict[str, Any]:
-    return {
-        "outcomes": found.outcomes,
-        "failed_runs": found.failed,
-        "share_not_stopped": _estimate_json(found.not_stopped),
-        "share_locked": _estimate_json(found.locked),
-        "measures": {
-            name: {
-                "count": measure.moments.count,
-                "excluded": measure.excluded,
-                "mean": _estimate_json(measure.moments.estimate),
-                "std": number(measure.moments.std),
-                "min": number(measure.moments.low),
-                "max": number(measure.moments.high),
-                "quantiles": {f"{level:g}": _estimate_json(value) for level, value in measure.quantiles.items()},
-            }
-            for name, measure in found.measures.items()
-        },
-        "worst": [
-            {name: value if name == "run" else number(value) for name, value in row.items()} for row in found.worst
-        ],
+    shares = {"failed_runs": "failed", "share_not_stopped": "not_stopped", "share_locked": "locked"}
+    moments = {"count": "count", "mean": "estimate", "std": "std", "min": "low", "max": "high"}
+    measures = {
+        name: {
+            **exported(measure, "excluded"),
+            **exported(measure.moments, **moments),
+            "quantiles": {f"{level:g}": plain(value) for level, value in measure.quantiles.items()},
+        }
+        for name, measure in found.measures.items()
     }
-
-
-def _estimate_json(found: Estimate) -> dict[str, float | None]:
-    return {name: number(value) for name, value in found._asdict().items()}
+    return exported(found, "outcomes", "worst", **shares) | {"measures": measures}
 
 
 # --- text -----------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import platform
@@ -59,7 +60,8 @@ def number(value: float) -> float | None:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: arrays and tuples are lists, complex numbers [re, im], what is not finite is null."""
+    """A value as JSON has it: arrays and tuples are lists, named ones objects, complex numbers [re, im], what is not
+    finite is null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Enum):
@@ -70,9 +72,16 @@ def plain(value: Any) -> Any:
         return [value.real, value.imag]
     if isinstance(value, float):
         return number(value)
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {key: plain(one) for key, one in value.items()}
     return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """JSON as files have it; a number that is not finite would be a defect here, and fails."""
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def exported(record: Any, *same: str, **named: str) -> dict[str, Any]:
@@ -281,24 +290,29 @@ def check_file(path: Path, option: str) -> None:
         raise InputError(f"{option}: {str(path.parent)!r} is not a folder to write to; choose another")
 
 
-def write_files(
-    directory: Path, writers: Mapping[str, Callable[[Path], object]], *, option: str = "--out"
-) -> list[Path]:
-    """Write files into `directory` (made if missing), all or none.
+FileContent = str | bytes | Callable[[Path], object]
+"""What a file has in it, or what writes it at the path that it is given."""
 
-    `writers` says by file name what writes that file at the path it is given; InputError, which begins with `option`,
-    if the directory cannot be made or written to; what was there before is then untouched.
+
+def write_files(directory: Path, files: Mapping[str, FileContent], *, option: str = "--out") -> list[Path]:
+    """Write files, by name, into `directory` (made if missing), all or none; their paths.
+
+    InputError, which begins with `option`, if the directory cannot be made or written to; what was there before is
+    then untouched.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with staged(directory) as new:
-            for name, write in writers.items():
-                write(new / name)
+            for name, content in files.items():
+                if callable(content):
+                    content(new / name)
+                else:
+                    (new / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     except OSError as error:
         raise InputError(
             f"{option}: {str(directory)!r} cannot be written to ({error.strerror or error}); choose another folder"
         ) from None
-    return [directory / name for name in writers]
+    return [directory / name for name in files]
 
 
 # --- where a report comes from --------------------------------------------------------------------------------------

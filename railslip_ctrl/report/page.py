@@ -7,15 +7,16 @@ import datetime
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
-
-from markupsafe import Markup, escape
+from typing import TYPE_CHECKING, Any
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.sources import SOURCES
 
 from .document import Block, Details, FirstPage, Picture, Section, Table, pictures_in
 from .export import Provenance, software
+
+if TYPE_CHECKING:  # an extra
+    from markupsafe import Markup
 
 _ADDRESS = re.compile(r"doi:(10\.\S+[^\s.])|https://\S+[^\s.]")
 
@@ -174,6 +175,8 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:deg|kg|km|kN|MJ|N|m|s|1/s|rad)\b|%)")
 
 def typeset(text: str) -> Markup:
     """The text as HTML: what stood between backticks as code, everything else with the signs of print."""
+    from markupsafe import Markup
+
     pieces = _CODE.split(text)  # odd pieces are code
     return Markup("").join(
         Markup("<code>{}</code>").format(piece) if i % 2 else _indexed(signs(piece)) for i, piece in enumerate(pieces)
@@ -181,6 +184,8 @@ def typeset(text: str) -> Markup:
 
 
 def _indexed(text: str) -> Markup:
+    from markupsafe import Markup, escape
+
     return Markup(_INDEX.sub(r"\1<sub>\2</sub>", str(escape(text))))
 
 
@@ -193,6 +198,8 @@ def signs(text: str) -> str:
 
 def with_units(text: str) -> str:
     """The text, or HTML, with no line end between a number and its unit."""
+    from markupsafe import Markup
+
     found = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
     return Markup(found) if isinstance(text, Markup) else found
 
@@ -200,5 +207,6 @@ def with_units(text: str) -> str:
 def formula(latex: str) -> Markup:
     """A formula within a line as MathML, from LaTeX, its fractions as large as in a line of its own."""
     from latex2mathml.converter import convert
+    from markupsafe import Markup
 
     return Markup(convert(latex).replace('display="inline"', 'display="inline" displaystyle="true"', 1))

@@ -23,6 +23,7 @@ from .style import (
     mark_style,
     new_figure,
     panels,
+    plain_ticks,
 )
 
 SHOWN = ("braking_distance_m", "mean_abs_slip_error", "max_slip", "brake_energy_j")
@@ -52,6 +53,7 @@ def distributions_figure(summary: CampaignSummary, measures: Sequence[str] = SHO
             upto = np.concatenate([[0.0], np.cumsum(counts) / counts.sum()])
             share.plot(scale * edges, upto, **line_style(i))
         density_axes.set_yticks([])
+        plain_ticks(share, 4)  # for both, which share the axis
         for ax in (density_axes, share):
             ax.set_xlabel(_dotted(measure_head(measured(name))))
     axes[0, 0].set_title("density of runs", fontsize=TEXT)

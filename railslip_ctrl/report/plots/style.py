@@ -29,6 +29,7 @@ GRID = {"color": "0.88", "linewidth": 0.6}
 _LETTER = 0.56  # mean width of a letter over its height: DejaVu Sans, text of figures
 _DPI = 200  # of a PNG
 _PLAIN_SPAN = 2000.0  # of a logarithmic axis whose ticks are plain numbers
+_LEAST_SPAN = 1e-6  # of an axis with plain ticks, over its values: labels of at most eight digits have room
 _FEW = 5.0  # of one with fewer than three of the ticks 1, 2, 5
 _HANDLE = 3.6  # letters: a legend's line shows two periods of the longest dash
 
@@ -111,6 +112,19 @@ def legend_of_figure(figure: Figure, ax: Any, columns: int = 1, **options: Any) 
         handlelength=_HANDLE,
         **options,
     )
+
+
+def plain_ticks(ax: Any, most: int) -> None:
+    """At most so many ticks below, with whole numbers also where values hardly differ: no offset to add in one's head.
+
+    The axis spans at least a millionth of the values, so that the numbers stay short.
+    """
+    low, high = ax.get_xlim()
+    short = _LEAST_SPAN * max(abs(low), abs(high)) - (high - low)
+    if short > 0.0:
+        ax.set_xlim(low - short / 2, high + short / 2)
+    ax.xaxis.set_major_locator(MaxNLocator(most - 1))
+    ax.ticklabel_format(axis="x", useOffset=False)
 
 
 def plain_log_ticks(axis: Any) -> None:

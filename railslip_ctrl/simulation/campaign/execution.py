@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.folders import INCOMPLETE, LOCK, cache_folder, claimed, staged, unwritable
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.simulation.run import Run, Simulator
@@ -329,6 +330,7 @@ def execute(
     InputError where the folder holds something else, is being written to or cannot be; where a worker died; where the
     cluster cannot be reached or has another version.
     """
+    check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
         raise InputError("--workers: the cluster has its own; leave it out with --scheduler")
     count = cpu_count() if workers is None else workers
@@ -402,12 +404,9 @@ def _nothing() -> None:
 
 @contextmanager
 def _cluster(campaign: Campaign, scheduler: str) -> Iterator[Workers]:
-    try:
-        from distributed import Client, KilledWorker
-    except ImportError:
-        raise InputError(
-            '--scheduler: dask.distributed is not installed; pip install "railslip_ctrl[cluster]"'
-        ) from None
+    check_extra("cluster", "--scheduler")
+    from distributed import Client, KilledWorker
+
     try:
         asyncio.run(_reach(scheduler))
         client = Client(scheduler, timeout=_REACH, set_as_default=False)

@@ -1,0 +1,86 @@
+"""Dependencies: named in the documentation, loaded by the commands that use them alone, missing ones named."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from project import ROOT, refused
+
+from railslip_ctrl.core.extras import EXTRAS
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+PAGE = (ROOT / "docs/reference/dependencies.md").read_text("utf-8")
+
+EVERY_COMMAND = {"click", "numpy", "pydantic", "python-flint", "rich"}
+IMPORTED = {"python-flint": "flint", "PyYAML": "yaml", "dask[distributed]": "distributed"}
+LOADED = """
+import contextlib, io, sys
+from railslip_ctrl.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main(sys.argv[1:])
+print(*{name.split(".")[0] for name in sys.modules if not name.startswith("_")} - set(sys.stdlib_module_names))
+"""
+
+
+def packages(requirements):
+    """Their names, without the versions and what the project says of itself."""
+    names = {re.split("[>=]", one)[0] for one in requirements}
+    return {name for name in names if not name.startswith("railslip_ctrl")}
+
+
+def test_the_documentation_names_every_dependency_with_its_extra():
+    named = re.findall(r"^\| `([^`]+)` \| (?:`(\w+)` \|)?", PAGE, flags=re.M)
+    asked = [(name, "") for name in packages(PROJECT["dependencies"])]
+    extras = PROJECT["optional-dependencies"].items()
+    assert sorted(named) == sorted(asked + [(name, extra) for extra, found in extras for name in packages(found)])
+
+
+def test_the_extras_that_are_looked_for_are_those_of_the_project():
+    for extra, found in EXTRAS.items():
+        asked = {IMPORTED.get(name, name) for name in packages(PROJECT["optional-dependencies"][extra])}
+        assert set(found) <= asked
+    assert PROJECT["optional-dependencies"]["all"] == [f"railslip_ctrl[{','.join(EXTRAS)}]"]
+
+
+@pytest.mark.parametrize(
+    ("words", "more"),
+    [
+        ("margins --rail dry", set()),
+        ("linearize --rail dry --speed 60", set()),
+        ("tune --rail dry --ms-max 2", {"scipy"}),
+        ("simulate --scenario stop", {"scipy", "numba", "platformdirs", "PyYAML"}),
+    ],
+)
+def test_a_command_loads_what_it_needs_alone(words, more):
+    done = subprocess.run([sys.executable, "-c", LOADED, *words.split()], capture_output=True, text=True, check=True)
+    named = {
+        name
+        for name in re.findall(r"^\| `([^`]+)` ", PAGE, flags=re.M)
+        if IMPORTED.get(name, name) in done.stdout.split()
+    }
+    assert named == EVERY_COMMAND | more
+
+
+@pytest.mark.parametrize(
+    ("words", "package", "extra"),
+    [
+        ("campaign tolerances.toml --out runs", "pyarrow", "campaign"),
+        ("campaign tolerances.toml --controller pi --out runs --scheduler tcp://localhost:1", "distributed", "cluster"),
+        ("identify run.csv", "pandas", "identify"),
+        ("report --out check", "jinja2", "html"),
+        ("reproduce --out check", "latex2mathml", "html"),
+    ],
+)
+def test_a_missing_extra_is_named_before_the_work(words, package, extra, railslip, tmp_path, monkeypatch):
+    (tmp_path / "tolerances.toml").write_text('scenario = "stop"\nruns = 1\n')
+    rows = "".join(f"{0.01 * i:.2f},{30 - 0.01 * i},{29 - 0.01 * i},900\n" for i in range(60))
+    header = "time [s],train speed [m/s],wheel speed [m/s],brake torque [N*m]\n"
+    (tmp_path / "run.csv").write_text(header + rows)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    assert f'{package} is not installed; pip install "railslip_ctrl[{extra}]"' in refused(railslip(*words.split()))
+    assert {path.name for path in tmp_path.iterdir()} <= {"tolerances.toml", "run.csv", "runs"}
