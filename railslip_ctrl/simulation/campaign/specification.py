@@ -1,7 +1,4 @@
-"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed.
-
-Every sampled value is a function of the campaign and the run's number alone: nothing is drawn from a shared stream.
-"""
+"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed."""
 
 from __future__ import annotations
 
@@ -198,10 +195,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of some `values`, SI, equally likely or by `weights`, factors > 0.
-
-    InputError for no value, or weights that do not fit.
-    """
+    """One of some `values`, SI, equally likely or by `weights`, factors > 0. InputError for weights that do not fit."""
 
     weights: tuple[float, ...] | None = None
 
@@ -222,10 +216,7 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids.
-
-    InputError for none, or one that is not finite.
-    """
+    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
@@ -371,7 +362,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Case:
+class SampledRun:
     """One run: the sampled values, by name, the scenario and the controllers that have them, and its seed."""
 
     values: dict[str, float]
@@ -385,12 +376,11 @@ class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, one or more of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says
-    how they are drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` a number from 0 to 2^63 - 1.
+    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes. `runs` is a number from 1 to
+    `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
-    seed out of range, a number of runs that does not fit the grid or the Sobol sequence, a distribution whose ends the
-    scenario or controller refuses.
+    seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
     """
 
     scenario: Scenario
@@ -442,10 +432,10 @@ class Campaign:
             raise InputError(f"quantity: {path!r} is no number of the scenario or of a controller; {near.rstrip()}")
         return self._places[path]
 
-    def case(self, i: int) -> Case:
+    def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
-        values = self.values(i)
-        return Case(values, *self._with_values(values.values()), np.random.SeedSequence(self.seed, spawn_key=(i,)))
+        values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
+        return SampledRun(values, *self._with_values(values.values()), seed)
 
     def values(self, i: int) -> dict[str, float]:
         """The sampled values of run number i alone, by name; InputError for a number out of range.
