@@ -73,9 +73,9 @@ def source(law: type[AdhesionLaw]) -> str:
 
 def generate(law: type[AdhesionLaw]) -> str:
     """The text of `numeric_plant`, generated now."""
-    from .generation import module_of  # imports SymPy
+    from .plant import numeric_text  # imports SymPy
 
-    return module_of(law, sources_hash(law))
+    return numeric_text(law, sources_hash(law))
 
 
 def _is_committed(law: type[AdhesionLaw]) -> bool:

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "563119e67001926583c75497ed968a0a169f0bad5cbf0d1fb83a8e6259583ad7"
+SOURCES_SHA256 = "66c3804f218ec378a8307523d38c92c21fb812ee262957e136de3cfcc840d5e1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c4b8b6a234131b8431d82e22cd97bacc25ea7f21030e235a125d76ed05b63174"
+SOURCES_SHA256 = "d5a5066b56a84b8ef2dfd36c5aeae111c1b3992ad54ff9746500c35d59bc39bd"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "414b840d54bfe9c57df16757101ebe7387fdbd0e39ea33e82e5caf0ca0057115"
+SOURCES_SHA256 = "8b2d7fd89559adccb55c342b908dccd7375e0b14fa255e7c349070d62d008cb8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

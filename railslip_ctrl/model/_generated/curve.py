@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "d0359d915c812ab269a38537bb1fe2028a9ba1e781b7409950d5533c5ae61b78"
+SOURCES_SHA256 = "3b9dadefa8fdfea16d629cc87bc2b7f01b9bdbafd05f75047dc5f33a679fd95a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

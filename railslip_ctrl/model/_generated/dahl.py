@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6e5d990b16fe46005adffeb3055dda342ae527ee38add8b04cec0d916efb496d"
+SOURCES_SHA256 = "b3046491b8edef35f39a984b04d7224c72283ecdf51509d6961f8a9fe35d6bd1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

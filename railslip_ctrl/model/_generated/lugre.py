@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2b4bcf54ea9285aaf7da4e9d0e91562e7cffcdd6110df67cb85c73c224636717"
+SOURCES_SHA256 = "b3046491b8edef35f39a984b04d7224c72283ecdf51509d6961f8a9fe35d6bd1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

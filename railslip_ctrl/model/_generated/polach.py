@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0eff442a7d5ab79a2637493c6b272cf0b7987b6a6a4724c0500f2c0aa1d4762b"
+SOURCES_SHA256 = "0c5049067639b017a49e97d5e87f0d002c45bdaf4c9209eadf10ee05c95c3b8b"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "66a1652c33105d13f77f74117d391bda275e3b6ad0a7fc6f100c08eea45d1bc7"
+SOURCES_SHA256 = "b3046491b8edef35f39a984b04d7224c72283ecdf51509d6961f8a9fe35d6bd1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

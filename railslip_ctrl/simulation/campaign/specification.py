@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match, validated
+from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.simulation.step_objects import UserStep, as_control
@@ -284,9 +285,8 @@ def _members(record: Any) -> dict[str, Any]:
 def numbers(record: Any, prefix: str = "") -> dict[str, Place]:
     """Every number in a record, its records and its tuples, by path; those that are left out but could be given too."""
     units: dict[str, str] = {}  # of members that are, or may be, a number
-    if isinstance(record, BaseModel):
-        extras = {name: info.json_schema_extra for name, info in type(record).model_fields.items()}
-        units = {name: str(e["unit"]) for name, e in extras.items() if isinstance(e, dict) and "unit" in e}
+    if isinstance(record, Record):
+        units = record.units()
     elif is_dataclass(record):
         units = {one.name: "" for one in fields(record) if str(one.type) in ("float", "float | None")}
     found: dict[str, Place] = {}
@@ -376,8 +376,8 @@ class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes. `runs` is a number from 1 to
-    `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
+    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says how they are
+    drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
     seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
