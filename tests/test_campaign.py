@@ -272,16 +272,13 @@ def test_a_file_gives_the_campaign(tmp_path):
     [
         ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
         ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
-        ('"3 t"', "[3000, 3100]", "low: a list is not a number in kg"),
         ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
-        ("high = 4000", "hihg = 4000", "did you mean 'high'"),
         ("high = 4000", "", "high: missing"),
         ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
         ("kp = 1500", "", "kp and ki: give both"),
         ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
         ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
         ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
-        ("runs = 24", "runs = 0", "runs: 0 is not allowed; give a value >= 1"),
         ('"short.toml"', '"park"', "campaign.toml: scenario: 'park' is not one"),
         ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
     ],
@@ -533,7 +530,7 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     assert late.ended_at_m.between(3.2 * 27 / 3.6, 3.2 * 30 / 3.6).all()  # between the speeds' distances
 
 
-def test_a_controller_that_never_stops(tmp_path):
+def test_a_controller_that_never_stops_beside_one_that_does_and_alone(tmp_path):
     """Without torque there is no stop in the time given: its numbers are "-", and it is in the pictures by name."""
     store = execute(Campaign(SHORT, (PI, IDLE), 4, (MASS,)), tmp_path / "out", workers=1)
     summary = summarise(store)
@@ -547,15 +544,11 @@ def test_a_controller_that_never_stops(tmp_path):
     content = replay_json(again)["controllers"]["idle"]
     assert (content["braking_time_s"], content["ended_at_s"]) == (None, again.runs["idle"].braking_time)
     assert "did not stop after 20 s" in replay_text(again)
-
-
-def test_nothing_stops(tmp_path):
-    campaign = Campaign(SHORT.with_changes(longest_time=0.5), (PI,), 4)
-    summary = summarise(execute(campaign, tmp_path / "out", workers=1))
-    found = campaign_json(summary)["controllers"]["pi"]
+    alone = summarise(execute(Campaign(SHORT, (IDLE,), 4), tmp_path / "alone", workers=1))
+    found = campaign_json(alone)["controllers"]["idle"]
     assert (found["measures"]["max_slip"]["mean"]["value"], found["share_not_stopped"]["value"]) == (None, 1.0)
-    assert "None: there are no statistics and no pictures." in campaign_text(summary)
-    assert distributions_figure(summary) is scatter_figure(summary) is None
+    assert "None: there are no statistics and no pictures." in campaign_text(alone)
+    assert distributions_figure(alone) is scatter_figure(alone) is None
 
 
 def test_a_sweep_is_told_point_by_point(tmp_path):

@@ -195,6 +195,7 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
         ('adhesion = "lugre"', "adhesion: .*gives no parameters"),
         ("adhesion = 3", "adhesion: 3 is not allowed"),
         ('initial_speed = "200 km/h"', "outside 30 to 140 km/h"),
+        ("initial_speed = 0", "initial_speed: 0 is not allowed; give a value > 0"),
         ("step = 1e-9", "step: 1e-09 is not allowed; give a value >= 1e-05"),
         ('extends = "park2009"', "extends: 'park2009' is not one; choose park2008"),
         ("extends = 3", "extends: 3 is not allowed"),
