@@ -66,7 +66,7 @@ def actuator_lag_rate() -> sp.Expr:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rates in (v, sigma, Fa, Tb, Td, Tr), solved from the statement: m/s^2, rad/s^2, m/s^2, 1/s."""
+    """Rates in (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
 
     v_rate: sp.Expr
     omega_rate: sp.Expr
@@ -97,8 +97,8 @@ def trim_torque() -> sp.Expr:
 def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
     """What each of `numeric.WORKS` takes from the kinetic energy of train and wheel, W.
 
-    d/dt (M v^2/2 + J omega^2/2) with the plant's accelerations put in is linear in Tb, Fa, B, the travelling
-    resistance, Tr and Td; each one's part, with its sign turned, is the power it takes.
+    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td; the power that each takes
+    is its part with the sign turned.
     """
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
@@ -110,33 +110,15 @@ def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
 
 @dataclass(frozen=True)
 class ClosedPlant:
-    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters.
+    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
 
-    Attributes
-    ----------
-    force : Expr
-        Adhesion force, N.
-    force_gradient : tuple of Expr
-        Its derivatives with respect to `STATES`.
-    rest_state : Expr
-        z at which z' = 0, m (0 for a static law).
-    rates : tuple of Expr
-        v', sigma', z': m/s^2, m/s^2, m/s.
-    rates_and_powers : tuple of Expr
-        The rates, then the power of each of `numeric.WORKS`, W.
-    jacobian : tuple of tuples of Expr, 3 by 4
-        Derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`.
-    trim_torque : Expr
-        Tb with lambda' = 0, N*m.
-    """
-
-    force: sp.Expr
-    force_gradient: tuple[sp.Expr, ...]
-    rest_state: sp.Expr
-    rates: tuple[sp.Expr, ...]
-    rates_and_powers: tuple[sp.Expr, ...]
-    jacobian: tuple[tuple[sp.Expr, ...], ...]
-    trim_torque: sp.Expr
+    force: sp.Expr  # adhesion force, N
+    force_gradient: tuple[sp.Expr, ...]  # its derivatives with respect to `STATES`
+    rest_state: sp.Expr  # z at which z' = 0, m (0 for a static law)
+    rates: tuple[sp.Expr, ...]  # v', sigma', z': m/s^2, m/s^2, m/s
+    rates_and_powers: tuple[sp.Expr, ...]  # these, then the power of each of `numeric.WORKS`, W
+    jacobian: tuple[tuple[sp.Expr, ...], ...]  # derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`
+    trim_torque: sp.Expr  # Tb with lambda' = 0, N*m
 
 
 def close(law: type[AdhesionLaw]) -> ClosedPlant:
@@ -161,7 +143,7 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
 
 
 def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
-    """The derivative where there is one: a jump's Dirac term is nought beside it, and at it the law has a kink."""
+    """The derivative without the Dirac terms of jumps, at which the law has a kink."""
     return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
 
 

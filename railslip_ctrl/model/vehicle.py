@@ -435,7 +435,7 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def remarks(vehicle: Vehicle) -> tuple[str, ...]:
-    """All that is told of a `vehicle`: what was assumed (`Vehicle.notes`), then `doubts`. InputError as of these."""
+    """What was assumed of a `vehicle` (`Vehicle.notes`), then its `doubts`. InputError as of these."""
     return (*vehicle.notes, *doubts(vehicle))
 
 

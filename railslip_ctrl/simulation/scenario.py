@@ -144,8 +144,8 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: adhesion changes in time and in distance, and what holds would hang on which comes first; "
-                "give rail and adhesion_factor in each"
+                "events: adhesion changes both in time and in distance, in an order that is open; give rail and "
+                "adhesion_factor in each"
             )
         return self
 

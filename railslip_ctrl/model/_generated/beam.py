@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "66c3804f218ec378a8307523d38c92c21fb812ee262957e136de3cfcc840d5e1"
+SOURCES_SHA256 = "fa0a0afe8feacd3157bda326205e22998722eb71daa20542542bb7be58c370b0"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "d5a5066b56a84b8ef2dfd36c5aeae111c1b3992ad54ff9746500c35d59bc39bd"
+SOURCES_SHA256 = "346b855138868f4d07d8be175b5c5d856ca44842fef64d7122d69b687d7872a1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "8b2d7fd89559adccb55c342b908dccd7375e0b14fa255e7c349070d62d008cb8"
+SOURCES_SHA256 = "da56d5eace79080eed503c5de390ac8d79ea4f1d806f8483e5f785748bd23970"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "3b9dadefa8fdfea16d629cc87bc2b7f01b9bdbafd05f75047dc5f33a679fd95a"
+SOURCES_SHA256 = "c70763b3fca58c872ad9320cfb37a73b0bdd2ed803912fd6a788a3f1b5998338"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

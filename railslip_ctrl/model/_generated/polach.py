@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0c5049067639b017a49e97d5e87f0d002c45bdaf4c9209eadf10ee05c95c3b8b"
+SOURCES_SHA256 = "08970999b65fa5f42be9094ea719b6d1b90d9241d57131a4604ce041177fb02a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

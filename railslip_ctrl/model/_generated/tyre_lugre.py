@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b3046491b8edef35f39a984b04d7224c72283ecdf51509d6961f8a9fe35d6bd1"
+SOURCES_SHA256 = "46ff70c7f806227b5b9870ac21ae14288c3602322958f8715b46c036a8f3624a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -65,13 +65,7 @@ def law_names() -> tuple[str, ...]:
 
 @checked
 def law_class(name: str) -> type[AdhesionLaw]:
-    """The law of a name, hyphen or underscore ("tyre-lugre" is "tyre_lugre").
-
-    Raises
-    ------
-    InputError
-        No law of that `name`; lists the names.
-    """
+    """The law of a `name`, hyphen or underscore ("tyre-lugre" is "tyre_lugre"); InputError for none."""
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:

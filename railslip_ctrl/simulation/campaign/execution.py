@@ -46,14 +46,14 @@ _AHEAD = 3  # parts in the queue for each worker: none waits, and memory does no
 _REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
 
-# --- what is kept of a run ------------------------------------------------------------------------------------------
+# --- the row of a run -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number kept of every run; one `of_stop` is unknown of a run that did not stop.
+    """A column of every run; one `of_stop` is null where the run did not stop.
 
-    People are shown `scale` times the number, in `shown_unit` ("": as it is).
+    Reports show `scale` times the number, in `shown_unit` ("": as it is).
     """
 
     name: str
@@ -80,7 +80,7 @@ MEASURES = (
     Measure("max_torque_nm", "highest torque", "N*m", lambda run: run.max_torque),
     Measure("rms_torque_rate", "rms torque rate", "N*m/s", lambda run: run.rms_torque_rate),
 )
-"""What statistics are made of."""
+"""Columns with statistics."""
 
 OTHERS = (
     Measure("ended_at_s", "time at the end, stop or not", "s", lambda run: run.braking_time),
@@ -97,7 +97,7 @@ OTHERS = (
     Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
     Measure("energy_error", "what the energy balance lacks", "1", lambda run: run.energies.error),
 )
-"""What is kept beside them."""
+"""Columns without statistics."""
 
 COLUMNS = MEASURES + OTHERS
 
@@ -191,7 +191,7 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """The store to write into, begun if it is not there; nobody else can claim it meanwhile.
+        """The store, begun if it is not there, for this process alone to write into.
 
         InputError where another process has it or the folder cannot be written to.
         """

@@ -80,10 +80,7 @@ class CampaignKeys(BaseModel):
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
     """The campaign a file describes; `controllers`, names or files, in place of its own.
 
-    Raises
-    ------
-    InputError
-        One line with the file, the key, the value and what is allowed.
+    InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(path)
     where = file_name(path)

@@ -402,6 +402,8 @@ class Campaign:
             raise InputError(f"runs: {self.runs} is not allowed; give an integer from 1 to {MOST_RUNS}")
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"seed: {self.seed} is not allowed; give an integer from 0 to 2^63 - 1")
+        for path in (path for quantity in self.quantities for path in quantity.paths):
+            self.place(path)
         self._check_points()
         self._check_ends()
 
@@ -430,7 +432,8 @@ class Campaign:
         if path not in self._places:
             near = close_match(path, self._places) or f"scenario: {', '.join(self._places)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is no number of the scenario or of a controller; {near.rstrip()}")
-        return self._places[path]
+        owner, own = self._places[path][0]
+        return self._numbers[owner][own]
 
     def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
@@ -470,21 +473,24 @@ class Campaign:
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
-    def _places(self) -> dict[str, Place]:
-        """Every path that may be named; the scenario's win over the controllers'."""
-        found: dict[str, Place] = {}
-        for name, own in zip(self.controller_names, self._numbers[1:], strict=True):
-            found |= own | {f"{name}.{path}": place for path, place in own.items()}
-        return found | self._numbers[0]
+    def _places(self) -> dict[str, list[tuple[int, str]]]:
+        """Of every path that may be named: places in `_numbers`, and paths there. The scenario's win."""
+        found: dict[str, list[tuple[int, str]]] = {}
+        for k, own in enumerate(self._numbers[1:], 1):
+            for path in own:
+                found.setdefault(path, []).append((k, path))
+        for k, (name, own) in enumerate(zip(self.controller_names, self._numbers[1:], strict=True), 1):
+            found |= {f"{name}.{path}": [(k, path)] for path in own}
+        return found | {path: [(0, path)] for path in self._numbers[0]}
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Of each quantity: places in `_numbers`, paths there, and what its value is multiplied with."""
+        """Of each quantity: as of `_places`, and what its value is multiplied with."""
         taken: set[tuple[int, str]] = set()
         found: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
             found.append([])
-            for owner, path in (target for given in quantity.paths for target in self._owners(given)):
+            for owner, path in (target for given in quantity.paths for target in self._places[given]):
                 if (owner, path) in taken:
                     raise InputError(f"quantity: {path!r} is given twice; leave one out")
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
@@ -495,16 +501,6 @@ class Campaign:
                 taken.add((owner, path))
                 found[-1].append((owner, path, scale))
         return found
-
-    def _owners(self, path: str) -> list[tuple[int, str]]:
-        self.place(path)
-        if path in self._numbers[0]:
-            return [(0, path)]
-        name, _, rest = path.partition(".")
-        for k, controller in enumerate(self.controllers, 1):
-            if controller.name == name and rest in self._numbers[k]:
-                return [(k, rest)]
-        return [(k, path) for k in range(1, len(self._numbers)) if path in self._numbers[k]]
 
     def _with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
         changes: dict[int, dict[str, float]] = {}

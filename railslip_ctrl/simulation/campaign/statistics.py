@@ -274,12 +274,9 @@ class _Runs:
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """The statistics of a campaign's `store`, finished or not.
+    """The statistics of a campaign's `store`, finished or not; `worst_by` is the name of a measure.
 
-    Raises
-    ------
-    InputError
-        `worst_by` is no measure, or the campaign has no finished part.
+    InputError where it is none, or the campaign has no finished part.
     """
     check_measure(worst_by)
     runs, campaign = _Runs(store), store.campaign
