@@ -273,16 +273,13 @@ def test_a_file_gives_the_campaign(tmp_path):
     [
         ('"vehicle.mass"', '"vehicle.mas"', "toml: quantity 0: 'vehicle.mas' is no .* did you mean 'vehicle.mass'"),
         ('"3 t"', '"3 m"', "low: '3 m' has the wrong dimension"),
-        ('"3 t"', "[3000, 3100]", "low: a list is not a number in kg"),
         ('"uniform"', '"unifrom"', "did you mean 'uniform'"),
-        ("high = 4000", "hihg = 4000", "did you mean 'high'"),
         ("high = 4000", "", "high: missing"),
         ("high = 4000", "high = 4000\nstd = 3", "uniform has no such key"),
         ("kp = 1500", "", "kp and ki: give both"),
         ('controller = "pi"\nname', 'controller = "pid"\nname', "toml: controller 1: 'pid' is not one"),
         ('controller = "pi"\nname', 'controller = "x.toml"\nname', "x.toml has its own"),
         ("seed = 3", 'seed = 3\nsampling = "sobl"', "'sobl' is not allowed; .* 'sobol'"),
-        ("runs = 24", "runs = 0", "runs: 0 is not allowed; give a value >= 1"),
         ('"short.toml"', '"park"', "campaign.toml: scenario: 'park' is not one"),
         ('path = "vehicle.mass"', 'path = ["vehicle.mass", "adhesion_factor"]', "different units"),
     ],
@@ -458,15 +455,14 @@ def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):
 # --- statistics -----------------------------------------------------------------------------------------------------
 
 
-def test_moments_of_parts_are_those_of_the_whole():
-    data = np.random.default_rng(0).lognormal(size=1001) + 1e6  # a large mean, which a plain sum of squares loses
-    found = Moments.of([*np.array_split(data, 13), np.array([])])
+def test_means_with_their_intervals():
+    data = np.random.default_rng(0).lognormal(size=1001)
+    found = Moments.of(np.array([math.nan, *data, math.inf]))
     assert (found.count, found.low, found.high) == (1001, data.min(), data.max())
-    assert found.std == pytest.approx(data.std(ddof=1), rel=1e-9)  # 1e-16 times (1e6)^2 over the variance
     low, high = stats.t.interval(CONFIDENCE, 1000, loc=data.mean(), scale=stats.sem(data))
     assert found.estimate == pytest.approx((data.mean(), low, high), rel=1e-12)
-    assert math.isnan(Moments().estimate.value)
-    assert Moments(1, 5.0).estimate == (5.0, -math.inf, math.inf)
+    assert np.isnan(Moments.of(np.array([math.nan])).estimate).all()
+    assert Moments.of(np.array([5.0])).estimate == (5.0, -math.inf, math.inf)
 
 
 def test_quantiles_with_their_intervals():
@@ -535,7 +531,7 @@ def test_runs_that_fail_are_counted_listed_and_in_no_mean(tmp_path):
     assert late.ended_at_m.between(3.2 * 27 / 3.6, 3.2 * 30 / 3.6).all()  # between the speeds' distances
 
 
-def test_a_controller_that_never_stops(tmp_path):
+def test_a_controller_that_never_stops_beside_one_that_does_and_alone(tmp_path):
     """Without torque there is no stop in the time given: its numbers are "-", and it is in the pictures by name."""
     store = execute(Campaign(SHORT, (PI, IDLE), 4, (MASS,)), tmp_path / "out", workers=1)
     summary = summarise(store)
@@ -549,15 +545,11 @@ def test_a_controller_that_never_stops(tmp_path):
     content = replay_json(again)["controllers"]["idle"]
     assert (content["braking_time_s"], content["ended_at_s"]) == (None, again.runs["idle"].braking_time)
     assert "did not stop after 20 s" in replay_text(again)
-
-
-def test_nothing_stops(tmp_path):
-    campaign = Campaign(SHORT.with_changes(longest_time=0.5), (PI,), 4)
-    summary = summarise(execute(campaign, tmp_path / "out", workers=1))
-    found = campaign_json(summary)["controllers"]["pi"]
+    alone = summarise(execute(Campaign(SHORT, (IDLE,), 4), tmp_path / "alone", workers=1))
+    found = campaign_json(alone)["controllers"]["idle"]
     assert (found["measures"]["max_slip"]["mean"]["value"], found["share_not_stopped"]["value"]) == (None, 1.0)
-    assert "None: there are no statistics and no pictures." in campaign_text(summary)
-    assert distributions_figure(summary) is scatter_figure(summary) is None
+    assert "None: there are no statistics and no pictures." in campaign_text(alone)
+    assert distributions_figure(alone) is scatter_figure(alone) is None
 
 
 def test_a_sweep_is_told_point_by_point(tmp_path):

@@ -15,14 +15,11 @@ from sample_laws import ALL_LAWS, DYNAMIC_LAWS, sample_law
 import railslip_ctrl.model.adhesion
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design import PIController
-from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.responses import disturbance_response, step_response
 from railslip_ctrl.model.adhesion import law_class, published_law
 from railslip_ctrl.model.adhesion.beam import Beam
 from railslip_ctrl.model.linearization import _residual, linearize, nonlinear_plant, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
+from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 V100 = 100.0 * KMH
 BRISTLE = published_law("bristle", Rail.DRY)
@@ -197,7 +194,7 @@ def test_kink_of_the_beam(rail: Rail) -> None:
 WRONG_LAW = """
 from typing import ClassVar
 from railslip_ctrl.model.adhesion.base import Statement
-from railslip_ctrl.model.adhesion.dahl import Dahl
+from railslip_ctrl.model.adhesion.lugre import Dahl
 
 class WrongRest(Dahl):
     name: ClassVar[str] = "wrong_rest"
@@ -220,58 +217,3 @@ def test_a_law_with_a_wrong_rest_state_is_found_out(tmp_path: Path, monkeypatch:
         with pytest.raises(DomainError, match=r"not at rest \(residual 5.0e-01"):  # z'/sigma = 1 - alpha z/Fc, z halved
             operating_point(law, PARK2008, V100, slip)
     sys.modules.pop("railslip_ctrl.model.adhesion.wrong_rest")
-
-
-# --- small signals: an integration that shares nothing with the linear loop but the plant ----------------------------
-
-STEP = 1e-3  # s; the dead time is 150 steps
-FINAL = 6.0
-SMALL = 1e-5  # m/s of reference, against a slip velocity of 3.7 m/s: its square is below every tolerance here
-
-
-def nonlinear_response(controller: PIController, *, reference: float, load: float) -> tuple[np.ndarray, np.ndarray]:
-    """Speed frozen, bristle law, Heun steps with the dead-time buffer exact; deviations of sigma, m/s."""
-    point, rates, p = bristle_point(), numeric_plant(type(BRISTLE)).rates, plant_parameters(BRISTLE, PARK2008)
-    lag, delay = PARK2008.actuator.lag, round(PARK2008.actuator.dead_time / STEP)
-    gains, lead, lead_filter = controller.gains, controller.lead, controller.lead_filter
-    # with the speed frozen the point of constant slip drifts at sigma' = lambda v'; the deviation is measured from it
-    drift = float(rates(V100, point.sigma, point.adhesion_state, point.brake_torque, 0.0, 0.0, p)[1])
-    buffer = [0.0] * (delay + 1)
-
-    def filtered(x: np.ndarray) -> tuple[float, float]:
-        error = reference - (x[0] - point.sigma)
-        return error, error if lead_filter == 0 else x[4] + (error - x[4]) * lead / lead_filter
-
-    def slope(x: np.ndarray, delayed: float) -> np.ndarray:
-        error, led = filtered(x)
-        _, sigma_rate, z_rate = (float(q) for q in rates(V100, x[0], x[1], x[2] + load, 0.0, 0.0, p))
-        filter_rate = 0.0 if lead_filter == 0 else (error - x[4]) / lead_filter
-        lagged = (point.brake_torque + delayed - x[2]) / lag
-        return np.array([sigma_rate - drift, z_rate, lagged, gains.ki * led, filter_rate])
-
-    x, out = np.array([point.sigma, point.adhesion_state, point.brake_torque, 0.0, 0.0]), [0.0]
-    for _ in range(round(FINAL / STEP)):
-        buffer.append(gains.kp * filtered(x)[1] + x[3])
-        before, after = buffer[-delay - 1], buffer[-delay]
-        first = slope(x, before)
-        x = x + 0.5 * STEP * (first + slope(x + STEP * first, after))
-        out.append(x[0] - point.sigma)
-    return np.arange(len(out)) * STEP, np.array(out)
-
-
-@pytest.mark.parametrize(
-    "controller",
-    [PIController(PIGains(kp=190.0, ki=5.0)), PIController(PIGains(kp=229.4, ki=5.0), lead=0.6, lead_filter=0.06)],
-    ids=["PI", "PI-lead"],
-)
-@pytest.mark.parametrize("kind", ["reference", "load"])
-def test_step_responses_equal_a_nonlinear_simulation_of_small_steps(controller: PIController, kind: str) -> None:
-    plant = linearize(bristle_point())
-    wheel = Rational(plant.zeros, plant.poles, plant.gain)
-    lag = Rational(np.array([]), np.array([-1 / 0.6]), 1 / 0.6)
-    respond, height = (step_response, SMALL) if kind == "reference" else (disturbance_response, 1e-3)
-    sizes = {"reference": height, "load": 0.0} if kind == "reference" else {"reference": 0.0, "load": height}
-    time, simulated = nonlinear_response(controller, **sizes)
-    linear = respond(controller.transfer_function, wheel, 0.15, time=time, actuator=lag, height=height)
-    # Heun at 1 ms with a filter of 60 ms: (h/T)^2 ~ 3e-4 of the response's size, and first order at its jumps
-    assert np.abs(simulated - linear.output).max() < 3e-3 * np.abs(linear.output).max()

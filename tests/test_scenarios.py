@@ -74,13 +74,10 @@ def refusal(read, text, words):
     return str(caught.value)
 
 
-def test_the_published_scenario_as_a_file_is_the_built_in_one():
-    assert load_scenario(SCENARIOS / "park2008.toml") == built_in_scenario("park2008")
-
-
-@pytest.mark.parametrize("name", ["park2008", "park2008-si"])
-def test_built_in_scenarios_by_name(name):
-    assert load_scenario(name) == built_in_scenario(name)
+def test_the_published_scenario_by_name_and_as_a_file():
+    assert load_scenario(SCENARIOS / "park2008.toml") == built_in_scenario("park2008") == load_scenario("park2008")
+    with pytest.raises(InputError, match="choose one of park2008, park2008-si, stop, or give a TOML file"):
+        load_scenario("park2007")
 
 
 def test_the_leaf_patch_takes_its_adhesion_away_and_gives_it_back():
@@ -98,19 +95,15 @@ def test_the_leaf_patch_takes_its_adhesion_away_and_gives_it_back():
         assert force[where] == pytest.approx(expected, abs=1e-3)
 
 
-def test_a_file_that_extends_changes_only_what_it_names(scenario_of):
+def test_a_file_changes_only_what_it_names_of_the_one_that_it_extends(scenario_of):
     base = built_in_scenario("park2008")
-    mine = scenario_of('extends = "park2008"\nstep = "2 ms"\n[disturbances]\nrandom_force = "0.5 kN"\n')
-    assert mine.name == "mine"
-    assert mine.step == 0.002
-    assert mine.disturbances == base.disturbances.model_copy(update={"random_force": 500.0})
-    assert (mine.vehicle, mine.adhesion, mine.events) == (base.vehicle, base.adhesion, base.events)
-
-
-def test_a_chain_of_files(scenario_of):
-    scenario_of('extends = "park2008-si"\nfinal_speed = "10 km/h"\n', "first.toml")
-    mine = scenario_of('extends = "first.toml"\nname = "second"\nrail = "wet"\n', "second.toml")
-    assert (mine.name, mine.rail, mine.final_speed) == ("second", Rail.WET, pytest.approx(10 / 3.6))
+    mine = scenario_of('extends = "park2008"\nstep = "2 ms"\n[disturbances]\nrandom_force = "0.5 kN"\n', "first.toml")
+    disturbances = base.disturbances.model_copy(update={"random_force": 500.0})
+    assert mine == base.model_copy(update={"name": "first", "step": 0.002, "disturbances": disturbances})
+    own = EVERY_FIELD[EVERY_FIELD.index("[vehicle]") : EVERY_FIELD.index("[disturbances]")]
+    mine = scenario_of(f'extends = "first.toml"\nname = "second"\nrail = "wet"\n{own}')
+    assert (mine.name, mine.rail, mine.step, mine.vehicle.mass) == ("second", Rail.WET, 0.002, 3000.0)
+    assert mine.events[0].mass == 4000.0  # the loaded one of its vehicle
 
 
 EVERY_FIELD = """
@@ -131,25 +124,13 @@ loaded = true
 mass = "3 t"
 mass_loaded = "4 t"
 wheel_load = "30 kN"
-[vehicle.wheel]
-radius = "450 mm"
-inertia = 70.0
-viscous_friction = 0.3
-[vehicle.actuator]
-dead_time = "100 ms"
-lag = 0.4
+wheel = {radius = "450 mm", inertia = 70.0, viscous_friction = 0.3}
+actuator = {dead_time = "100 ms", lag = 0.4}
 [disturbances]
 random_force = 100.0
-random_hold = "10 ms"
-caliper_fraction = 0.1
-caliper_decay = 2.0
 caliper_frequency = "12 rad/s"
 [measurement]
 speed_noise = "0.1 km/h"
-wheel_noise = 0.01
-speed_quantum = 0.02
-wheel_quantum = 0.03
-filter_time = 0.05
 [limits]
 torque_min = 10.0
 torque_max = "8 kN*m"
@@ -193,54 +174,42 @@ def test_another_vehicle_takes_adhesion_and_load_with_it():
     assert own.for_vehicle(PARK2008).adhesion == own.adhesion
 
 
-def test_a_vehicle_in_a_file_that_extends_takes_the_load_with_it(scenario_of):
-    own = EVERY_FIELD[EVERY_FIELD.index("[vehicle]") : EVERY_FIELD.index("[disturbances]")]
-    assert scenario_of(f'extends = "park2008"\n{own}').events[0].mass == 4000.0
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('extends = "park2008"\nfinal_sped = 1.0\n', "final_sped: unknown key; did you mean 'final_speed'"),
-        ('extends = "park2008"\nfinal_speed = "1 kg"\n', "final_speed: '1 kg' has the wrong dimension"),
-        ('extends = "park2008"\nfinal_speed = 60.0\n', "give a value < initial_speed"),
-        ('extends = "park2009"\n', "extends: 'park2009' is not one; choose park2008"),
-        ("extends = 3\n", "extends: 3 is not allowed"),
-        ('extends = "park2008"\ninertia_scale = "2"\n', "inertia_scale: '2' is text; give the number"),
-        ('extends = "mine.toml"\n', "files extend one another"),
-        ('extends = "park2008"\nlimits = 3\n', "limits: 3 is not allowed; give a table"),
-        ('extends = "park2008"\n[limits]\nrat = 1.0\n', "limits.rat: unknown key; did you mean 'rate'"),
-        (
-            'extends = "park2008"\n[limits]\nrate = -1.0\n',
-            r"limits.rate: -1 is not allowed; give a value > 0 \(N\*m/s\)",
-        ),
-        ('extends = "park2008"\n[[events]]\ntime = 1.0\nmas = 2.0\n', "events.0.mas: unknown key; did you mean 'mass'"),
-        (
-            'extends = "park2008"\n[[events]]\ntime = -1.0\nmass = 2.0\n',
-            r"events.0.time: -1 is not allowed.*>= 0 \(s\)",
-        ),
-        ('extends = "park2008"\n[[events]]\nrail = "wet"\n', "give either time or distance"),
-        ('extends = "park2008"\n[[events]]\ntime = 1.0\n', "changes nothing"),
-        ('extends = "park2008"\nvehicle = 3\n', "vehicle: 3 is not allowed"),
-        ('extends = "park2008"\nvehicle = "none.toml"\n', "vehicle: .*no such file"),
-        ('extends = "park2008"\n[vehicle]\nmas = 1.0\n', "vehicle: mas: unknown key; did you mean 'mass'"),
-        ('extends = "park2008"\nadhesion = "bristel"\n', "adhesion: .*is not a law"),
-        ('extends = "park2008"\nadhesion = "lugre"\n', "adhesion: .*gives no parameters"),
-        ('extends = "park2008"\nadhesion = 3\n', "adhesion: 3 is not allowed"),
-        ('extends = "park2008"\ninitial_speed = "200 km/h"\n', "outside 30 to 140 km/h"),
-        ('extends = "park2008"\nstep = 1e-9\n', "step: 1e-09 is not allowed; give a value >= 1e-05"),
-        ('adhesion = "curve"\ninitial_speed = 20.0\n', "vehicle: missing"),
-        ('vehicle = "park2008"\nadhesion = "curve"\n', "needs initial_speed"),
-        ('vehicle = "park2008"\ninitial_speed = 20.0\n', "adhesion: missing"),
+        ("final_sped = 1.0", "final_sped: unknown key; did you mean 'final_speed'"),
+        ('final_speed = "1 kg"', "final_speed: '1 kg' has the wrong dimension"),
+        ("final_speed = 60.0", "give a value < initial_speed"),
+        ('inertia_scale = "2"', "inertia_scale: '2' is text; give the number"),
+        ("limits = 3", "limits: 3 is not allowed; give a table"),
+        ("[limits]\nrat = 1.0", "limits.rat: unknown key; did you mean 'rate'"),
+        ("[limits]\nrate = -1.0", r"limits.rate: -1 is not allowed; give a value > 0 \(N\*m/s\)"),
+        ("[[events]]\ntime = 1.0\nmas = 2.0", "events.0.mas: unknown key; did you mean 'mass'"),
+        ("[[events]]\ntime = -1.0\nmass = 2.0", r"events.0.time: -1 is not allowed.*>= 0 \(s\)"),
+        ('[[events]]\nrail = "wet"', "give either time or distance"),
+        ("[[events]]\ntime = 1.0", "changes nothing"),
+        ("vehicle = 3", "vehicle: 3 is not allowed"),
+        ('vehicle = "none.toml"', "vehicle: .*no such file"),
+        ("[vehicle]\nmas = 1.0", "vehicle: mas: unknown key; did you mean 'mass'"),
+        ('adhesion = "bristel"', "adhesion: .*is not a law"),
+        ('adhesion = "lugre"', "adhesion: .*gives no parameters"),
+        ("adhesion = 3", "adhesion: 3 is not allowed"),
+        ('initial_speed = "200 km/h"', "outside 30 to 140 km/h"),
+        ("initial_speed = 0", "initial_speed: 0 is not allowed; give a value > 0"),
+        ("step = 1e-9", "step: 1e-09 is not allowed; give a value >= 1e-05"),
+        ('extends = "park2009"', "extends: 'park2009' is not one; choose park2008"),
+        ("extends = 3", "extends: 3 is not allowed"),
+        ('extends = "mine.toml"', "files extend one another"),
+        ('extends = "none.toml"\nadhesion = "curve"\ninitial_speed = 20.0', "none.toml: no such file"),
+        ('vehicle = "park2008"\nadhesion = "curve"', "needs initial_speed"),
+        ('vehicle = "park2008"\ninitial_speed = 20.0', "adhesion: missing"),
+        ('adhesion = "curve"\ninitial_speed = 20.0', "vehicle: missing"),
     ],
 )
 def test_scenario_files_are_refused_in_one_line(scenario_of, text, words):
-    assert "mine.toml" in refusal(scenario_of, text, words)
-
-
-def test_a_scenario_that_is_neither_a_name_nor_a_file_is_refused():
-    with pytest.raises(InputError, match="choose one of park2008, park2008-si, stop, or give a TOML file"):
-        load_scenario("park2007")
+    alone = text.startswith(("extends", 'vehicle = "park', 'adhesion = "curve"'))
+    told = refusal(scenario_of, text if alone else f'extends = "park2008"\n{text}', words)
+    assert "none.toml" in told or "mine.toml" in told
 
 
 # --- controllers ---------------------------------------------------------------------------------------------------
@@ -271,7 +240,7 @@ OVER_V0 = (
 WITH_MODEL = 'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nadhesion = "law.toml"\n'
 
 
-def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_path, railslip):
+def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_path):
     (tmp_path / "law.toml").write_text(OVER_V0)
     with pytest.raises(InputError, match=r"controller\.toml: .*law\.toml: its parameters are polynomials"):
         controller_of(WITH_MODEL)
@@ -284,17 +253,6 @@ def test_a_model_over_v0_is_taken_at_the_run_s_initial_speed(controller_of, tmp_
     )
     (tmp_path / "slow.toml").write_text('extends = "park2008"\ninitial_speed = "70 km/h"\n')
     assert load_campaign(tmp_path / "campaign.toml").controllers[0].model_law.mu_max == pytest.approx(0.33, rel=1e-12)
-    for options, named in ((["--speed", "50"], "50"), (["--speed", "70", "--initial-speed", "120"], "120")):
-        status, _, err = railslip("simulate", "--controller", path, *options)
-        assert status == 2
-        *warnings, error = err.splitlines()
-        assert f"law.toml: initial speed: {named} km/h is outside 60 to 100, for which" in error
-        # the second is told besides that its two speeds differ
-        assert (
-            len(warnings)
-            == len([one for one in warnings if "but this run begins at 70 km/h" in one])
-            == (named == "120")
-        )
 
 
 def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_path):
@@ -381,18 +339,21 @@ def test_events_hold_in_the_order_of_time_not_of_the_file():
     assert runs[0].braking_distance > simulate(wet, control, seed=None).braking_distance
 
 
-def test_what_holds_must_not_hang_on_which_event_comes_first():
-    with pytest.raises(InputError, match="give rail and adhesion_factor in each"):
-        built_in_scenario("park2008").with_changes(
-            events=[Event(time=20.0, adhesion_factor=0.5), Event(distance=100.0, rail=Rail.WET)]
-        )
+NO_LAG = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"lag": 0.0})})
+BOTH_KINDS = [Event(time=20.0, adhesion_factor=0.5), Event(distance=100.0, rail=Rail.WET)]
 
 
-@pytest.mark.parametrize("limits", [{"rate": 100.0}, {"dump_lag": 0.2}])
-def test_limits_of_a_lag_that_is_not_there_are_refused(limits):
-    vehicle = PARK2008.model_copy(update={"actuator": PARK2008.actuator.model_copy(update={"lag": 0.0})})
-    with pytest.raises(InputError, match="give lag > 0"):
-        built_in_scenario("park2008-si").with_changes(vehicle=vehicle, limits=limits)
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"events": BOTH_KINDS}, "give rail and adhesion_factor in each"),
+        ({"vehicle": NO_LAG, "limits": {"rate": 100.0}}, "give lag > 0"),
+        ({"vehicle": NO_LAG, "limits": {"dump_lag": 0.2}}, "give lag > 0"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        built_in_scenario("park2008-si").with_changes(**changes)
 
 
 def test_a_run_ends_at_its_longest_time_between_samples_too():

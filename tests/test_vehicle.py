@@ -172,12 +172,8 @@ def test_an_implausible_number_is_taken_and_told_with_range_and_remedy(file: Any
 
 def test_what_is_usual_is_not_doubted(file: Any) -> None:
     assert {value.split(" = ")[0] for value, _, _ in IMPLAUSIBLE.values()} == {one.key for one in USUAL_RANGES}
-    for line, told in (
-        ("dead_time = 2", 0),
-        ("dead_time = 2.001", 1),
-        ("mass_loaded = 45000", 0),
-        ("mass_loaded = 45001", 1),
-    ):
+    edges = {"dead_time = 2": 0, "dead_time = 2.001": 1, "mass_loaded = 45000": 0, "mass_loaded = 45001": 1}
+    for line, told in edges.items():
         text = _with(line).replace("wheel_load_loaded = 58000\n", "")  # the weight of the loaded mass, then
         assert len(doubts(load_vehicle(file(text)))) == told
     published = (PARK2008, PARK2008.model_copy(update={"inertia_scale": 3.6}))
@@ -185,21 +181,16 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
         assert doubts(vehicle) == doubts(vehicle.loaded()) == ()
 
 
-LINEARIZE, SIMULATE = ("linearize", "--rail", "dry"), ("simulate", "--controller", "slide-protection")
-
-
 @pytest.mark.parametrize(
     ("words", "line", "doubted"),
     [
-        (LINEARIZE, "dead_time = 150", "dead_time = 150 s"),
-        ((*LINEARIZE, "--dead-time", "0.2"), "dead_time = 150", ""),
-        ((*SIMULATE, "--dead-time", "2.5"), "lag = 0.6", "dead_time = 2.5 s"),
+        ("linearize --rail dry", "dead_time = 150", "dead_time = 150 s"),
+        ("linearize --rail dry --dead-time 0.2", "dead_time = 150", ""),
+        ("simulate --controller slide-protection --dead-time 2.5", "lag = 0.6", "dead_time = 2.5 s"),
     ],
 )
-def test_commands_tell_it_of_the_vehicle_in_use(
-    file: Any, railslip: Any, words: tuple[str, ...], line: str, doubted: str
-) -> None:
-    status, out, err = railslip(*words, "--vehicle", file(_with(line)), "--json")
+def test_commands_tell_it_of_the_vehicle_in_use(file: Any, railslip: Any, words: str, line: str, doubted: str) -> None:
+    status, out, err = railslip(*words.split(), "--vehicle", file(_with(line)), "--json")
     assert status == 0
     assert err.count("is taken as given, but is outside the usual") == bool(doubted)
     assert f"railslip: note: vehicle: {doubted}" in err or not doubted
@@ -283,8 +274,6 @@ def test_unknown_keys_and_empty_values_of_the_foreign_schema_are_ignored(file: A
 WRONG_VEHICLE = {
     "length: 3": "mass: missing; give it (t): mass of the empty vehicle",
     "mass: 0": "mass: 0 is not allowed; give a value > 0 (t)",
-    "mass: .nan": "mass: nan is not allowed; give a finite number in t",
-    "mass: true": "mass: True is not a number in t",
     "mass: heavy": "mass: 'heavy' is not a number in t, with or without a unit",
     "mass: 1, load_limit: -1": "load_limit: -1 is not allowed; give a value >= 0 (t)",
     "mass: 1, rotation_mass: 0.9": "rotation_mass: 0.9 is not allowed; give a value >= 1",
@@ -315,7 +304,6 @@ WRONG_KEYS = {
     "actuator.dead_time = '150'": (  # 150 ms were meant, 150 s would be read
         "actuator.dead_time: '150' is text without a unit; write the unit too, or give the number of s without"
     ),
-    "inertia_scale = '3.6'": "inertia_scale: '3.6' is text; give the number without quotes",
     "inertia_scale = 0": "inertia_scale: 0 is not allowed; give a value > 0",
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
     "wheel.radius = -0.4": "wheel.radius: -0.4 is not allowed; give a value > 0 (m)",
@@ -324,22 +312,13 @@ WRONG_KEYS = {
     "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
     "actuator.lag = '3 m'": "actuator.lag: '3 m' has the wrong dimension",
     "axles = 4": "axles: only read with rolling_stock; remove it",
-    "vehicle_id = 'x'": "vehicle_id: only read with rolling_stock; remove it",
 }
 WRONG_TOML = {
     **{f"mass = 10\n{line}": told for line, told in WRONG_KEYS.items()},
-    "mass = 0": "mass: 0 is not allowed; give a value > 0 (kg)",
-    "mass = nan": "mass: nan is not allowed; give a finite number in kg",
-    "mass = true": "mass: True is not a number in kg",
-    "mass = [3517]": "mass: a list is not a number in kg",
-    "mass = 'heavy'": "mass: 'heavy' is not a number in kg, with or without a unit",
-    "mass = '65 N*m'": "mass: '65 N*m' has the wrong dimension; it must be convertible to 'kg'",
     "mass = 1e308\nwheel.radius = 1e200\nmass_loaded = 1e-3": "wheel_load: inf is not allowed",
     "name = 'x'": "mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)",
-    "name = 3": "name: 3 is not allowed; give text in quotes",
     "axles = 0": "axles: 0 is not allowed; give a value >= 1",
     "axles = 101": "axles: 101 is not allowed; give a value <= 100",
-    "axles = 4.5": "axles: 4.5 is not allowed; give an integer",
     "axles = true": "axles: True is not allowed; give an integer",
     "mas = 10": "mas: unknown key; did you mean 'mass'? allowed: name, mass, mass_loaded, wheel_load,",
     '"two\\nlines" = 1': "'two\\nlines': unknown key;",
@@ -396,7 +375,7 @@ def test_a_file_that_is_none(tmp_path: Path, suffix: str, monkeypatch: pytest.Mo
 
 
 @given(content=st.binary(max_size=200), suffix=st.sampled_from([".toml", ".yaml"]))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_bytes_are_refused_in_one_line(content: bytes, suffix: str) -> None:
     # 200 random bytes are never a vehicle
     with tempfile.TemporaryDirectory() as folder:
@@ -413,7 +392,7 @@ _KEYS = st.sampled_from(sorted(VehicleKeys.model_fields)) | st.text(max_size=5)
 
 
 @given(st.dictionaries(_KEYS, _ANYTHING, min_size=1, max_size=4))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -> None:
     lines = []
     try:

@@ -1,7 +1,6 @@
 """Results cached from report to report, in the user's cache folder beside the compiled kernels.
 
-A result is cached under a hash of all source of this package, of the versions of what it computes with, and of what it
-was computed for: nothing stale can be found.
+The key is a hash of this package's source, of the versions of what it computes with, and of what a result is for.
 """
 
 from __future__ import annotations
@@ -23,22 +22,24 @@ T = TypeVar("T")
 
 _PACKAGE = Path(__file__).parents[1]
 
-_MOST = 600
-"""Results at most in the folder, some 100 MB: of those beyond, the ones that were longest not asked for go."""
-
+_MOST = 600  # results in the folder, some 100 MB: beyond, those that were longest not asked for go
 _COMPUTES = ("numpy", "scipy", "sympy", "control", "numba")
 
 
 def cached(name: str, compute: Callable[[], T], given: str = "", *, fresh: bool = False) -> T:
-    """The result of `compute` by its `name`, a word, from the cache or computed now and put there.
+    """The result of `compute` by its `name`, a word, from the cache or computed now (always if `fresh`) and put there.
 
-    `compute` is deterministic, of what `given` says and this package's source alone; its result is not None. `fresh`:
-    compute it whatever is cached.
+    `compute` depends on what `given` says and this package's source alone; its result is not None.
     """
     result: T | None = None if fresh else look_up(name, given)
     if result is None:
-        result = compute()
-        _write(_path(name, given), pickle.dumps(result))
+        result, path = compute(), _path(name, given)
+        content = pickle.dumps(result)
+        with suppress(OSError):  # a folder that cannot be written to costs the next report some time, and this one none
+            with staged(path.parent) as new:
+                (new / path.name).write_bytes(hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+            for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
+                old.unlink()
     return result
 
 
@@ -59,16 +60,6 @@ def look_up(name: str, given: str = "") -> Any:
 def _path(name: str, given: str) -> Path:
     key = hashlib.sha256(f"{_of_code()} {given}".encode()).hexdigest()[:24]
     return cache_folder("results") / f"{name}-{key}.pickle"
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write in one step; a folder that cannot be written to costs the next report some time, and this one nothing."""
-    content = hashlib.sha256(content).hexdigest().encode() + b"\n" + content
-    with suppress(OSError):
-        with staged(path.parent) as new:
-            (new / path.name).write_bytes(content)
-        for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST:]:
-            old.unlink()
 
 
 @cache

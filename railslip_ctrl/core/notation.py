@@ -1,8 +1,4 @@
-"""Symbols of the plant in one place: name in formulas and generated code, LaTeX, unit, meaning.
-
-The parameters of an adhesion law are not here: they are the fields of its record (`adhesion`), with their unit
-and meaning there.
-"""
+"""Symbols of the plant: name in formulas and code, LaTeX, unit, meaning. Those of an adhesion law are its fields."""
 
 from __future__ import annotations
 

@@ -26,8 +26,7 @@ def cpu_count() -> int:
 def processes(count: int) -> Iterator[Submit]:
     """Pool of at most `count` processes, each started when there is work for it; yields what submits work.
 
-    Only this process is interrupted; the others end with it, however it ends. Their work is given up when an exception
-    leaves the context.
+    Only this process is interrupted; the others end with it, or when an exception leaves the context.
     """
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import active_children, get_context

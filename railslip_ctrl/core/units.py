@@ -1,8 +1,7 @@
 """Numbers with units: the one place where text becomes SI.
 
-Inside the package every number is SI. At its edges a plain number is in the unit that the option or key states, and
-text may carry its own ("65 N*m/(km/h)"). A number in quotes without a unit is taken on the command line, where all is
-text, and refused in records and files. Pint is imported only for text with a unit.
+A plain number is in the unit that its option or key states; text may carry its own ("65 N*m/(km/h)"). Text without one
+is taken on the command line, and refused in records and files. Pint is imported only for text with a unit.
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ if TYPE_CHECKING:
 KMH = 1.0 / 3.6
 """One kilometre per hour in m/s (exact)."""
 
-# A quantity is short: what is longer is not looked at.
-_LONGEST_QUANTITY = 60
+_LONGEST_QUANTITY = 60  # characters: what is longer is not looked at
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)
 
@@ -61,9 +59,9 @@ def _registry() -> pint.UnitRegistry[Any]:
 def to_unit(value: object, unit: str, *, name: str = "", text_needs_unit: bool = False) -> float:
     """Return `value` as a finite number of `unit`, in Pint's spelling: "kg", "N*m/(m/s)", "1" for a pure number.
 
-    A number is taken to be in `unit` already; text is a number with a unit of the same dimension (names, products,
-    quotients, parentheses and powers of 1 to 4) or, unless `text_needs_unit`, a number alone. InputError, which begins
-    with `name` if given, for what is no finite number, or has another dimension.
+    A number is in `unit` already; text is a number with a unit of the same dimension (names, products, quotients,
+    parentheses, powers of 1 to 4) or, unless `text_needs_unit`, a number alone. InputError, which begins with `name`
+    if given, for what is no finite number or of another dimension.
     """
     try:
         number = _number(value, unit, text_needs_unit=text_needs_unit)

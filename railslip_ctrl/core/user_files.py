@@ -59,7 +59,7 @@ def given_path(value: object, name: str = "path") -> Path:
 def read_text(path: Path, *, where: str = "") -> str:
     """The text of a parameter file: regular, UTF-8 with or without a byte-order mark, at most `LARGEST_FILE` bytes.
 
-    InputError for any other; it begins with `where`, or else the path.
+    InputError, which begins with `where` or else the path, for any other.
     """
     where = where or file_name(path)
     content = _read_bytes(path, where)
@@ -88,10 +88,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(model: type[_M], values: object, where: str) -> _M:
-    """The record that `values`, a mapping of its keys or a record of the class, make.
-
-    InputError of what the record refuses, as `one_line` says it of `where`.
-    """
+    """The record that `values`, a mapping of its keys or a record, make; InputError as `one_line` says it."""
     try:
         # not model_validate, in which a record calls itself by the name of its class
         return model.__pydantic_validator__.validate_python(values)  # type: ignore[no-any-return]
@@ -100,10 +97,9 @@ def validated(model: type[_M], values: object, where: str) -> _M:
 
 
 def one_line(error: ValidationError, where: str, *, model: type[BaseModel] | None = None) -> str:
-    """A pydantic error as one line for the user: `where: key: value is not allowed; remedy`.
+    """A pydantic error as one line for the user: `where: key: value is not allowed; remedy`, and how many more.
 
-    One complaint is told, with the number of further ones. `where` is the file (and, in a file of several things,
-    the thing). With `model`, the record that refused, the line gives the unit of a number and the allowed keys.
+    With `model`, the record that refused, the line gives the unit of a number and the allowed keys.
     """
     complaints = error.errors(include_url=False)
     # a misspelt key is why another is missing
@@ -202,7 +198,7 @@ def _flat(error: object) -> str:
     return " ".join(str(error).split())
 
 
-# --- records from the user's Python files, by the name that the file gives them --------------------------------------
+# --- records from the user's Python files ----------------------------------------------------------------------------
 
 
 def place(file: str, line: int | None) -> str:

@@ -1,8 +1,7 @@
-"""Operating points of constant slip, and the linear plant about them.
+"""Operating points of constant slip, and the linear plant about them, its speed frozen or a state.
 
-Braking at constant slip is not an equilibrium, as v falls all the time. An operating point is (v, lambda, rail,
-law) with the adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
-The plant is linearised there with the speed frozen (v a parameter) or with v as a state.
+Braking at constant slip is not an equilibrium, as v falls all the time. An operating point is (v, lambda, rail, law)
+with the adhesion state at rest and the brake torque at which lambda' = 0, travelling resistance included.
 """
 
 from __future__ import annotations
@@ -32,8 +31,7 @@ OUTPUTS = ("sigma", "lambda", "error")
 # The residual is a difference of accelerations that cancel, relative to their size: a few roundings.
 _LARGEST_RESIDUAL = 1e-12
 
-# A slip this near to a kink cannot be told from it: the kink's own slip is computed, and a slip that comes as
-# decimal text or as sigma/v carries roundings of a few 1e-16; 1e-9 leaves room for both and is no slip anyone holds.
+# A slip this near to a kink cannot be told from it: both carry roundings of a few 1e-16.
 _KINK_TOLERANCE = 1e-9
 
 _SAME_LOAD = 1e-6  # relative: rounding of a load that went through text or a factor
@@ -119,7 +117,7 @@ def operating_point(
     rail: Rail | None = None,
     initial_speed_kmh: float | None = None,
 ) -> OperatingPoint:
-    """The operating point of a law at a speed and a slip: what is at rest there, and the brake torque that keeps it.
+    """The operating point of a law at a speed and a slip: the state at rest and the brake torque that keeps it.
 
     Parameters
     ----------
@@ -139,8 +137,7 @@ def operating_point(
     Returns
     -------
     OperatingPoint
-        The state at rest in numbers: speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the
-        wheel, N*m.
+        Speed, m/s, slip, a ratio, z, m, adhesion force, N, and brake torque at the wheel, N*m.
 
     Raises
     ------
@@ -158,7 +155,12 @@ def operating_point(
         raise DomainError(f"slip: {slip:g} is not allowed; {reason}give 0 <= slip < 1")
     sigma = slip * speed
     law.check_domain(speed, sigma)
-    _check_wheel_load(law, vehicle)
+    load = law.of_wheel_load
+    if load is not None and not math.isclose(load, vehicle.wheel_load, rel_tol=_SAME_LOAD):  # mu would be another
+        raise InputError(
+            f"adhesion {law.name!r}: its forces are for a wheel load of {load:g} N, and the vehicle has "
+            f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
+        )
     if law.has_state and sigma == 0.0:
         reasons = [kink.reason for kink in law.kinks(speed, vehicle.wheel_load) if kink.slip == 0.0]
         reason = reasons[0] if reasons else "its rest state is undefined there"
@@ -178,16 +180,6 @@ def operating_point(
     return OperatingPoint(
         law, vehicle, rail or law.rail, speed, slip, state, force, torque, residual, initial_speed_kmh
     )
-
-
-def _check_wheel_load(law: AdhesionLaw, vehicle: Vehicle) -> None:
-    """Refuse a law whose forces are those of another wheel load: mu would be another."""
-    of = law.of_wheel_load
-    if of is not None and not math.isclose(of, vehicle.wheel_load, rel_tol=_SAME_LOAD):
-        raise InputError(
-            f"adhesion {law.name!r}: its forces are for a wheel load of {of:g} N, and the vehicle has "
-            f"{vehicle.wheel_load:g} N; give published_law(..., wheel_load=vehicle.wheel_load)"
-        )
 
 
 def _residual(functions: NumericPlant, state: tuple[float, float, float, float], p: tuple[float, ...]) -> float:
@@ -237,11 +229,8 @@ class LinearPlant:
 
     @property
     def zeros(self) -> NDArray[np.complex128]:
-        """Zeros of brake torque to sigma, rad/s, rightmost first.
-
-        The torque enters the equation of sigma alone, and sigma is the output: holding it at zero leaves the other
-        states to themselves, so the zeros are the eigenvalues of their block of A.
-        """
+        """Zeros of brake torque to sigma, rad/s, rightmost first: eigenvalues of A without sigma, whose equation
+        alone has the torque."""
         others = [index for index, name in enumerate(self.states) if name != "sigma"]
         return _sorted_roots(self.A[np.ix_(others, others)])
 
@@ -258,16 +247,8 @@ class LinearPlant:
         """The plant as a python-control system with these state, input and output names."""
         import control
 
-        return control.ss(
-            self.A,
-            self.B,
-            self.C,
-            self.D,
-            states=list(self.states),
-            inputs=list(self.inputs),
-            outputs=list(self.outputs),
-            name=f"{self.point.adhesion}_{self.point.rail.value}",
-        )
+        labels = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        return control.ss(self.A, self.B, self.C, self.D, name=f"{self.point.adhesion}_{self.point.rail}", **labels)
 
 
 def _sorted_roots(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -321,7 +302,13 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
     full = jacobian_at(point.sigma)
     if point.slip == 0.0:
         step = _NEXT_TO_ZERO * point.speed
-        _check_derivative_at_zero(full, 2.0 * jacobian_at(step) - jacobian_at(2.0 * step), point)
+        limit = 2.0 * jacobian_at(step) - jacobian_at(2.0 * step)
+        # the two differ where a law is stated with sign(sigma)
+        if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
+            raise KinkError(
+                f"slip: 0 at {point.speed_kmh:g} km/h is a kink of adhesion {law.name!r} as it is stated; linearise at "
+                "a slip > 0"
+            )
     indices = [*([0] if speed_state else []), 1, *([2] if law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
@@ -333,15 +320,6 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
         D=np.zeros((3, 1)),
         states=tuple(STATES[index] for index in indices),
     )
-
-
-def _check_derivative_at_zero(at_zero: NDArray[np.float64], limit: NDArray[np.float64], point: OperatingPoint) -> None:
-    """Refuse slip 0 where the Jacobian differs from its limit there, as of a law stated with sign(sigma)."""
-    if not np.allclose(at_zero, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
-        raise KinkError(
-            f"slip: 0 at {point.speed_kmh:g} km/h is a kink of adhesion {point.law.name!r} as it is stated; "
-            "linearise at a slip > 0"
-        )
 
 
 # --- the nonlinear plant as a python-control system ----------------------------------------------------------------

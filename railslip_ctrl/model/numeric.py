@@ -1,8 +1,8 @@
 """Numeric functions of the plant, generated from its SymPy statement: one text a law, for arrays and for kernels.
 
-`make generate` writes it to `_generated/`, which is committed, so that evaluating numbers needs no SymPy. It carries
-a hash of the sources it came from (`plant.py`, `notation.py`, the law's file); where that does not fit, and for a law
-without one, it is generated in memory instead: an edited plant or a new law works at once, only slower.
+`make generate` writes it to `_generated/`, so that evaluating numbers needs no SymPy. It carries a hash of its sources
+(`plant.py`, `notation.py`, the law's file); where that does not fit, it is generated in memory: an edited plant or a
+new law works at once, only slower.
 
 The functions are those of `plant.ClosedPlant` by name, and take (v, sigma, z, Tb, Td, Tr, p): m/s, m/s, m, N*m three
 times, and the flat tuple of `plant_parameters`; numbers or arrays of one shape. A static law ignores `z`. In a kernel
@@ -73,9 +73,9 @@ def source(law: type[AdhesionLaw]) -> str:
 
 def generate(law: type[AdhesionLaw]) -> str:
     """The text of `numeric_plant`, generated now."""
-    from .generation import module_of  # imports SymPy
+    from .plant import numeric_text  # imports SymPy
 
-    return module_of(law, sources_hash(law))
+    return numeric_text(law, sources_hash(law))
 
 
 def _is_committed(law: type[AdhesionLaw]) -> bool:

@@ -1,8 +1,8 @@
 """The quarter-car plant and its actuator, stated once: [Park2008] (1)-(4) and p. 55, in SymPy.
 
-Everything else about the plant (numeric right-hand sides, Jacobians, trim torque) is derived from the expressions
-here, by the functions here. Symbols are those of `notation`; the adhesion force enters as the symbol Fa until
-`close` puts a law's statement in its place.
+Everything else about the plant (right-hand sides, Jacobians, trim torque) is derived here from these expressions, and
+printed as the text of a law's numeric functions. Symbols are those of `notation`; the adhesion force is the symbol Fa
+until `close` puts a law's statement in its place.
 
 Sign conventions: sigma = v - r omega and Fa are positive in braking. The random adhesion torque Tr is r times a
 random part of the adhesion force, so it enters (3) as +Tr and (4) as -Tr/r.
@@ -12,8 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import sympy as sp
+from sympy.printing.numpy import NumPyPrinter
+from sympy.printing.pycode import PythonCodePrinter
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
@@ -63,7 +66,7 @@ def actuator_lag_rate() -> sp.Expr:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rates in (v, sigma, Fa, Tb, Td, Tr), solved from the statement: m/s^2, rad/s^2, m/s^2, 1/s."""
+    """Rates in (v, sigma, Fa, Tb, Td, Tr): m/s^2, rad/s^2, m/s^2, 1/s."""
 
     v_rate: sp.Expr
     omega_rate: sp.Expr
@@ -94,8 +97,8 @@ def trim_torque() -> sp.Expr:
 def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
     """What each of `numeric.WORKS` takes from the kinetic energy of train and wheel, W.
 
-    d/dt (M v^2/2 + J omega^2/2) with the plant's accelerations put in is linear in Tb, Fa, B, the travelling
-    resistance, Tr and Td; each one's part, with its sign turned, is the power it takes.
+    d/dt (M v^2/2 + J omega^2/2) is linear in Tb, Fa, B, the travelling resistance, Tr and Td; the power that each takes
+    is its part with the sign turned.
     """
     wheel_speed = sp.solve(SLIP_VELOCITY, omega)[0]
     kinetic = sp.expand(M * v * motion().v_rate + J * wheel_speed * motion().omega_rate)
@@ -107,33 +110,15 @@ def powers(force: sp.Expr) -> tuple[sp.Expr, ...]:
 
 @dataclass(frozen=True)
 class ClosedPlant:
-    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters.
+    """The plant with a law's force in it; expressions in `ARGUMENTS`, `VEHICLE_PARAMETERS` and the law's parameters."""
 
-    Attributes
-    ----------
-    force : Expr
-        Adhesion force, N.
-    force_gradient : tuple of Expr
-        Its derivatives with respect to `STATES`.
-    rest_state : Expr
-        z at which z' = 0, m (0 for a static law).
-    rates : tuple of Expr
-        v', sigma', z': m/s^2, m/s^2, m/s.
-    rates_and_powers : tuple of Expr
-        The rates, then the power of each of `numeric.WORKS`, W.
-    jacobian : tuple of tuples of Expr, 3 by 4
-        Derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`.
-    trim_torque : Expr
-        Tb with lambda' = 0, N*m.
-    """
-
-    force: sp.Expr
-    force_gradient: tuple[sp.Expr, ...]
-    rest_state: sp.Expr
-    rates: tuple[sp.Expr, ...]
-    rates_and_powers: tuple[sp.Expr, ...]
-    jacobian: tuple[tuple[sp.Expr, ...], ...]
-    trim_torque: sp.Expr
+    force: sp.Expr  # adhesion force, N
+    force_gradient: tuple[sp.Expr, ...]  # its derivatives with respect to `STATES`
+    rest_state: sp.Expr  # z at which z' = 0, m (0 for a static law)
+    rates: tuple[sp.Expr, ...]  # v', sigma', z': m/s^2, m/s^2, m/s
+    rates_and_powers: tuple[sp.Expr, ...]  # these, then the power of each of `numeric.WORKS`, W
+    jacobian: tuple[tuple[sp.Expr, ...], ...]  # derivatives of `rates` (rows) with respect to `JACOBIAN_COLUMNS`
+    trim_torque: sp.Expr  # Tb with lambda' = 0, N*m
 
 
 def close(law: type[AdhesionLaw]) -> ClosedPlant:
@@ -141,9 +126,7 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
     taken = {*ARGUMENTS, *VEHICLE_PARAMETERS} & set(law.parameter_names())
     if taken:
         raise InputError(f"adhesion {law.name!r}: parameter {min(taken)!r} is the name of a plant symbol; rename it")
-    statement = law.statement()
-    general = motion()
-    zero = sp.Integer(0)
+    statement, general, zero = law.statement(), motion(), sp.Integer(0)
     state_rate = zero if statement.state_rate is None else statement.state_rate
     force = statement.force
     rates = (general.v_rate.subs(Fa, force), general.sigma_rate.subs(Fa, force), state_rate)
@@ -160,5 +143,111 @@ def close(law: type[AdhesionLaw]) -> ClosedPlant:
 
 
 def _derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
-    """The derivative where there is one: a jump's Dirac term is nought beside it, and at it the law has a kink."""
+    """The derivative without the Dirac terms of jumps, at which the law has a kink."""
     return sp.diff(expression, variable).replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+# --- as text -------------------------------------------------------------------------------------------------------
+
+
+def numeric_text(law: type[AdhesionLaw], sources_hash: str) -> str:
+    """Text of the numeric module of a law, with the hash of its sources."""
+    closed, own = close(law), law.statement().functions
+    in_force = {type(function).__name__ for function in closed.force.atoms(sp.Function)}
+    # in a kernel these two read the table
+    readers = {name: "tabulated" if name in in_force else "tabulated_slope" for name in own}
+    imports = [
+        f"from {path.split(':')[0]} import {path.split(':')[1]} as {readers[name]}" for name, path in own.items()
+    ]
+    head = [
+        f'"""Plant with the adhesion law {law.name!r}. Generated by `make generate`: do not edit."""',
+        "# mypy: ignore-errors",
+        *("", "import numpy", "from numpy import where"),
+        *(["", *imports] if imports else []),
+        *("", f'SOURCES_SHA256 = "{sources_hash}"'),
+    ]
+    printer = _NumericPrinter(readers)
+    names = [*VEHICLE_PARAMETERS, *law.argument_names()]
+    functions = [_function_text(name, value, ARGUMENTS, names, printer) for name, value in vars(closed).items()]
+    lag = f"\n\ndef lag_rate(Tb, Tc, T):\n    return {printer.doprint(actuator_lag_rate())}\n"
+    return "\n".join(head) + "\n" + "".join(functions) + lag
+
+
+class _NumericPrinter(NumPyPrinter):  # type: ignore[misc]
+    """SymPy's printer for NumPy, in what Numba compiles for numbers too, and without slow powers and `select`.
+
+    `readers` are the names under which the statement's own functions are called.
+    """
+
+    def __init__(self, readers: dict[str, str]) -> None:
+        super().__init__()
+        self.readers = readers
+
+    _print_Relational = PythonCodePrinter._print_Relational
+
+    def _print_Pow(self, expr: Any, rational: bool = False) -> str:
+        base, exponent = expr.as_base_exp()
+        if not (base.is_Symbol and exponent.is_Integer and exponent not in (-1, 2)):
+            return str(self._hprint_Pow(expr, rational=rational, sqrt="numpy.sqrt"))
+        product = "(" + "*".join([self._print(base)] * abs(int(exponent))) + ")"
+        return product if exponent > 0 else f"(1/{product})"
+
+    def _print_Piecewise(self, expr: Any) -> str:
+        *cases, (last, condition) = expr.args
+        rest = self._print(last) if condition is sp.true else self._print_case(last, condition, "numpy.nan")
+        for value, condition in reversed(cases):
+            rest = self._print_case(value, condition, rest)
+        return rest
+
+    def _print_case(self, value: Any, condition: Any, rest: str) -> str:
+        return f"where({self._print(condition)}, {self._print(value)}, {rest})"
+
+    def _print_And(self, expr: Any) -> str:
+        return f"({' & '.join(map(self._print, expr.args))})"
+
+    def _print_Or(self, expr: Any) -> str:
+        return f"({' | '.join(map(self._print, expr.args))})"
+
+    def _print_Max(self, expr: Any) -> str:
+        return self._folded("numpy.maximum", expr)
+
+    def _print_Min(self, expr: Any) -> str:
+        return self._folded("numpy.minimum", expr)
+
+    def _folded(self, name: str, expr: Any) -> str:
+        *others, printed = map(self._print, expr.args)
+        for other in others:
+            printed = f"{name}({other}, {printed})"
+        return str(printed)
+
+    def _print_Function(self, expr: Any) -> str:
+        reader = self.readers.get(type(expr).__name__)
+        if reader is None:
+            return str(super()._print_Function(expr))
+        return f"{reader}({', '.join(map(self._print, expr.args))}, *nodes)"
+
+
+def _function_text(name: str, value: Any, arguments: tuple[str, ...], parameters: list[str], printer: Any) -> str:
+    # A function of the statement's own letters may not meet a temporary of the same name, hence the underscore.
+    temporaries, flat = sp.cse(_flatten(value), symbols=sp.numbered_symbols("_x"))
+    used = {str(symbol) for each in (*(e for _, e in temporaries), *flat) for symbol in each.free_symbols}
+    # a constant (z' of a static law) is a float, for one type whatever the law
+    printed = iter([f"{each}.0" if each.is_Integer else printer.doprint(each) for each in flat])
+    lines = [
+        f"def {name}({', '.join(arguments)}, p, *nodes):",
+        *(f"    {p} = p[{i}]" for i, p in enumerate(parameters) if p in used),
+        *(f"    {p[1:]} = p[{i}:]" for i, p in enumerate(parameters) if p[0] == "*" and p[1:] in used),
+        *(f"    {target} = {printer.doprint(expression)}" for target, expression in temporaries),
+        f"    return {_nested_text(value, printed)}",
+    ]
+    return "\n\n" + "\n".join(lines) + "\n"
+
+
+def _flatten(value: Any) -> list[Any]:
+    return [item for part in value for item in _flatten(part)] if isinstance(value, tuple) else [value]
+
+
+def _nested_text(value: Any, printed: Any) -> str:
+    if not isinstance(value, tuple):
+        return str(next(printed))
+    return "(" + ", ".join(_nested_text(part, printed) for part in value) + ")"

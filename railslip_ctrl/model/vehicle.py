@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from enum import StrEnum
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, Union, get_args, get_origin
 
@@ -61,15 +61,11 @@ def _type_words(annotation: Any) -> str:
 GRAVITY = 9.80665
 """Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
 
-
 _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
 class Rail(StrEnum):
-    """Rail condition, a member or its name: which adhesion parameters, and which reference slip, hold.
-
-    What a wet rail changes is the law's to say, see `AdhesionLaw.wet`. `Rail.of` turns a name into the member;
-    InputError for another.
+    """Rail condition, a member or its name; what a wet rail changes is the law's to say, see `AdhesionLaw.wet`.
 
     Attributes
     ----------
@@ -84,7 +80,7 @@ class Rail(StrEnum):
 
     @classmethod
     def of(cls, value: str) -> Rail:
-        """The condition of a name, `value`: "dry" or "wet", or a member itself; InputError for anything else."""
+        """The condition named `value`, "dry" or "wet", or a member itself; InputError for anything else."""
         try:
             return cls(value)
         except ValueError:
@@ -114,6 +110,13 @@ class Record(BaseModel):
             super().__init__(**values)
         except ValidationError as error:
             raise InputError(one_line(error, type(self).__name__, model=type(self))) from None
+
+    @classmethod
+    @cache
+    def units(cls) -> dict[str, str]:
+        """Units of the fields that are numbers, by name, in order."""
+        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+        return {name: str(each["unit"]) for name, each in extras.items() if isinstance(each, dict) and "unit" in each}
 
     # As pydantic's own: a record within a record is then checked with it, and errors name the whole way to a key.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -152,11 +155,10 @@ class Record(BaseModel):
     @classmethod
     def _to_si(cls, value: object, info: ValidationInfo) -> object:
         """Convert what was given for a field made by `units.quantity` to that field's unit, a list member by member."""
-        field = cls.model_fields[info.field_name or ""]
-        extra = field.json_schema_extra
-        if isinstance(extra, dict) and "unit" in extra:
-            # pydantic names the field itself
-            convert = partial(to_unit, unit=str(extra["unit"]), text_needs_unit=cls.text_needs_unit)
+        name = info.field_name or ""
+        field, unit = cls.model_fields[name], cls.units().get(name)
+        if unit is not None:  # pydantic names the field itself
+            convert = partial(to_unit, unit=unit, text_needs_unit=cls.text_needs_unit)
             return _each(convert, value) if get_origin(field.annotation) is tuple else convert(value)
         if field.annotation is bool and not isinstance(value, bool):  # pydantic takes 1 and "yes"
             raise InputError(f"{shown(value)} is not allowed; give true or false")
@@ -204,12 +206,11 @@ class PIGains(Record):
 
 
 class Vehicle(Record):
-    """The quarter car: the part of the train carried and braked by one wheelset ([Park2008] Fig. 2).
+    """The quarter car: the part of the train carried and braked by one wheelset ([Park2008] Fig. 2), see `PARK2008`.
 
-    `inertia_scale` multiplies mass, wheel inertia and viscous friction, and nothing else: 1 is SI, 3.6 is the
-    as-published reading (speeds integrated in km/h with forces in N). Use `effective_mass`,
-    `effective_inertia` and `effective_viscous_friction` in equations of motion. `wheel_load` is a quantity of
-    its own: in the published vehicle it does not follow the mass. `PARK2008` is the published one.
+    `inertia_scale` multiplies mass, wheel inertia and viscous friction alone: 1 is SI, 3.6 the as-published reading
+    (speeds integrated in km/h with forces in N). Equations of motion have the `effective_` ones. `wheel_load` does not
+    follow the mass by itself.
 
     Raises
     ------
@@ -259,8 +260,7 @@ class Vehicle(Record):
         return self.model_copy(update={"mass": self.mass_loaded, "wheel_load": self.wheel_load_loaded})
 
     def with_mass(self, mass: float) -> Vehicle:
-        """The vehicle with another `mass` in use, kg, and the wheel load it has: a note says so, unless the two are
-        the empty or the loaded vehicle's own."""
+        """The vehicle with another `mass`, kg, at its wheel load: a note says so unless it has both empty or loaded."""
         changed = self.model_copy(update={"mass": mass, "mass_loaded": max(mass, self.mass_loaded)})
         if any((load.mass, load.wheel_load) == (mass, self.wheel_load) for load in self.loads()):
             return changed
@@ -346,7 +346,7 @@ _SPEED = 100.0 * KMH  # at which travelling resistance is looked at
 
 
 class UsualRange(NamedTuple):
-    """Between which bounds a quantity of vehicles lies."""
+    """The bounds between which a quantity of vehicles lies."""
 
     key: str  # of the vehicle's file
     unit: str
@@ -435,7 +435,7 @@ def doubts(vehicle: Vehicle) -> tuple[str, ...]:
 
 @checked
 def remarks(vehicle: Vehicle) -> tuple[str, ...]:
-    """All that is told of a `vehicle`: what was assumed (`Vehicle.notes`), then `doubts`. InputError as of these."""
+    """What was assumed of a `vehicle` (`Vehicle.notes`), then its `doubts`. InputError as of these."""
     return (*vehicle.notes, *doubts(vehicle))
 
 

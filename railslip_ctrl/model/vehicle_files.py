@@ -11,7 +11,7 @@ from copy import copy
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
@@ -30,27 +30,13 @@ def _optional(record: type[BaseModel], name: str) -> Any:
     return field
 
 
-class WheelKeys(Record):
-    """Table `[wheel]`."""
-
-    radius: float | None = _optional(Wheel, "radius")
-    inertia: float | None = _optional(Wheel, "inertia")
-    viscous_friction: float | None = _optional(Wheel, "viscous_friction")
+def _table(record: type[Record]) -> type[Record]:
+    """The keys of a table of the file, those of `record`, none of them required."""
+    keys: dict[str, Any] = {name: (float | None, _optional(record, name)) for name in record.model_fields}
+    return create_model(f"{record.__name__}Keys", __base__=Record, **keys)
 
 
-class ResistanceKeys(Record):
-    """Table `[resistance]`."""
-
-    constant: float | None = _optional(Resistance, "constant")
-    linear: float | None = _optional(Resistance, "linear")
-    quadratic: float | None = _optional(Resistance, "quadratic")
-
-
-class ActuatorKeys(Record):
-    """Table `[actuator]`."""
-
-    dead_time: float | None = _optional(Actuator, "dead_time")
-    lag: float | None = _optional(Actuator, "lag")
+WheelKeys, ResistanceKeys, ActuatorKeys = _table(Wheel), _table(Resistance), _table(Actuator)
 
 
 class VehicleKeys(Record):
@@ -69,9 +55,9 @@ class VehicleKeys(Record):
     vehicle_id: str | None = None
     axles: int | None = Field(None, ge=1, le=100, strict=True, description="axles of the whole vehicle")
     inertia_scale: float | None = _optional(Vehicle, "inertia_scale")
-    wheel: WheelKeys = WheelKeys()
-    resistance: ResistanceKeys = ResistanceKeys()
-    actuator: ActuatorKeys = ActuatorKeys()
+    wheel: WheelKeys = WheelKeys()  # type: ignore[valid-type]
+    resistance: ResistanceKeys = ResistanceKeys()  # type: ignore[valid-type]
+    actuator: ActuatorKeys = ActuatorKeys()  # type: ignore[valid-type]
     envelope: dict[str, Any] = Field({}, description="what its designs must hold; see `design.envelope`")
 
 
@@ -137,7 +123,7 @@ def _refuse_incomplete(keys: VehicleKeys, where: str) -> None:
 
 
 def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, source: str) -> Vehicle:
-    """Put together what the file gives, what the rolling stock gives and the published rest."""
+    """What the file gives, then what the rolling stock gives, then the published rest."""
     notes: list[str] = []
     mass, mass_loaded = _masses(keys, stock, notes)
     wheel_load = _first(keys.wheel_load, mass * GRAVITY)
@@ -145,7 +131,11 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
     resistance = validated(Resistance, _resistance(keys.resistance, stock, mass, notes), where)
     actuator = validated(Actuator, _or_published("actuator", keys.actuator, PARK2008.actuator, notes), where)
     if stock is not None and stock.rotation_mass is not None:
-        notes.append(_rotation_note(stock.rotation_mass, mass, wheel))
+        implied = (stock.rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
+        notes.append(
+            f"rotation_mass = {stock.rotation_mass:g} is not applied to M, as the wheel's inertia stands by itself; it "
+            f"implies J = {implied:.4g} kg*m^2 per axle, and {wheel.inertia:.4g} kg*m^2 is used."
+        )
     values = {
         "name": " ".join((keys.name or (stock.name if stock else Path(source).stem)).split()),
         "mass": mass,
@@ -165,7 +155,7 @@ def _vehicle(keys: VehicleKeys, stock: RollingStock | None, *, where: str, sourc
 
 
 def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> tuple[float, float]:
-    """Return the quarter car's mass, empty and loaded, kg."""
+    """The quarter car's mass, empty and loaded, kg."""
     if stock is None:
         assert keys.mass is not None  # _refuse_incomplete
         mass, load = keys.mass, None
@@ -182,7 +172,7 @@ def _masses(keys: VehicleKeys, stock: RollingStock | None, notes: list[str]) -> 
     return mass, mass + (load or 0.0)
 
 
-def _resistance(keys: ResistanceKeys, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
+def _resistance(keys: Record, stock: RollingStock | None, mass: float, notes: list[str]) -> dict[str, float]:
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     if stock is None:
         if not given:
@@ -198,26 +188,14 @@ def _resistance(keys: ResistanceKeys, stock: RollingStock | None, mass: float, n
 
 
 def _or_published(table: str, keys: Record, published: Record, notes: list[str]) -> dict[str, float]:
-    """Return the table's values, the published ones for those it lacks, with a note of the latter."""
+    """The table's values, the published ones for those it lacks, with a note of the latter."""
     given: dict[str, float] = keys.model_dump(exclude_none=True)
     values: dict[str, float] = published.model_dump()
-    lacking = [f"{name} = {values[name]:g} {_unit(published, name)}" for name in values if name not in given]
+    units = type(published).units()
+    lacking = [f"{name} = {values[name]:g} {units[name]}" for name in values if name not in given]
     if lacking:
         notes.append(f"Published {table} ([Park2008] Tables 1 and 2, p. 55), as none is given: {', '.join(lacking)}.")
     return {**values, **given}
-
-
-def _unit(record: Record, name: str) -> str:
-    extra = type(record).model_fields[name].json_schema_extra
-    return str(extra["unit"]) if isinstance(extra, dict) else ""
-
-
-def _rotation_note(rotation_mass: float, mass: float, wheel: Wheel) -> str:
-    implied = (rotation_mass - 1.0) * mass * wheel.radius * wheel.radius
-    return (
-        f"rotation_mass = {rotation_mass:g} is not applied to M, as the wheel's inertia stands by itself; it implies "
-        f"J = {implied:.4g} kg*m^2 per axle, and {wheel.inertia:.4g} kg*m^2 is used."
-    )
 
 
 def _first(given: float | None, otherwise: float) -> float:
@@ -230,11 +208,8 @@ def _first(given: float | None, otherwise: float) -> float:
 _DEEPEST = 20
 """Levels of nesting; the schema has four, and libyaml's recursive composer overruns its stack on thousands."""
 
-_REFERENCE_SPEED = 100.0 * KMH
-"""The speed at which the schema's coefficients are the resistance, m/s."""
-
+_REFERENCE_SPEED = 100.0 * KMH  # m/s, at which the schema's coefficients are the resistance
 _MOST_IDS_SHOWN = 10
-
 
 RESISTANCE_COEFFICIENTS = ("base_resistance", "rolling_resistance", "air_resistance")
 """The schema's names of the coefficients of v^0, v^1 and v^2."""
@@ -262,7 +237,7 @@ class RollingStock(Record):
     air_resistance: float | None = quantity("permille", "resistance quadratic in v, of m g", ge=0, default=None)
 
     def resistance(self, mass: float) -> Resistance:
-        """Return the running resistance of `mass` (kg) of the vehicle, in SI; an absent coefficient is 0."""
+        """The running resistance of `mass` (kg) of the vehicle, in SI; an absent coefficient is 0."""
         per_mille = 1e-3 * mass * GRAVITY
         return Resistance(
             constant=per_mille * (self.base_resistance or 0.0),

@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.numeric import peak, plant_parameters
-from railslip_ctrl.model.vehicle import Rail
 
 from .scenario import Event, Scenario, event_place
 
@@ -33,22 +32,12 @@ class ClairvoyantStop:
     braking_distance: float
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """Effective mass, kg, and highest adhesion force, N, over speed, m/s."""
-
-    mass: float
-    speeds: Floats
-    forces: Floats
-
-
 def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     """Bounds of the stop in a scenario without its random force, whose mean is zero.
 
-    The controller knows the rail ahead: it holds the slip of highest adhesion (`numeric.peak`) from when the torque is
-    there, and meets a change of rail without delay. The torque comes after the dead time, through the lag where a
-    largest torque is set (without one any lag can be overcome), and within the rate limit. The wheel's inertia helps
-    nobody: r Fa <= Tb + B omega with the wheel turning at most at v/r.
+    The controller knows the rail ahead and holds the slip of highest adhesion (`numeric.peak`) from when the torque is
+    there: after the dead time, through the lag where a largest torque is set (without one any lag can be overcome),
+    within the rate limit. The wheel's inertia helps nobody: r Fa <= Tb + B omega, omega at most v/r.
 
     InputError for events in time and in distance together, whose order a bound would have to know.
     """
@@ -61,8 +50,8 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     for i in range(len(places) + 1):
         until = places[i] if i < len(places) else math.inf
         begin = places[i - 1] if i else -1.0
-        stage = _stage(scenario, [event for event in scenario.events if event_place(event) <= begin])
-        solution = _brake(scenario, stage, start, state, until, by_distance=by_distance)
+        past = [event for event in scenario.events if event_place(event) <= begin]
+        solution = _brake(scenario, past, start, state, until, by_distance=by_distance)
         start, state = float(solution.t[-1]), solution.y[:, -1]
         if solution.t_events[0].size:
             return ClairvoyantStop(start, float(state[1]))
@@ -71,32 +60,33 @@ def clairvoyant_stop(scenario: Scenario) -> ClairvoyantStop:
     return ClairvoyantStop(math.inf, math.inf)
 
 
-def _stage(scenario: Scenario, past: list[Event]) -> _Stage:
-    """What holds after some events."""
+def _after(scenario: Scenario, past: list[Event]) -> tuple[float, Floats, Floats]:
+    """After some events: effective mass, kg, and highest adhesion force, N, over speed, m/s."""
     mass, rail, factor = scenario.vehicle.mass, scenario.rail, scenario.adhesion_factor
     for event in past:
-        mass = event.mass or mass
-        rail = Rail(event.rail or rail)
-        factor = factor if event.adhesion_factor is None else event.adhesion_factor
+        mass, rail, factor = event.mass or mass, event.rail or rail, event.adhesion_factor or factor
     law, load = scenario.law(rail, factor), scenario.vehicle.wheel_load
     speeds = np.linspace(scenario.final_speed, scenario.initial_speed, _SPEEDS)
     forces = np.array([peak(law, float(v), load).coefficient * load for v in speeds])
-    return _Stage(scenario.vehicle.inertia_scale * mass, speeds, forces)
+    return scenario.vehicle.inertia_scale * mass, speeds, forces
 
 
-def _brake(scenario: Scenario, stage: _Stage, start: float, state: Floats, until: float, *, by_distance: bool) -> Any:
+def _brake(
+    scenario: Scenario, past: list[Event], start: float, state: Floats, until: float, *, by_distance: bool
+) -> Any:
     p = plant_parameters(scenario.adhesion, scenario.vehicle)
     r, resistance = p[3], p[4:7]
     available = _available_torque(scenario)
+    mass, speeds, forces = _after(scenario, past)
 
     def rates(t: float, y: Floats) -> list[float]:
         v = y[0]
         viscous = max(scenario.vehicle.wheel.viscous_friction + scenario.viscous_rate * t, 0.0)
         force = min(
-            float(np.interp(v, stage.speeds, stage.forces)),
+            float(np.interp(v, speeds, forces)),
             (available(t) + scenario.vehicle.inertia_scale * viscous * v / r) / r,
         )
-        return [-(force + resistance[0] + resistance[1] * v + resistance[2] * v * v) / stage.mass, v]
+        return [-(force + resistance[0] + resistance[1] * v + resistance[2] * v * v) / mass, v]
 
     def stopped(t: float, y: Floats) -> float:
         return float(y[0] - scenario.final_speed)

@@ -26,13 +26,10 @@ class Mean:
 
 @dataclass(frozen=True)
 class ControllerRow:
-    """A controller over the seeds of a scenario: of `runs` there were, `stopped` came to the final speed.
+    """A controller over the seeds of a scenario: `outcomes` of all `runs`, means over those that `stopped`.
 
-    `outcomes` counts all; means are over the runs that stopped: `braking_time`, s, `braking_distance`, m,
-    `brake_energy`, J; `slip_error` and `slip_error_published`, the mean of |slip - reference|, the controller's own and
-    [Park2008]'s 0.132/0.092 (NaN where the scenario is not the published one); `max_slip`, the highest slip ratio;
-    `lock_time` with r omega < 0.02 v, s; `rms_torque_rate` and `max_torque` of the acting torque, N*m/s and N*m;
-    `beyond_bound`, the braking distance beyond the clairvoyant's, m.
+    SI, as of `Run`; `lock_time` is that with r omega < 0.02 v, s; `beyond_bound` the braking distance beyond the
+    clairvoyant's, m.
     """
 
     name: str
@@ -85,12 +82,9 @@ def compare_runs(scenario: Scenario, controllers: Mapping[str, Any], seeds: Sequ
         largest torque, it has the actuator's dead time but not its lag, which a large enough command overcomes.
     """
     bound = clairvoyant_stop(scenario)
-    rows = []
+    simulators = {name: Simulator(scenario, controller) for name, controller in controllers.items()}
     with ThreadPoolExecutor() as pool:  # the kernel holds no lock of the interpreter
-        for name, controller in controllers.items():
-            simulator = Simulator(scenario, controller)
-            runs = list(pool.map(simulator.run, seeds))
-            rows.append(_row(name, runs, bound))
+        rows = [_row(name, list(pool.map(one.run, seeds)), bound) for name, one in simulators.items()]
     return RunComparison(scenario, tuple(seeds), bound, tuple(rows))
 
 

@@ -20,7 +20,6 @@ from railslip_ctrl.model.vehicle_files import load_vehicle, vehicle_from_keys
 PUBLISHED_REFERENCE = MappingProxyType({Rail.DRY: 0.132, Rail.WET: 0.092})
 """The one reference line of [Park2008] Fig. 21, by rail."""
 
-
 LEAST_STEP = 1e-5
 """s; a shorter step, or sampling period, fills memory before it gains accuracy."""
 
@@ -29,10 +28,9 @@ LARGEST_STEP = 1.0
 
 
 class Event(Record):
-    """From a time or a distance on: another rail, another share of its adhesion, another mass.
+    """From a time or a distance on: another rail, share of its adhesion, or mass; what is None stays as it is.
 
-    What is None stays as it is. `adhesion_factor` is the whole factor on the rail's adhesion from then on (1: the
-    rail's own), not on top of an earlier one.
+    `adhesion_factor` replaces an earlier one (1: the rail's own adhesion).
     """
 
     time: float | None = quantity("s", "time of the event", ge=0, default=None)
@@ -58,10 +56,9 @@ def event_place(event: Event) -> float:
 
 
 class Disturbances(Record):
-    """Random adhesion force and caliper torque; the published ones are `PUBLISHED_DISTURBANCES`.
+    """Gaussian adhesion force, drawn anew every `random_hold`, and the caliper's torque.
 
-    The random force is Gaussian, drawn anew every `random_hold`. The caliper adds
-    Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb.
+    The latter is Td = fraction Tb exp(-decay t) sin(frequency t) with the acting Tb. See `PUBLISHED_DISTURBANCES`.
     """
 
     random_force: float = quantity("N", "standard deviation of the random adhesion force", ge=0, default=0.0)
@@ -84,10 +81,7 @@ class Measurement(Record):
 
 
 class BrakeLimits(Record):
-    """What the vehicle's actuator cannot do beyond its lag and dead time.
-
-    The lag of the vehicle's actuator fills; `dump_lag` empties (left out: the same).
-    """
+    """What the vehicle's actuator cannot do beyond its dead time and lag; `dump_lag` is that of emptying."""
 
     torque_min: float = quantity("N*m", "least commanded torque", default=0.0)
     torque_max: float | None = quantity("N*m", "largest commanded torque", default=None)
@@ -150,8 +144,8 @@ class Scenario(Record):
         both_kinds = len({event.time is None for event in of_adhesion}) > 1
         if both_kinds and any(event.rail is None or event.adhesion_factor is None for event in of_adhesion):
             raise InputError(
-                "events: adhesion changes in time and in distance, and what holds would hang on which comes first; "
-                "give rail and adhesion_factor in each"
+                "events: adhesion changes both in time and in distance, in an order that is open; give rail and "
+                "adhesion_factor in each"
             )
         return self
 
@@ -185,19 +179,16 @@ class Scenario(Record):
 
     def with_changes(self, **changes: Any) -> Self:
         """The scenario with some fields changed, checked again. InputError as for a new one."""
-        given = self.given() | changes
-        return validated(type(self), {name: value for name, value in given.items() if value is not None}, self.name)
+        given = {name: value for name, value in (self.given() | changes).items() if value is not None}
+        return validated(type(self), given, self.name)
 
     def given(self) -> dict[str, Any]:
-        """The fields that say something, by name: None is what is left out."""
-        return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
+        """The fields that are not None, by name."""
+        return {name: value for name, value in self if value is not None}
 
 
 PUBLISHED_DISTURBANCES = Disturbances(random_force=431.0, random_hold=0.02, caliper_fraction=0.05)
 """[Park2008] p. 55; the hold of 0.02 s is fitted to Table 5."""
-
-_SWITCH_TIME = 25.0  # s, [Park2008] p. 55
-_VISCOUS_RATE = -0.01  # N*m, [Park2008] p. 55: B = 0.25 - 0.01 t
 
 
 @checked
@@ -222,9 +213,8 @@ def in_reading(law: AdhesionLaw, vehicle: Vehicle) -> AdhesionLaw:
 def published_scenario(*, as_published: bool = True, adhesion: str = "curve") -> Scenario:
     """The run of [Park2008] p. 55: the mass rises and the rail turns wet at 25 s, from 100 to 5 km/h.
 
-    `as_published` takes the inertia scale 3.6 under which Table 5 comes out (the stiffness of a dynamic law in N/m is
-    scaled with it, as a change of units demands); without it the run is in SI. `adhesion` names the plant's law;
-    the reading of Table 5 has `curve` in every column.
+    `as_published` takes the inertia scale 3.6 under which Table 5 comes out, with `curve` in every column; without it
+    the run is in SI. `adhesion` names the plant's law.
     """
     scale = AS_PUBLISHED_INERTIA_SCALE if as_published else 1.0
     vehicle = PARK2008.model_copy(update={"inertia_scale": scale})
@@ -233,9 +223,9 @@ def published_scenario(*, as_published: bool = True, adhesion: str = "curve") ->
         vehicle=vehicle,
         adhesion=named_law(adhesion, vehicle),
         initial_speed=INITIAL_SPEED_KMH * KMH,
-        events=(Event(time=_SWITCH_TIME, rail=Rail.WET, mass=PARK2008.mass_loaded),),
+        events=(Event(time=25.0, rail=Rail.WET, mass=PARK2008.mass_loaded),),
         disturbances=PUBLISHED_DISTURBANCES,
-        viscous_rate=_VISCOUS_RATE,
+        viscous_rate=-0.01,  # B = 0.25 - 0.01 t
         published_reference=True,
     )
 
@@ -313,9 +303,7 @@ def built_in_scenario(name: str) -> Scenario:
 
 # --- scenarios from the user's TOML files ----------------------------------------------------------------------------
 
-
 _TABLES = ("disturbances", "measurement", "limits")
-_PUBLISHED_VEHICLE = "park2008"
 _LONGEST_CHAIN = 8  # of scenarios that extend one another; a circle has no end
 
 
@@ -347,11 +335,7 @@ def load_scenario(source: str | Path) -> Scenario:
         One line with the file, the key, the value and what is allowed.
     """
     path = given_path(source, "scenario")
-    if str(source) in BUILT_IN:
-        return built_in_scenario(str(source))
-    if path.suffix.lower() != ".toml":
-        return built_in_scenario(str(source))  # refuses, listing the names
-    return _from_file(path, ())
+    return _from_file(path, ()) if path.suffix.lower() == ".toml" else built_in_scenario(str(source))
 
 
 def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
@@ -359,20 +343,21 @@ def _from_file(path: Path, chain: tuple[Path, ...]) -> Scenario:
     if len(chain) >= _LONGEST_CHAIN:
         raise InputError(f"{where}: extends: {len(chain)} files extend one another; end with a built-in scenario")
     keys = read_toml(path)
-    base = None if "extends" not in keys else _extended(keys, path, chain)
+    base = _extended(keys["extends"], path, chain) if "extends" in keys else None
     content = {} if base is None else base.given()
     own = {name: value for name, value in keys.items() if name not in ("vehicle", "adhesion", *_TABLES)}
     content |= {"name": path.stem, **own}
-    for table in _TABLES:
-        if table in keys:
-            content[table] = _table(keys[table], getattr(base, table, None), f"{where}: {table}")
+    for table in (name for name in _TABLES if name in keys):
+        if not isinstance(keys[table], dict):
+            raise InputError(f"{where}: {table}: {shown(keys[table])} is not allowed; give a table of keys")
+        extended = {} if base is None else getattr(base, table).model_dump(exclude_none=True)
+        content[table] = {**extended, **keys[table]}
     content |= _vehicle_and_law(keys, base, path)
     read = validated(_Keys, content, where)
     return Scenario(**{name: value for name, value in read.given().items() if name in Scenario.model_fields})
 
 
-def _extended(keys: dict[str, Any], path: Path, chain: tuple[Path, ...]) -> Scenario:
-    name = keys["extends"]
+def _extended(name: Any, path: Path, chain: tuple[Path, ...]) -> Scenario:
     if not isinstance(name, str):
         raise InputError(f"{file_name(path)}: extends: {shown(name)} is not allowed; give a scenario's name or file")
     if name in BUILT_IN:
@@ -384,19 +369,12 @@ def _extended(keys: dict[str, Any], path: Path, chain: tuple[Path, ...]) -> Scen
     return _from_file(path.parent / name, (*chain, path))
 
 
-def _table(given: Any, base: Any, where: str) -> Any:
-    """A table over that of the scenario extended."""
-    if not isinstance(given, dict):
-        raise InputError(f"{where}: {shown(given)} is not allowed; give a table of keys")
-    return {**({} if base is None else base.model_dump(exclude_none=True)), **given}
-
-
 def _vehicle_and_law(keys: dict[str, Any], base: Scenario | None, path: Path) -> dict[str, Any]:
     """Vehicle, adhesion law and events that follow from both; what cannot be had is left for the checker to miss."""
     where = file_name(path)
-    vehicle = _vehicle(keys["vehicle"], path) if "vehicle" in keys else None if base is None else base.vehicle
-    if vehicle is None:
+    if "vehicle" not in keys and base is None:
         return {}
+    vehicle = _vehicle(keys["vehicle"], path) if "vehicle" in keys or base is None else base.vehicle
     if "inertia_scale" in keys:
         scale = to_unit(keys["inertia_scale"], "1", name=f"{where}: inertia_scale", text_needs_unit=True)
         vehicle = vehicle.model_copy(update={"inertia_scale": scale})
@@ -422,7 +400,7 @@ def _vehicle(given: Any, path: Path) -> Vehicle:
         return vehicle_from_keys(given, path, where=where)
     if not isinstance(given, str):
         raise InputError(f"{where}: {shown(given)} is not allowed; give a file's name or a table [vehicle]")
-    if given == _PUBLISHED_VEHICLE:
+    if given == "park2008":
         return PARK2008
     try:
         return load_vehicle(path.parent / given)

@@ -288,7 +288,7 @@ def _rules(law: type[AdhesionLaw]) -> dict[str, tuple[str, ...]]:
 
 def _meanings(law: type[AdhesionLaw]) -> dict[str, str]:
     """Meaning and unit of a law's fields."""
-    return {PREFIX + name: f"{law.model_fields[name].description}, {unit}" for name, unit in law._units().items()}
+    return {PREFIX + name: f"{law.model_fields[name].description}, {unit}" for name, unit in law.units().items()}
 
 
 def _backward_euler(state: sp.Symbol, rate: sp.Expr) -> sp.Expr:

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "563119e67001926583c75497ed968a0a169f0bad5cbf0d1fb83a8e6259583ad7"
+SOURCES_SHA256 = "fa0a0afe8feacd3157bda326205e22998722eb71daa20542542bb7be58c370b0"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "c4b8b6a234131b8431d82e22cd97bacc25ea7f21030e235a125d76ed05b63174"
+SOURCES_SHA256 = "346b855138868f4d07d8be175b5c5d856ca44842fef64d7122d69b687d7872a1"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "414b840d54bfe9c57df16757101ebe7387fdbd0e39ea33e82e5caf0ca0057115"
+SOURCES_SHA256 = "da56d5eace79080eed503c5de390ac8d79ea4f1d806f8483e5f785748bd23970"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

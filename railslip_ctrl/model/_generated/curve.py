@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "d0359d915c812ab269a38537bb1fe2028a9ba1e781b7409950d5533c5ae61b78"
+SOURCES_SHA256 = "c70763b3fca58c872ad9320cfb37a73b0bdd2ed803912fd6a788a3f1b5998338"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

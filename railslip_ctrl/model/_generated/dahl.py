@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "6e5d990b16fe46005adffeb3055dda342ae527ee38add8b04cec0d916efb496d"
+SOURCES_SHA256 = "46ff70c7f806227b5b9870ac21ae14288c3602322958f8715b46c036a8f3624a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

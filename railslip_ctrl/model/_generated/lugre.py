@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "2b4bcf54ea9285aaf7da4e9d0e91562e7cffcdd6110df67cb85c73c224636717"
+SOURCES_SHA256 = "46ff70c7f806227b5b9870ac21ae14288c3602322958f8715b46c036a8f3624a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

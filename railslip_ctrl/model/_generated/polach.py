@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "0eff442a7d5ab79a2637493c6b272cf0b7987b6a6a4724c0500f2c0aa1d4762b"
+SOURCES_SHA256 = "08970999b65fa5f42be9094ea719b6d1b90d9241d57131a4604ce041177fb02a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "d73e3e87ddd90877cbb606e01e1e1f5e760ba5e88340d96c8a9caf596e12fb45"
+SOURCES_SHA256 = "86d508ff2ec3f0c20a96eef4ea32305e893b7bf0902ac816e5b6aadda58070a3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

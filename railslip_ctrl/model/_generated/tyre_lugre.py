@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "66a1652c33105d13f77f74117d391bda275e3b6ad0a7fc6f100c08eea45d1bc7"
+SOURCES_SHA256 = "46ff70c7f806227b5b9870ac21ae14288c3602322958f8715b46c036a8f3624a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

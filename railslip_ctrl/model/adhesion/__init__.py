@@ -1,7 +1,6 @@
-"""Adhesion laws, one a module: parameters, domain, dry and wet, and the equations in SymPy.
+"""Adhesion laws: parameters, domain, dry and wet, and the equations in SymPy; published sets and the user's own files.
 
-To add a law, add a module with a subclass of `AdhesionLaw`; it is found by itself. Here are the laws by name: published
-ones, and the user's own from TOML and Python files.
+A law is a subclass of `AdhesionLaw` in a module here, and is found by itself.
 """
 
 from __future__ import annotations
@@ -66,13 +65,7 @@ def law_names() -> tuple[str, ...]:
 
 @checked
 def law_class(name: str) -> type[AdhesionLaw]:
-    """The law of a name, hyphen or underscore ("tyre-lugre" is "tyre_lugre").
-
-    Raises
-    ------
-    InputError
-        No law of that `name`; lists the names.
-    """
+    """The law of a `name`, hyphen or underscore ("tyre-lugre" is "tyre_lugre"); InputError for none."""
     laws = law_classes()
     key = name.strip().lower().replace("-", "_")
     if key not in laws:
@@ -224,30 +217,20 @@ def load_law(path: str | Path, *, initial_speed_kmh: float | None = None) -> Adh
 
 @checked
 def wheel_load_in(path: str | Path) -> float | None:
-    """The wheel load, N, at which the law in the file at a path was found; None where the file has none.
-
-    Forces of bristles, and a beam's stiffness, are those of that load and do not scale with another.
-    InputError as `load_law`.
-    """
+    """The wheel load, N, at which the law in the file at a path was found, None where it says none; see `load_law`."""
     return _keys(given_path(path)).wheel_load
 
 
 @checked
 def initial_speeds_in(path: str | Path) -> tuple[float, float] | None:
-    """The lowest and the highest v0, km/h, for which the law in the file at a path was found; None where it says none.
-
-    InputError as `load_law`.
-    """
+    """Lowest and highest v0, km/h, for which the law in the file at a path was found, or None; see `load_law`."""
     limits = _keys(given_path(path)).initial_speed_range
     return (limits[0], limits[1]) if limits else None
 
 
 @checked
 def is_over_initial_speed(path: str | Path) -> bool:
-    """Whether the law in the file at a path changes with v0: by polynomials, or in its reference slips.
-
-    InputError as `load_law`.
-    """
+    """Whether the law in the file at a path changes with v0: by polynomials, or in its reference slips."""
     keys = _keys(given_path(path))
     return bool(keys.polynomials) or "initial_speed" in keys.reference_slip
 
@@ -282,27 +265,17 @@ def _speed_in_range(keys: LawFile, where: str, speed: float | None) -> float:
     return speed
 
 
-# --- adhesion laws from the user's Python files: the record that the file names `LAW`, of a class of its own or ours -
-
-
-NAME = "LAW"
-"""Name of the law in the file."""
-
-
 @checked
 def law_in(path: str | Path) -> AdhesionLaw:
-    """Run the Python file at a path and take its law, with its parameters and reference slips.
+    """Run the Python file at a path and take what it names `LAW`, a law with its parameters and reference slips.
 
-    Raises
-    ------
-    InputError
-        One line: the file cannot be read or run, or its `LAW` is no record of an `AdhesionLaw`.
+    InputError where it cannot be read or run, or that is no record of an `AdhesionLaw`.
     """
     path = given_path(path)
-    law = record_in(path, NAME, ("statement", "parameters"))
+    law = record_in(path, "LAW", ("statement", "parameters"))
     if not isinstance(law, AdhesionLaw):
         raise InputError(
-            f"{file_name(path)}: {NAME} is no adhesion law with its parameters; name a record of a subclass of "
-            f"AdhesionLaw so, {NAME} = MyLaw(...)"
+            f"{file_name(path)}: LAW is no adhesion law with its parameters; name a record of a subclass of "
+            "AdhesionLaw so, LAW = MyLaw(...)"
         )
     return law.model_copy(update={"file": file_name(path)})

@@ -74,13 +74,11 @@ class Statement:
 
 
 class AdhesionLaw(Record):
-    """Base of the adhesion laws.
+    """Base of the adhesion laws: a subclass in a module of this package is found by itself.
 
-    A law is one module of this package with one subclass; nothing else has to name it. Its fields made by
-    `units.quantity` are its parameters, SI, in the order in which numeric functions take them.
-
-    Sign convention: sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma|
-    where the source's form would diverge for sigma < 0.
+    Its fields made by `units.quantity` are its parameters, SI, in the order in which numeric functions take them.
+    sigma > 0 and Fa > 0 in braking. Static laws are odd in sigma; dynamic ones use |sigma| where the source's form
+    would diverge for sigma < 0.
     """
 
     name: ClassVar[str]
@@ -93,13 +91,8 @@ class AdhesionLaw(Record):
     """Published parameters on dry and on wet rail, for any v0, where they are two sets and not one scaled."""
 
     rail: Rail = Field(Rail.DRY, description="condition the parameters are for")
-    reference: ReferenceSlip | None = Field(
-        None, description="slip ratios to be held, where the source or the user gives them"
-    )
-    file: str | None = Field(
-        None, exclude=True, repr=False, description="name of the file it is from, where it is from one"
-    )
-
+    reference: ReferenceSlip | None = Field(None, description="slip ratios to be held, where they are given")
+    file: str | None = Field(None, exclude=True, repr=False, description="name of the file it is from, if any")
     of_wheel_load: float | None = Field(
         None, exclude=True, repr=False, description="wheel load, N, that its forces are for, where that is known"
     )
@@ -142,18 +135,12 @@ class AdhesionLaw(Record):
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
         """The law's parameters, in order."""
-        return tuple(cls._units())
-
-    @classmethod
-    def _units(cls) -> dict[str, str]:
-        """Units of the fields that are single numbers, by name, in order."""
-        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
-        return {name: str(each["unit"]) for name, each in extras.items() if isinstance(each, dict) and "unit" in each}
+        return tuple(cls.units())
 
     @classmethod
     def has_forces(cls) -> bool:
         """Whether a parameter is, or has in it, a force or a pressure: then mu at another wheel load is another."""
-        return any(re.search(r"\b(N|Pa)\b", unit) for unit in cls._units().values())
+        return any(re.search(r"\b(N|Pa)\b", unit) for unit in cls.units().values())
 
     @classmethod
     def argument_names(cls) -> tuple[str, ...]:
@@ -174,7 +161,7 @@ class AdhesionLaw(Record):
 
     def numbers(self) -> dict[str, tuple[Any, str]]:
         """Value, SI, and unit of each parameter by name, in order; a column of a table is a tuple of pure numbers."""
-        return {name: (getattr(self, name), self._units().get(name, "1")) for name in self.parameter_names()}
+        return {name: (getattr(self, name), self.units().get(name, "1")) for name in self.parameter_names()}
 
     def parameters(self) -> tuple[float, ...]:
         """The parameters' values, SI, in order."""
@@ -211,13 +198,12 @@ class AdhesionLaw(Record):
         return self.wet() if rail is Rail.WET else self
 
     def at_wheel_load(self, factor: float) -> Self:
-        """The law at `factor` (> 0) times the wheel load with mu as it was: what is a force grows with the load.
+        """The law at `factor` (> 0) times the wheel load with mu as it was: forces grow, stresses and lengths stay.
 
-        This project's assumption for a law known at one wheel load only; the published sets follow it. Stresses and
-        lengths of a contact stay. InputError for a factor that is not positive and finite.
+        This project's assumption for a law known at one wheel load. InputError for a factor not positive and finite.
         """
         number("factor of the wheel load", factor, gt=0)
-        forces = {name: -1 if "/N" in unit else 1 for name, unit in self._units().items() if re.search(r"\bN\b", unit)}
+        forces = {name: -1 if "/N" in unit else 1 for name, unit in self.units().items() if re.search(r"\bN\b", unit)}
         update: dict[str, Any] = {name: getattr(self, name) * factor**power for name, power in forces.items()}
         if self.of_wheel_load is not None:
             update["of_wheel_load"] = factor * self.of_wheel_load

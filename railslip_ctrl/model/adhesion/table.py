@@ -25,7 +25,7 @@ WET_FACTOR = 0.5
 """As of the other laws, the adhesion on wet rail is half of that on dry rail."""
 
 
-class Table(AdhesionLaw):
+class LookupTable(AdhesionLaw):
     """Fa = N mu(lambda), mu by monotone cubic interpolation (PCHIP) of a table, odd in lambda.
 
     `slip` rises strictly within 0 to 1; a first knot beyond 0 is preceded by (0, 0). `mu` is not negative. Between
@@ -145,7 +145,7 @@ def _table_force() -> Any:
 
 
 def table_force(slip: ArrayLike, wheel_load: float, table: Iterable[float]) -> NDArray[np.float64] | np.float64:
-    """F, N, at slip ratios of any shape, for a table as `Table.parameters` gives it; NaN beyond its last knot."""
+    """F, N, at slip ratios of any shape, for a table as `LookupTable.parameters` gives it; NaN beyond its last knot."""
     ratio = np.asarray(slip, dtype=float)
     value, _ = _interpolants(tuple(table))
     return np.asarray(wheel_load * np.sign(ratio) * value(np.abs(ratio)), dtype=float)[()]

@@ -1,7 +1,7 @@
-"""A campaign run: on the cpu_count of one machine, or on a Dask cluster; and one of its runs again, with its signals.
+"""Runs a campaign, in processes of this machine or on a Dask cluster, and repeats one of its runs with its signals.
 
-Its folder has a manifest that says what it is, and one Parquet file for each finished part. A file that is there is
-whole. The parts of a campaign are fixed when it begins; which of them are there is all that a resumed campaign needs.
+Its folder has a manifest and a Parquet file for each finished part, always whole. The parts are fixed when a campaign
+begins; which of them are there is all that resuming needs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -47,14 +47,14 @@ _AHEAD = 3  # parts in the queue for each worker: none waits, and memory does no
 _REACH = 5.0  # s; a scheduler that does not answer by then is not there
 
 
-# --- what is kept of a run ------------------------------------------------------------------------------------------
+# --- the row of a run -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number kept of every run; one `of_stop` is unknown of a run that did not stop.
+    """A column of every run; one `of_stop` is null where the run did not stop.
 
-    People are shown `scale` times the number, in `shown_unit` ("": as it is).
+    Reports show `scale` times the number, in `shown_unit` ("": as it is).
     """
 
     name: str
@@ -81,7 +81,7 @@ MEASURES = (
     Measure("max_torque_nm", "highest torque", "N*m", lambda run: run.max_torque),
     Measure("rms_torque_rate", "rms torque rate", "N*m/s", lambda run: run.rms_torque_rate),
 )
-"""What statistics are made of."""
+"""Columns with statistics."""
 
 OTHERS = (
     Measure("ended_at_s", "time at the end, stop or not", "s", lambda run: run.braking_time),
@@ -98,7 +98,7 @@ OTHERS = (
     Measure("max_torque_rate", "highest torque rate", "N*m/s", lambda run: run.max_torque_rate),
     Measure("energy_error", "what the energy balance lacks", "1", lambda run: run.energies.error),
 )
-"""What is kept beside them."""
+"""Columns without statistics."""
 
 COLUMNS = MEASURES + OTHERS
 
@@ -111,25 +111,20 @@ def measured(name: str) -> Measure:
 def row(number: int, values: dict[str, float], controller: str, run: Run | None) -> dict[str, Any]:
     """The row of a run, with None where it has no such number; without a run, of one that was refused."""
     outcome = REFUSED if run is None else run.outcome.value
-    kept = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
-    return {"run": number, "controller": controller, **values, "outcome": outcome, **kept}
+    measures = {measure.name: None if run is None else measure.of(run) for measure in COLUMNS}
+    return {"run": number, "controller": controller, **values, "outcome": outcome, **measures}
 
 
 def run_rows(campaign: Campaign, i: int) -> Rows:
     """The rows of run number i, one a controller."""
-    try:
+    values, ready = campaign.values(i), dict[str, Simulator]()
+    with suppress(InputError):
         case = campaign.case(i)
-    except InputError:
-        return [row(i, campaign.values(i), name, None) for name in campaign.controller_names]
-    rows = []
-    for controller in case.controllers:
-        try:
-            simulator = Simulator(case.scenario, controller)
-        except InputError:
-            rows.append(row(i, case.values, controller.name, None))
-            continue
-        rows.append(row(i, case.values, controller.name, simulator.run(case.seed)))
-    return rows
+        for controller in case.controllers:
+            with suppress(InputError):
+                ready[controller.name] = Simulator(case.scenario, controller)
+    runs = {name: simulator.run(case.seed) for name, simulator in ready.items()}
+    return [row(i, values, name, runs.get(name)) for name in campaign.controller_names]
 
 
 class Part(NamedTuple):
@@ -197,7 +192,7 @@ class Store:
 
     @contextmanager
     def claimed(self) -> Iterator[Store]:
-        """The store to write into, begun if it is not there; nobody else can claim it meanwhile.
+        """The store, begun if it is not there, for this process alone to write into.
 
         InputError where another process has it or the folder cannot be written to.
         """
@@ -291,9 +286,9 @@ class Store:
             return pa.field(name, pa.float64(), metadata={"unit": unit, "title": title})
 
         sampled = [number(name, unit, "sampled") for name, unit in self.campaign.quantity_units.items()]
-        kept = [number(measure.name, measure.unit, measure.title) for measure in COLUMNS]
-        texts = {name: pa.field(name, pa.string()) for name in ("controller", "outcome")}
-        return pa.schema([pa.field("run", pa.int64()), texts["controller"], *sampled, texts["outcome"], *kept])
+        measures = [number(measure.name, measure.unit, measure.title) for measure in COLUMNS]
+        controller, outcome = (pa.field(name, pa.string()) for name in ("controller", "outcome"))
+        return pa.schema([pa.field("run", pa.int64()), controller, *sampled, outcome, *measures])
 
 
 def _foreign(folder: Path) -> bool:
@@ -317,18 +312,18 @@ def execute(
     part_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Store:
-    """Run what of a `campaign` is not in its `folder` yet; the folder is made, or resumed where it holds the same one.
+    """Run what of a `campaign` is not in its `folder` yet, which is made or resumed, and return its store, complete.
 
-    Returns the store, complete. Its rows depend on none of the options:
+    The rows depend on none of the options:
 
     - `workers`: number of processes; left out, one for each core; 1 runs in this process.
-    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run the campaign in their place; they
-      need this package in the same version, and no common file system.
+    - `scheduler`: address of a Dask scheduler (``tcp://host:8786``) whose workers run it instead; they need this
+      package in the same version, and no common file system.
     - `part_runs`: number of runs from one checkpoint to the next; left out, by the number of runs.
     - `progress`: told the number of runs that are done, first of those that were already there.
 
-    InputError where the folder holds something else, is being written to or cannot be; where a worker died; where the
-    cluster cannot be reached or has another version.
+    InputError where the folder holds something else, is being written to or cannot be, a worker died, or the cluster
+    cannot be reached or has another version.
     """
     check_extra("campaign", "campaign")
     if workers is not None and scheduler is not None:
@@ -344,7 +339,8 @@ def execute(
     # a cluster that is not there is found out before anything is written
     with _workers(campaign, count, scheduler) as (submit, ahead), store.claimed() as store:
         tell(sum(part.stop - part.start for part in store.finished()))
-        _warm_up(campaign)  # while the workers start
+        for controller in campaign.controllers:  # while the workers start: each kernel is compiled once
+            Simulator(campaign.scenario, controller).run()
         waiting: dict[Future[Rows], Part] = {}
         parts = (part for part in store.parts() if not store.path(part).is_file())
         while True:
@@ -356,12 +352,6 @@ def execute(
                 part = waiting.pop(future)
                 store.write(part, future.result())
                 tell(part.stop - part.start)
-
-
-def _warm_up(campaign: Campaign) -> None:
-    """Compile every controller's kernel, once and not in every worker. InputError for a controller that fails."""
-    for controller in campaign.controllers:
-        Simulator(campaign.scenario, controller).run()
 
 
 # --- where parts are run --------------------------------------------------------------------------------------------
@@ -457,16 +447,15 @@ class Replay:
 def replay(campaign: Campaign, i: int, folder: Path | None = None, *, record_every: int = 1) -> Replay:
     """Run number `i` (from 0) of a `campaign` again, with its time series, a row every `record_every` samples.
 
-    The numbers are compared with those stored in the campaign's `folder`, if it has that run. InputError for a number
-    out of range, values that were refused, or a stored row that is not reproduced (another processor or another NumPy
-    may round differently).
+    InputError for a number out of range, values that were refused, or numbers other than those stored in the
+    campaign's `folder`, if it has that run (another processor or NumPy may round differently).
     """
     case = campaign.case(i)
     runs = {c.name: Simulator(case.scenario, c).run(case.seed, record_every=record_every) for c in case.controllers}
     stored = {} if folder is None else Store.open(campaign, folder).row(i)
-    for name, kept in stored.items():
+    for name, before in stored.items():
         again = row(i, case.values, name, runs[name])
-        for column, value in kept.items():
+        for column, value in before.items():
             if again[column] != value:
                 raise InputError(
                     f"run {i}, {name}: {column} is {again[column]!r} and {value!r} is stored; replay it where the "

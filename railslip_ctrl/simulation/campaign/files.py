@@ -1,7 +1,4 @@
-"""A campaign from the user's TOML file; the README explains its keys by an example.
-
-Numbers are in SI, or strings with a unit, which is converted to that of the number at the quantity's path.
-"""
+"""A campaign from the user's TOML file: numbers in SI, or strings with a unit, in that of the quantity's path."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ _WITHOUT_UNIT = ("spread", "weights")
 _LISTS = ("values", "weights")
 
 
-class ControllerKeys(Record):
+class ControllerTable(Record):
     """Table `[[controller]]`: one that comes with the package, or a file; `name` tells two of a kind apart."""
 
     controller: str
@@ -76,17 +73,14 @@ class CampaignKeys(BaseModel):
     runs: int = Field(strict=True, ge=1, le=MOST_RUNS, description="number of runs")
     seed: int = Field(0, strict=True, ge=0, le=LARGEST_SEED)
     sampling: Sampling = Sampling.RANDOM
-    controller: list[ControllerKeys] = Field([], description="one table for each controller")
+    controller: list[ControllerTable] = Field([], description="one table for each controller")
     quantity: list[QuantityKeys] = []
 
 
 def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campaign:
     """The campaign a file describes; `controllers`, names or files, in place of its own.
 
-    Raises
-    ------
-    InputError
-        One line with the file, the key, the value and what is allowed.
+    InputError: one line with the file, the key, the value and what is allowed.
     """
     path = given_path(path)
     where = file_name(path)
@@ -94,7 +88,7 @@ def load_campaign(path: str | Path, *, controllers: Sequence[str] = ()) -> Campa
     named = path.parent / keys.scenario if keys.scenario.lower().endswith(".toml") else keys.scenario
     scenario = _located(f"{where}: scenario", lambda: load_scenario(named))
     if controllers:
-        tables = [("--controller", ControllerKeys(controller=text), Path()) for text in controllers]
+        tables = [("--controller", ControllerTable(controller=text), Path()) for text in controllers]
     else:
         tables = [(f"{where}: controller {i}", table, path.parent) for i, table in enumerate(keys.controller)]
     made = tuple(_located(place, partial(_controller, table, scenario, beside)) for place, table, beside in tables)
@@ -114,7 +108,7 @@ def _located(where: str, make: Callable[[], T]) -> T:
         raise InputError(f"{where}: {str(error).removeprefix(f'{table}: ')}") from None
 
 
-def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Controller:
+def _controller(keys: ControllerTable, scenario: Scenario, beside: Path) -> Controller:
     if (keys.kp is None) != (keys.ki is None):
         raise InputError("kp and ki: give both, or neither")
     gains = None if keys.kp is None or keys.ki is None else PIGains(kp=keys.kp, ki=keys.ki)
@@ -137,7 +131,7 @@ def _controller(keys: ControllerKeys, scenario: Scenario, beside: Path) -> Contr
     return found if keys.name is None else replace(found, name=keys.name)  # type: ignore[type-var]
 
 
-def _reference(keys: ControllerKeys, scenario: Scenario) -> ReferenceSlip:
+def _reference(keys: ControllerTable, scenario: Scenario) -> ReferenceSlip:
     if keys.slip is not None:
         return ReferenceSlip(dry=keys.slip, wet=keys.slip)
     if keys.gains is not None:

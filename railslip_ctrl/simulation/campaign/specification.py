@@ -1,7 +1,4 @@
-"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed.
-
-Every sampled value is a function of the campaign and the run's number alone: nothing is drawn from a shared stream.
-"""
+"""What a campaign is: a scenario, controllers, quantities with distributions, a number of runs and a seed."""
 
 from __future__ import annotations
 
@@ -20,6 +17,7 @@ from pydantic import BaseModel
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.user_files import close_match, validated
+from railslip_ctrl.model.vehicle import Record
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.simulation.scenario import Scenario
 from railslip_ctrl.simulation.step_objects import UserStep, as_control
@@ -198,10 +196,7 @@ class _Listed(Distribution):
 
 @dataclass(frozen=True)
 class Choice(_Listed):
-    """One of some `values`, SI, equally likely or by `weights`, factors > 0.
-
-    InputError for no value, or weights that do not fit.
-    """
+    """One of some `values`, SI, equally likely or by `weights`, factors > 0. InputError for weights that do not fit."""
 
     weights: tuple[float, ...] | None = None
 
@@ -222,10 +217,7 @@ class Choice(_Listed):
 
 @dataclass(frozen=True)
 class Grid(_Listed):
-    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids.
-
-    InputError for none, or one that is not finite.
-    """
+    """Every one of the `values` (SI) in turn, combined with every value of the campaign's other grids."""
 
 
 DISTRIBUTIONS: dict[str, Any] = {
@@ -293,9 +285,8 @@ def _members(record: Any) -> dict[str, Any]:
 def numbers(record: Any, prefix: str = "") -> dict[str, Place]:
     """Every number in a record, its records and its tuples, by path; those that are left out but could be given too."""
     units: dict[str, str] = {}  # of members that are, or may be, a number
-    if isinstance(record, BaseModel):
-        extras = {name: info.json_schema_extra for name, info in type(record).model_fields.items()}
-        units = {name: str(e["unit"]) for name, e in extras.items() if isinstance(e, dict) and "unit" in e}
+    if isinstance(record, Record):
+        units = record.units()
     elif is_dataclass(record):
         units = {one.name: "" for one in fields(record) if str(one.type) in ("float", "float | None")}
     found: dict[str, Place] = {}
@@ -371,7 +362,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Case:
+class SampledRun:
     """One run: the sampled values, by name, the scenario and the controllers that have them, and its seed."""
 
     values: dict[str, float]
@@ -385,12 +376,11 @@ class Campaign:
     """Many runs. Run number i (from 0) is a function of the campaign and i: of no other run, machine or order.
 
     Each run gives every controller the same sampled vehicle, rail and noise. `quantities` change the `scenario` and the
-    `controllers`, one or more of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says
-    how they are drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` a number from 0 to 2^63 - 1.
+    `controllers`, of different names, whatever `simulation.step_objects.as_control` takes; `sampling` says how they are
+    drawn together. `runs` is a number from 1 to `MOST_RUNS`, `seed` from 0 to 2^63 - 1.
 
     InputError for no controller or two of one name, a path that is not there or is named twice, a number of runs or a
-    seed out of range, a number of runs that does not fit the grid or the Sobol sequence, a distribution whose ends the
-    scenario or controller refuses.
+    seed out of range, runs that do not fit the grid or the Sobol sequence, ends that a record refuses.
     """
 
     scenario: Scenario
@@ -412,6 +402,8 @@ class Campaign:
             raise InputError(f"runs: {self.runs} is not allowed; give an integer from 1 to {MOST_RUNS}")
         if not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"seed: {self.seed} is not allowed; give an integer from 0 to 2^63 - 1")
+        for path in (path for quantity in self.quantities for path in quantity.paths):
+            self.place(path)
         self._check_points()
         self._check_ends()
 
@@ -440,12 +432,13 @@ class Campaign:
         if path not in self._places:
             near = close_match(path, self._places) or f"scenario: {', '.join(self._places)[:_LISTED]} ... "
             raise InputError(f"quantity: {path!r} is no number of the scenario or of a controller; {near.rstrip()}")
-        return self._places[path]
+        owner, own = self._places[path][0]
+        return self._numbers[owner][own]
 
-    def case(self, i: int) -> Case:
+    def case(self, i: int) -> SampledRun:
         """Run number i made ready. InputError for a number out of range or values that a record refuses."""
-        values = self.values(i)
-        return Case(values, *self._with_values(values.values()), np.random.SeedSequence(self.seed, spawn_key=(i,)))
+        values, seed = self.values(i), np.random.SeedSequence(self.seed, spawn_key=(i,))
+        return SampledRun(values, *self._with_values(values.values()), seed)
 
     def values(self, i: int) -> dict[str, float]:
         """The sampled values of run number i alone, by name; InputError for a number out of range.
@@ -480,21 +473,24 @@ class Campaign:
         return tuple(map(numbers, (self.scenario, *self.controllers)))
 
     @cached_property
-    def _places(self) -> dict[str, Place]:
-        """Every path that may be named; the scenario's win over the controllers'."""
-        found: dict[str, Place] = {}
-        for name, own in zip(self.controller_names, self._numbers[1:], strict=True):
-            found |= own | {f"{name}.{path}": place for path, place in own.items()}
-        return found | self._numbers[0]
+    def _places(self) -> dict[str, list[tuple[int, str]]]:
+        """Of every path that may be named: places in `_numbers`, and paths there. The scenario's win."""
+        found: dict[str, list[tuple[int, str]]] = {}
+        for k, own in enumerate(self._numbers[1:], 1):
+            for path in own:
+                found.setdefault(path, []).append((k, path))
+        for k, (name, own) in enumerate(zip(self.controller_names, self._numbers[1:], strict=True), 1):
+            found |= {f"{name}.{path}": [(k, path)] for path in own}
+        return found | {path: [(0, path)] for path in self._numbers[0]}
 
     @cached_property
     def _targets(self) -> list[list[tuple[int, str, float]]]:
-        """Of each quantity: places in `_numbers`, paths there, and what its value is multiplied with."""
+        """Of each quantity: as of `_places`, and what its value is multiplied with."""
         taken: set[tuple[int, str]] = set()
         found: list[list[tuple[int, str, float]]] = []
         for quantity in self.quantities:
             found.append([])
-            for owner, path in (target for given in quantity.paths for target in self._owners(given)):
+            for owner, path in (target for given in quantity.paths for target in self._places[given]):
                 if (owner, path) in taken:
                     raise InputError(f"quantity: {path!r} is given twice; leave one out")
                 scale = self._numbers[owner][path].value if quantity.relative else 1.0
@@ -505,16 +501,6 @@ class Campaign:
                 taken.add((owner, path))
                 found[-1].append((owner, path, scale))
         return found
-
-    def _owners(self, path: str) -> list[tuple[int, str]]:
-        self.place(path)
-        if path in self._numbers[0]:
-            return [(0, path)]
-        name, _, rest = path.partition(".")
-        for k, controller in enumerate(self.controllers, 1):
-            if controller.name == name and rest in self._numbers[k]:
-                return [(k, rest)]
-        return [(k, path) for k in range(1, len(self._numbers)) if path in self._numbers[k]]
 
     def _with_values(self, values: Iterable[float]) -> tuple[Scenario, tuple[Controller, ...]]:
         changes: dict[int, dict[str, float]] = {}

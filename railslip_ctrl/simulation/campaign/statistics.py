@@ -61,50 +61,32 @@ class Estimate(NamedTuple):
     high: float
 
 
+_UNKNOWN = Estimate(math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class Moments:
-    """Count, mean and sum of squares about it, of data that comes in parts (Chan, Golub and LeVeque 1979)."""
+    """Count, mean, standard deviation (of a sample), least and greatest of the finite values; NaN where too few."""
 
-    count: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-    low: float = math.inf
-    high: float = -math.inf
+    count: int
+    mean: float
+    std: float
+    low: float
+    high: float
 
     @classmethod
-    def of(cls, parts: Sequence[Floats]) -> Moments:
-        """Of all parts; an empty one counts for nothing."""
-        found = cls()
-        for values in parts:
-            if values.size:
-                mean = float(np.mean(values))
-                squares = float(np.sum((values - mean) ** 2))
-                found = found._joined(cls(values.size, mean, squares, float(values.min()), float(values.max())))
-        return found
-
-    def _joined(self, other: Moments) -> Moments:
-        count = self.count + other.count
-        step = other.mean - self.mean
-        return Moments(
-            count,
-            self.mean + step * other.count / count,
-            self.squares + other.squares + step * step * self.count * other.count / count,
-            min(self.low, other.low),
-            max(self.high, other.high),
-        )
-
-    @property
-    def std(self) -> float:
-        """Standard deviation, of a sample; NaN below two values."""
-        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else math.nan
+    def of(cls, values: Floats) -> Moments:
+        finite = values[np.isfinite(values)]
+        if not finite.size:
+            return cls(0, math.nan, math.nan, math.inf, -math.inf)
+        std = float(finite.std(ddof=1)) if finite.size > 1 else math.nan
+        return cls(finite.size, float(finite.mean()), std, float(finite.min()), float(finite.max()))
 
     @property
     def estimate(self) -> Estimate:
-        """The mean with Student's interval; NaN without values."""
-        if self.count == 0:
-            return Estimate(math.nan, math.nan, math.nan)
-        if self.count == 1:
-            return Estimate(self.mean, -math.inf, math.inf)
+        """The mean with Student's interval."""
+        if self.count < 2:
+            return Estimate(self.mean, -math.inf, math.inf) if self.count else _UNKNOWN
         from scipy import stats
 
         half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, self.count - 1)) * self.std / math.sqrt(self.count)
@@ -114,7 +96,7 @@ class Moments:
 def share(count: int, total: int) -> Estimate:
     """A share with Wilson's interval; NaN of nothing."""
     if total == 0:
-        return Estimate(math.nan, math.nan, math.nan)
+        return _UNKNOWN
     from scipy import stats
 
     interval = stats.binomtest(count, total).proportion_ci(CONFIDENCE, method="wilson")
@@ -252,14 +234,13 @@ def check_measure(name: str) -> None:
 
 
 class _Runs:
-    """The runs that are there, column by column: arrays of runs by controllers."""
+    """The runs of the finished parts, column by column: arrays of runs by controllers."""
 
     def __init__(self, store: Store) -> None:
         self._store, self._parts = store, list(store.finished())
         self.names = store.campaign.controller_names
         if not self._parts:
             raise InputError(f"--out: {str(store.folder)!r} has no finished part yet; run the campaign")
-        self.part = np.repeat(np.arange(len(self._parts)), [part.stop - part.start for part in self._parts])
         self.number = np.concatenate([np.arange(*part) for part in self._parts])
         outcomes = self._column("outcome").combine_chunks().dictionary_encode()
         self.outcomes: list[str] = outcomes.dictionary.to_pylist()
@@ -281,12 +262,6 @@ class _Runs:
         values = np.where(self.stopped, self.column(name), np.nan)
         return np.where(np.isfinite(values), values, np.nan)
 
-    def moments(self, values: Floats, at: slice | NDArray[np.int64] = slice(None)) -> Moments:
-        """Of one controller's finite values, or of some of them."""
-        values, part = values[at], self.part[at]
-        finite = np.isfinite(values)
-        return Moments.of(np.split(values[finite], np.flatnonzero(np.diff(part[finite])) + 1))
-
     def rows(self, k: int, values: Floats) -> list[dict[str, Any]]:
         """Of controller number k, the rows with the highest values."""
         order = np.argsort(-values, kind="stable")[: min(WORST, np.isfinite(values).sum())]
@@ -299,40 +274,33 @@ class _Runs:
 
 
 def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> CampaignSummary:
-    """The statistics of a campaign's `store`, finished or not.
+    """The statistics of a campaign's `store`, finished or not; `worst_by` is the name of a measure.
 
-    Raises
-    ------
-    InputError
-        `worst_by` is no measure, or the campaign has no finished part.
+    InputError where it is none, or the campaign has no finished part.
     """
     check_measure(worst_by)
     runs, campaign = _Runs(store), store.campaign
     pairs = list(combinations(range(len(runs.names)), 2))
     point, count = runs.number % campaign.grid_points, campaign.grid_points
     points = [np.flatnonzero(point == p) for p in range(count if count > 1 else 0)]  # the runs at each
-    measures: dict[str, list[MeasureSummary]] = {}
+    controllers = _controllers(runs)
     paired: list[list[Paired]] = []
     means: list[dict[tuple[str, str], Estimate]] = [{} for _ in points]
-    for measure in MEASURES:
+    for measure in MEASURES:  # a column at a time
         values = runs.of_stopped(measure.name)
-        measures[measure.name] = [_measure(runs, k, values[:, k]) for k in range(len(runs.names))]
         paired.append([_paired(runs, first, second, measure.name, values) for first, second in pairs])
-        for p, at in enumerate(points):
-            for k, name in enumerate(runs.names):
-                means[p][name, measure.name] = runs.moments(values[:, k], at).estimate
-        if measure.name == worst_by:
-            worst = [runs.rows(k, values[:, k]) for k in range(len(runs.names))]
-            shown = values[:_SHOWN].copy()
-    locked = np.isfinite(runs.column("first_lock_s"))
+        for k, (name, found) in enumerate(controllers.items()):
+            found.measures[measure.name] = _measure(values[:, k], found.stopped)
+            for at, mean in zip(points, means, strict=True):
+                mean[name, measure.name] = Moments.of(values[at, k]).estimate
+            if measure.name == worst_by:
+                found.worst.extend(runs.rows(k, values[:, k]))
+                shown = values[:_SHOWN].copy()
     sampled = {name: runs.column(name)[:_SHOWN].copy() for name in campaign.quantity_units}
     return CampaignSummary(
         campaign=campaign,
         runs=runs.number.size,
-        controllers={
-            name: _controller(runs, k, locked[:, k], {m: found[k] for m, found in measures.items()}, worst[k])
-            for k, name in enumerate(runs.names)
-        },
+        controllers=controllers,
         paired=[row[p] for p in range(len(pairs)) for row in paired],
         points=[
             PointSummary(
@@ -350,35 +318,35 @@ def summarise(store: Store, *, worst_by: str = "braking_distance_m") -> Campaign
     )
 
 
-def _measure(runs: _Runs, k: int, values: Floats) -> MeasureSummary:
-    moments, finite = runs.moments(values), values[np.isfinite(values)]
+def _controllers(runs: _Runs) -> dict[str, ControllerSummary]:
+    """Without their measures and worst runs."""
+    locked, found = np.isfinite(runs.column("first_lock_s")), {}
+    for k, name in enumerate(runs.names):
+        numbers = {outcome: runs.number[runs.outcome[:, k] == i] for i, outcome in enumerate(runs.outcomes)}
+        numbers = {outcome: own for outcome, own in numbers.items() if own.size}
+        found[name] = ControllerSummary(
+            name=name,
+            outcomes={outcome: own.size for outcome, own in numbers.items()},
+            failed={outcome: own[:LISTED].tolist() for outcome, own in numbers.items() if outcome != Outcome.STOPPED},
+            not_stopped=share(int((~runs.stopped[:, k]).sum()), runs.number.size),
+            locked=share(int(locked[:, k].sum()), runs.number.size),
+            measures={},
+            worst=[],
+        )
+    return found
+
+
+def _measure(values: Floats, stopped: int) -> MeasureSummary:
+    finite = values[np.isfinite(values)]
     quantiles = {level: quantile(finite, level) for level in LEVELS if finite.size}
-    return MeasureSummary(moments, int(runs.stopped[:, k].sum()) - moments.count, quantiles, Histogram.of(finite))
+    return MeasureSummary(Moments.of(finite), stopped - finite.size, quantiles, Histogram.of(finite))
 
 
 def _paired(runs: _Runs, first: int, second: int, measure: str, values: Floats) -> Paired:
     difference = values[:, second] - values[:, first]
-    moments = runs.moments(difference)
+    moments = Moments.of(difference)
     smaller = share(int((difference < 0).sum()), moments.count)
     return Paired(runs.names[first], runs.names[second], measure, moments.count, moments.estimate, smaller)
-
-
-def _controller(
-    runs: _Runs, k: int, locked: Flags, measures: dict[str, MeasureSummary], worst: list[dict[str, Any]]
-) -> ControllerSummary:
-    outcome, total = runs.outcome[:, k], runs.number.size
-    found = {name: runs.number[outcome == i] for i, name in enumerate(runs.outcomes)}
-    return ControllerSummary(
-        name=runs.names[k],
-        outcomes={name: own.size for name, own in found.items() if own.size},
-        failed={
-            name: own[:LISTED].tolist() for name, own in found.items() if own.size and name != Outcome.STOPPED.value
-        },
-        not_stopped=share(int((~runs.stopped[:, k]).sum()), total),
-        locked=share(int(locked.sum()), total),
-        measures=measures,
-        worst=worst,
-    )
 
 
 # --- in one call ----------------------------------------------------------------------------------------------------
