@@ -78,7 +78,6 @@ ROOMS = {
     "model/plant": "numeric linearization",
     "identification/": "log_checks identification log_judgement",
     "identification/cleaning": "logs log_checks alignment",
-    "identification/columns": "logs",
     "identification/logs": "logs",
     "identification/observed": "observed log_checks identification",
     "identification/observer": "observer observer_kalman observer_noise",

@@ -19,9 +19,8 @@ from rig_logs import rig_rows, write_log
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification import curves, log_checks, observed
 from railslip_ctrl.identification.cleaning import BESIDE, FAR, OutlierFilter, StampFilter
-from railslip_ctrl.identification.columns import NAMES, UNITS, find_columns
 from railslip_ctrl.identification.curves import Options, read_curve
-from railslip_ctrl.identification.logs import LONGEST_LINE, Log, Rows
+from railslip_ctrl.identification.logs import LONGEST_LINE, NAMES, UNITS, Log, Rows, find_columns
 from railslip_ctrl.identification.observed import Recorder
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail

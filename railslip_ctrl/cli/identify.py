@@ -12,10 +12,9 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown, to_unit
-from railslip_ctrl.identification.columns import UNITS
 from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.identification.identify import Campaign, Identification, identify, identify_several
-from railslip_ctrl.identification.logs import STANDARD_INPUT
+from railslip_ctrl.identification.logs import STANDARD_INPUT, UNITS
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks

@@ -3,7 +3,7 @@
 A newcomer begins with `identify`: a log goes through these modules in this order, and a module imports those above it.
 
 - `sensors`, `observer`: encoder and torque sensor; the adhesion torque observed, published and by a Kalman filter
-- `columns`, `logs`: the header's quantities and units; blocks of `Rows` in SI, lines that are no rows
+- `logs`: the quantities and units of the header; blocks of `Rows` in SI, lines that are no rows
 - `cleaning`: stray time stamps, outliers, offsets and delays of columns
 - `observed`: samples of adhesion over slip, and rows under brake kept as they came
 - `log_checks`: what a log shows to be wrong, as a list of `Finding`s

@@ -18,8 +18,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import close_match
 
-from .columns import UNITS
-from .logs import Floats, Lines, Rows
+from .logs import UNITS, Floats, Lines, Rows
 
 
 class RowFilter(ABC):

@@ -23,7 +23,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
-from .columns import Column
 from .log_checks import (
     HIGHEST_MU,
     ColumnStep,
@@ -44,7 +43,7 @@ from .log_checks import (
     time_fault,
     unit_hint,
 )
-from .logs import BLOCK_BYTES, Broken, Log, Rows
+from .logs import BLOCK_BYTES, Broken, Column, Log, Rows
 from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, Observed, Observer, Record, Survey
 
 Floats = NDArray[np.float64]

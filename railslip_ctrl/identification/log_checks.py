@@ -20,8 +20,7 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
-from .columns import UNITS, Column
-from .logs import Rows
+from .logs import UNITS, Column, Rows
 from .observed import LOWEST_SPEED, Record, Survey
 
 Floats = NDArray[np.float64]
