@@ -22,7 +22,15 @@ from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import Record
 from railslip_ctrl.identification.prediction import is_followed, prediction_error_fit, slip_ramp
 from railslip_ctrl.identification.results import peak_of_fit
-from railslip_ctrl.identification.virtual_rig import COLUMNS, RigLog, RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.identification.virtual_rig import (
+    COLUMNS,
+    RigLog,
+    RigProcedure,
+    RigTest,
+    published_tests,
+    run_tests,
+    write_log,
+)
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
@@ -62,6 +70,14 @@ def fit_of(test: RigTest, *, tests: int = 6, seed: int = 0) -> Fit:
 
 
 # --- the course of a test ------------------------------------------------------------------------------------------
+
+
+def test_the_procedure_ramps_up_and_once_released_stays_so():
+    rig = RigProcedure(begin=0.5, rate=2000.0, release_slip=0.3, period=0.01, radius=RADIUS, fall=120e3)
+    rig.reset(0.0, 20.0, 20.0 / RADIUS)
+    moments = ((0.4, 0.0), (1.5, 0.29), (1.51, 0.31), (1.52, 0.0), (1.53, 0.0))
+    torques = [rig.step(t, 20.0, 20.0 * (1 - slip) / RADIUS) for t, slip in moments]
+    assert torques == [0.0, 2000.0, 800.0, 0.0, 0.0]
 
 
 @pytest.mark.long
