@@ -84,7 +84,6 @@ ROOMS = {
     "identification/observer_study": "observer_noise observer_kalman",
     "identification/prediction": "observed log_checks virtual_rig",
     "identification/results": "identification log_judgement",
-    "identification/sensors": "observer_noise log_checks",
     "identification/virtual_rig": "virtual_rig",
     "paper/": "reproduction",
     "paper/errata": "derivation",

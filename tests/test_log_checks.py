@@ -17,24 +17,21 @@ from rig_logs import rig_rows, write_log
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.candidates import Lag, lag_warning
 from railslip_ctrl.identification.cleaning import OutlierFilter, Resolution, step_of
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, _inside
-from railslip_ctrl.identification.identify import Identification, identify_curve
+from railslip_ctrl.identification.identify import Identification, Lag, identify_curve, lag_warning
 from railslip_ctrl.identification.log_checks import FreeRolling, mu_findings
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import check_options
 from railslip_ctrl.identification.observed import Readhesion, Record
-from railslip_ctrl.identification.observer import FilterObserver
+from railslip_ctrl.identification.observer import Encoder, FilterObserver
 from railslip_ctrl.identification.prediction import slip_ramp
-from railslip_ctrl.identification.sensors import Encoder
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import identification_text, model_toml
-from railslip_ctrl.report.identification_json import identification_json
+from railslip_ctrl.report.identification import identification_json, identification_text, model_toml
 
 BEAM = published_law("beam", Rail.DRY)
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
@@ -281,7 +278,7 @@ def test_a_lag_is_told_with_what_undoes_it():
 
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
-    monkeypatch.setattr("railslip_ctrl.identification.candidates.OF_EACH_KIND", ("burckhardt", "beam"))
+    monkeypatch.setattr("railslip_ctrl.identification.identify.OF_EACH_KIND", ("burckhardt", "beam"))
     monkeypatch.setattr(job, "lag_of", lambda fit, *_: Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
     (told,) = identified(rows, model="burckhardt").warnings
     assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told

@@ -14,13 +14,19 @@ from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import candidates
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.candidates import IMPOSSIBLE_MU, Lag, check_fit, fit_doubts
 from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.identify import (
+    IMPOSSIBLE_MU,
+    Campaign,
+    Identification,
+    Lag,
+    check_fit,
+    fit_doubts,
+    identify_curve,
+)
 from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
@@ -29,8 +35,13 @@ from railslip_ctrl.identification.results import Regimes, over_initial_speed, pe
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
-from railslip_ctrl.report.identification_json import campaign_json, identification_json
+from railslip_ctrl.report.identification import (
+    campaign_json,
+    campaign_toml,
+    identification_json,
+    identification_text,
+    model_toml,
+)
 from railslip_ctrl.report.plots import drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
@@ -78,7 +89,7 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, rows
 def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
     """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
     monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
-    monkeypatch.setattr(candidates, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
+    monkeypatch.setattr(job, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
     found = identified(rows, "best")
     assert found.chosen.fit.model.name == "beam"
     assert (

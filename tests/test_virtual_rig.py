@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import candidates
+from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import Fit, Parameter, fit
 from railslip_ctrl.identification.identify import Identification, identify, identify_curve, setting_of
@@ -34,8 +34,7 @@ from railslip_ctrl.identification.virtual_rig import (
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
-from railslip_ctrl.report.identification import campaign_toml
-from railslip_ctrl.report.identification_json import campaign_json
+from railslip_ctrl.report.identification import campaign_json, campaign_toml
 from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
@@ -291,7 +290,7 @@ def test_a_log_that_shows_too_little_is_told_the_same_whatever_the_rounding(mode
 
     Columns altered in their last digits stand for another processor. A limit of friction that cannot be is let pass.
     """
-    monkeypatch.setattr(candidates, "IMPOSSIBLE_MU", math.inf)
+    monkeypatch.setattr(job, "IMPOSSIBLE_MU", math.inf)
     test, options = published_tests("bristle")[0], Options(model=model, initial_speed=V30)
     log = rows_of(run_tests(test, tests=1, seed=1))
     few = Rows(log.line[60:200:2], {name: column[60:200:2] for name, column in log.columns.items()})

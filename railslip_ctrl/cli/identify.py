@@ -21,9 +21,15 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import check_file
-from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
-from railslip_ctrl.report.identification_json import campaign_json, identification_json
-from railslip_ctrl.report.observed_rows import observed_rows
+from railslip_ctrl.report.identification import (
+    campaign_json,
+    campaign_text,
+    campaign_toml,
+    identification_json,
+    identification_text,
+    model_toml,
+    observed_rows,
+)
 
 from .options import Quantity, from_file
 from .output import print_json, print_text, progress

@@ -27,9 +27,20 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import Actuator, Vehicle
 from railslip_ctrl.simulation import Scenario, simulate
 
-from .observer import Floats, TorqueObserver, noise_deviation
-from .sensors import Encoder, TorqueSensor, require
+from .observer import Encoder, Floats, TorqueObserver, TorqueSensor, noise_deviation, require
 from .virtual_rig import RigProcedure
+
+__all__ = [
+    "BrakeCourse",
+    "Measurements",
+    "ObserverErrors",
+    "TradeOff",
+    "Trial",
+    "brake_trial",
+    "measured",
+    "observer_errors",
+    "trade_off",
+]
 
 # --- the statement, in Laplace's s -----------------------------------------------------------------------------------
 
@@ -113,9 +124,10 @@ _STEP = 1e-4  # s, between commands of the torque: 6 N*m of the release
 
 @dataclass(frozen=True)
 class BrakeCourse:
-    """The brake torque: none until `start`, s, then rising and, past `release_slip`, falling, N*m/s.
+    """The brake torque: none until `start`, s; then its rate is `rise` and, past the slip ratio `release_slip`, `fall`.
 
-    `recovery` is the time that is simulated after the release begins, s. InputError for a number out of range.
+    Rates in N*m/s. `recovery` is the time that is simulated after the release begins, s. InputError for a number out of
+    range.
     """
 
     start: float = 0.5
@@ -136,8 +148,8 @@ class BrakeCourse:
 class Trial:
     """What truly happened, at constant intervals; SI, arrays of one length.
 
-    Speeds of the train and of the wheel's rim, its angular speed and angle, brake torque and adhesion torque;
-    `brake_time` and `release_time` are when the brake was applied and when its release began.
+    `time`; the train's `speed`, the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
+    `adhesion_torque`. `brake_time` and `release_time` are when the brake was applied and when its release began.
     """
 
     time: Floats
@@ -158,7 +170,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What the sensors give: s, brake torque in N*m, speed of the wheel in rad/s; arrays of one length."""
+    """What the sensors give: `time`, s, brake `torque`, N*m, and the wheel's `omega`, rad/s; arrays of one length."""
 
     time: Floats
     torque: Floats
@@ -166,7 +178,7 @@ class Measurements:
 
 
 def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse) -> Trial:
-    """A brake course from free rolling at a `speed`, m/s, sampled at an `interval`, s.
+    """A brake `course` of a `vehicle` on a `law`, from free rolling at a `speed`, m/s, sampled at an `interval`, s.
 
     InputError for a number out of range, or where the train stops before the slip reaches the course's bound;
     DomainError where the law ends before that slip.
@@ -215,7 +227,7 @@ def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: f
 
 
 def measured(trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
-    """A trial through its sensors; one sample fewer, as the encoder's speed needs two angles; `seed` of the noise."""
+    """A `trial` through `encoder` and `sensor`; a sample fewer, as a speed needs two angles; `seed` of the noise."""
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
 
@@ -249,7 +261,7 @@ class ObserverErrors:
 class TradeOff:
     """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
 
-    `errors` are those at the settings, `best` is the setting between first and last with the least total error.
+    `errors` are those at the `settings`, 1-D, `at_best` that at the setting `best`, which has the least total error.
     """
 
     settings: Floats
@@ -267,7 +279,7 @@ def estimated(observer: TorqueObserver[Any], trial: Trial) -> Floats:
 def observer_errors(
     observer: TorqueObserver[Any], trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
-    """Errors of one observer over a trial, the truth, through its sensors; `seed` of the torque's noise."""
+    """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
     braked = trial.time[1:] >= trial.brake_time
     truth = trial.adhesion_torque[1:]
     seen = measured(trial, encoder, sensor, seed=seed)
@@ -290,7 +302,8 @@ def trade_off(
 ) -> TradeOff:
     """Errors over a setting of the observer, and the best setting between its first and last value.
 
-    `make` gives the observer for a setting; `settings` are > 0 and grow, 1-D; the rest as of `observer_errors`.
+    `make` gives the observer for a setting; `settings`, s or (N*m)^2/s, 1-D, are > 0 and grow. `trial`, `encoder`,
+    `sensor` and `seed` as of `observer_errors`.
     """
     from scipy.optimize import minimize_scalar
 

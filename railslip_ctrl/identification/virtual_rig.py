@@ -21,7 +21,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_l
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
-from .sensors import Encoder
+from .observer import Encoder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
