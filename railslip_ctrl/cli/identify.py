@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -176,8 +177,13 @@ def command(
     text = _report(found)
     content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
     if out is not None:
-        files = write_files(out, _writers(found, text, content))
-        progress(f"wrote {len(files)} files to {out}{_model_told(found)}")
+        writers = _writers(found, text, content)
+        write_files(out, writers)
+        told = ", the model to model.toml" if "model.toml" in writers else ""
+        if isinstance(found, Campaign):
+            told += ", to be taken at --initial-speed" if told else ""
+            told += "; model-1.toml and so on are for the v0 of their log"
+        progress(f"wrote {len(writers)} files to {out}{told}")
     if as_json:
         print_json(content)
     else:
@@ -290,48 +296,22 @@ def _file_names(count: int) -> list[str]:
 
 def _writers(
     found: Identification | Campaign, text: str, content: Mapping[str, Any]
-) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.report.plots import (
-        adhesion_figure,
-        braking_figure,
-        coefficients_figure,
-        drift_figure,
-        save_figure,
-    )
+) -> dict[str, Callable[[Path], object]]:
+    from railslip_ctrl.report import plots
 
-    logs = (found,) if isinstance(found, Identification) else found.logs
-    more = (
-        (drift_figure(found), braking_figure(found))
-        if isinstance(found, Identification)
-        else (coefficients_figure(found),)
-    )
-    texts = {
-        **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
-        **_over_speed(found),
-        "identification.txt": text,
-        "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
+    logs = found.logs if isinstance(found, Campaign) else (found,)
+    texts = {name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
+    texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
+    figures = [plots.adhesion_figure(logs)]
+    if isinstance(found, Campaign):
+        whole = campaign_toml(found)
+        texts |= {} if whole is None else {"model.toml": whole}
+        figures.append(plots.coefficients_figure(found))
+    else:
+        figures += [plots.drift_figure(found), plots.braking_figure(found)]
+    writers: dict[str, Callable[[Path], object]] = {
+        name: partial(Path.write_text, data=written, encoding="utf-8") for name, written in texts.items()
     }
-    writers: dict[str, Callable[[Path], None]] = {}
-    for name, written in texts.items():
-        writers[name] = lambda path, written=written: _write_text(path, written)  # type: ignore[misc]
-    for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), *more), strict=True):
-        for suffix in ("png", "svg"):
-            writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
+    for name, figure in zip(_pictures(len(logs)), figures, strict=True):
+        writers |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
     return writers
-
-
-def _over_speed(found: Identification | Campaign) -> dict[str, str]:
-    """Of several logs, the one model over the initial speed."""
-    whole = campaign_toml(found) if isinstance(found, Campaign) else None
-    return {} if whole is None else {"model.toml": whole}
-
-
-def _model_told(found: Identification | Campaign) -> str:
-    if isinstance(found, Identification):
-        return ", the model to model.toml"
-    each = "model-1.toml and so on are for the v0 of their log"
-    return f", the model to model.toml, to be taken at --initial-speed; {each}" if _over_speed(found) else f"; {each}"
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

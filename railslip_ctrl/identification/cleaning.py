@@ -22,14 +22,14 @@ from .logs import UNITS, Floats, Lines, Rows
 
 
 class RowFilter(ABC):
-    """Leaves out rows by comparing them with those beside them; `count` tells how many."""
+    """Leaves out rows by comparing them with those beside them; `count` tells how many.
+
+    A row's judgement needs so many rows `ahead` and `behind`; the rows of a `piece` are judged together.
+    """
 
     ahead: ClassVar[int]
-    """Rows after a row that its judgement needs."""
     behind: ClassVar[int]
-    """Rows before it."""
     piece: ClassVar[int]
-    """Rows that are judged together."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -148,7 +148,7 @@ def _complaint(lines: Lines, time: Floats, at: int) -> str:
 
 # Second differences: of values in steps they are whole steps, of a straight ramp they are 0, so that a ramp is
 # not taken for a staircase. 0 is what rounding leaves of the values.
-_NOUGHT = 1e-7
+_ROUNDING = 1e-7
 _LEAST_CHANGES = 20
 _LEAST_SHARE = 0.01  # of the rows: fewer are the corners of ramps
 
@@ -163,7 +163,7 @@ _FEW = 20.0  # steps: of larger differences, uneven intervals of an encoder blur
 def step_of(values: Floats) -> float:
     """The step in which some values, in the order they came, change; 0 where they show none."""
     changes = np.abs(np.diff(values, 2))
-    changes = changes[changes > _NOUGHT * np.abs(values).max(initial=0.0)]
+    changes = changes[changes > _ROUNDING * np.abs(values).max(initial=0.0)]
     if len(changes) < max(_LEAST_CHANGES, _LEAST_SHARE * len(values)):
         return 0.0
     return max((float(step) for step in np.quantile(changes, _QUANTILES) if _comes_in(changes, step)), default=0.0)

@@ -520,6 +520,7 @@ _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to t
 
 _CONVERGED = 1e-14
 _SEARCH = 300  # evaluations at most of the residuals and their slopes
+_STATUS = {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}
 _NOTHING = 1e-9  # of a value: a lower end below it says nothing
 _ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
 _INSIDE = 1e-6  # of a coordinate's size: how far inside its bounds a search begins
@@ -551,9 +552,28 @@ class Parameter:
         return self.value - half, self.value + half
 
     @property
+    def is_open(self) -> bool:
+        """Whether the interval has no upper end."""
+        return self.status == "fitted" and math.isinf(self.interval[1])
+
+    @property
     def is_untold(self) -> bool:
         """Whether the log agrees with any value, so that this one is of the search."""
-        return _is_open(self) and self.interval[0] < _NOTHING * self.value
+        return self.is_open and self.interval[0] < _NOTHING * self.value
+
+    @property
+    def remark(self) -> str:
+        """What is to be said of its bound, or of an interval without an end; else empty."""
+        low, high = self.interval
+        if self.is_untold:
+            return f"{self.name}: this log cannot tell it"
+        if self.is_open:
+            return f"{self.name}: by this log it is not less than {low:.4g} (99 %), and has no upper end"
+        if "bound" not in self.status:
+            return ""
+        end = f"more than {high:.4g}" if "lower" in self.status else f"less than {low:.4g}"
+        text = f"{self.name}: rests {self.status.replace('at', 'on its', 1)}"
+        return text if self.limits is None else f"{text}; by this log it is not {end} (99 %)"
 
 
 @dataclass(frozen=True)
@@ -663,7 +683,7 @@ def _parameters(model: FitModel, known: Estimate) -> tuple[Parameter, ...]:
             name,
             float(known.values[i]),
             float(stderrs[i]),
-            _status(int(known.active[i]), bool(known.dead[i])),
+            "not identifiable" if known.dead[i] else _STATUS[int(known.active[i])],
             known.limits.get(i) or _inside(float(known.values[i]), float(stderrs[i]), model.lower[i], model.upper[i]),
         )
         for i, name in enumerate(model.names)
@@ -716,12 +736,6 @@ class _Problem:
         return alike[0]
 
 
-def _status(active: int, dead: bool) -> str:
-    if dead:
-        return "not identifiable"
-    return {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}[active]
-
-
 def long_run_variance(
     mean: Floats, used: NDArray[np.bool_], stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
@@ -751,24 +765,6 @@ def long_run_variance(
             return best
 
 
-def _at_bound(p: Parameter) -> str:
-    text = f"{p.name}: rests {p.status.replace('at', 'on its', 1)}"
-    if p.limits is None:
-        return text
-    side, limit = ("more", p.limits[1]) if "lower" in p.status else ("less", p.limits[0])
-    return f"{text}; by this log it is not {side} than {limit:.4g} (99 %)"
-
-
-def _is_open(p: Parameter) -> bool:
-    return p.status == "fitted" and p.limits is not None and math.isinf(p.limits[1])
-
-
-def _without_end(p: Parameter) -> str:
-    if p.is_untold:
-        return f"{p.name}: this log cannot tell it"
-    return f"{p.name}: by this log it is not less than {p.interval[0]:.4g} (99 %), and has no upper end"
-
-
 def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
     remarks = []
     dead = [p.name for p in parameters if p.status == "not identifiable"]
@@ -777,9 +773,8 @@ def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, .
             f"{', '.join(dead)}: not identifiable from this log, as the curve stays the same when "
             f"{'it changes' if len(dead) == 1 else 'they change together'}"
         )
-    remarks += [_at_bound(p) for p in parameters if "bound" in p.status]
-    remarks += [_without_end(p) for p in parameters if _is_open(p)]
-    loose = [p.name for p in parameters if p.stderr > abs(p.value) and not _is_open(p)]
+    remarks += [p.remark for p in sorted(parameters, key=lambda p: p.is_open) if p.remark]
+    loose = [p.name for p in parameters if p.stderr > abs(p.value) and not p.is_open]
     if loose:
         remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")
     if math.isnan(variance) and all(math.isnan(p.stderr) for p in parameters):

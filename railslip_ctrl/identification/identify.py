@@ -92,12 +92,12 @@ class ImpossibleFitError(InputError):
 # --- the fit -------------------------------------------------------------------------------------------------------
 
 
-def highest_mu(found: Fit, setting: Setting, speeds: tuple[float, float]) -> tuple[str, float]:
+def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
     """The highest adhesion coefficient of a fitted model, and what it is called: its peak or its limit of friction.
 
-    The peak is that at the lowest or the highest of the `speeds`, m/s. InputError for a law whose force is nowhere one
-    that brakes.
+    The peak is that at the lowest or the highest of `DRIFT_SPEEDS`. InputError for a law whose force nowhere brakes.
     """
+    speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
     law = found.model.make_force_law(found.values, found.law.rail)
     try:
         top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
@@ -125,18 +125,13 @@ def _limit_of_friction(found: Fit, wheel_load: float) -> float:
     return math.nan
 
 
-def check_fit(
-    found: Fit, setting: Setting, speeds: tuple[float, float], seen: float, factors: Mapping[str, float]
-) -> None:
-    """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive.
-
-    `seen` is the highest mean mu of the log itself, which tells the likely cause; `speeds` as of `highest_mu`,
-    `factors` as of `unit_hint`.
-    """
-    what, value = highest_mu(found, setting, speeds)
+def check_fit(found: Fit, setting: Setting, curve: Curve) -> None:
+    """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive."""
+    what, value = highest_mu(found, setting)
     if value <= IMPOSSIBLE_MU:
         return
-    cause = units_or(seen, factors)
+    seen = curve.highest_mu  # of the log itself, which tells the likely cause
+    cause = units_or(seen, curve.factors)
     if LOWEST_MU <= seen <= HIGHEST_MU:
         # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
         name = _LIMITS.get(found.model.name, "")
@@ -155,22 +150,20 @@ def check_fit(
     )
 
 
-def fit_doubts(
-    found: Fit, setting: Setting, speeds: tuple[float, float], seen: float, factors: Mapping[str, float]
-) -> tuple[str, ...]:
-    """What is not to be believed of a fit that is no impossible one, a sentence each; arguments as of `check_fit`."""
-    what, value = highest_mu(found, setting, speeds)
+def fit_doubts(found: Fit, setting: Setting, curve: Curve) -> tuple[str, ...]:
+    """What is not to be believed of a fit that is no impossible one, a sentence each."""
+    what, value = highest_mu(found, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
     doubts = []
     if not ordinary:
         doubts.append(
             f"the fitted {found.model.name} has a highest adhesion coefficient, its {what}, of {value:.3g}, where "
-            f"steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(value, factors)}"
+            f"steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(value, curve.factors)}"
         )
     cause = (
         "likely this log does not tell it, or the model is not this log's; a wrong unit of the brake torque (--unit), "
         "wheel load or vehicle (--vehicle) does the same"
-        if ordinary and LOWEST_MU <= seen <= HIGHEST_MU
+        if ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
         else "likely by a wrong unit of the brake torque (--unit), wheel load or vehicle (--vehicle)"
     )
     untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
@@ -181,7 +174,7 @@ def fit_doubts(
         )
     ends = zip(found.parameters, found.model.lower, found.model.upper, strict=True)
     doubts += [_at_bound(p, low, high, setting, cause) for p, low, high in ends if "bound" in p.status]
-    return tuple(doubts)
+    return tuple(f"{curve.name}: {text}" for text in doubts)
 
 
 def _at_bound(p: Parameter, low: float, high: float, setting: Setting, cause: str) -> str:
@@ -326,11 +319,6 @@ OF_EACH_KIND = ("bristle", "beam", "burckhardt")
 _NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
 
 
-def speeds_looked_at(setting: Setting) -> tuple[float, float]:
-    """The lowest and the highest speed at which a fit is looked at, m/s."""
-    return DRIFT_SPEEDS[0] * setting.initial_speed, DRIFT_SPEEDS[-1] * setting.initial_speed
-
-
 @dataclass(frozen=True)
 class Fitted:
     """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
@@ -384,7 +372,7 @@ class Candidates:
         first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
             found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
-            check_fit(found, setting, speeds_looked_at(setting), curve.highest_mu, curve.factors)
+            check_fit(found, setting, curve)
         return replace(found, with_profiles=profiles)
 
     def _regimes_of(self, fits: Sequence[Fit]) -> Regimes:
@@ -543,7 +531,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
             *_late(chosen.fit, candidates, options),
             *left_out,
         ),
-        doubts=_doubts(chosen, curve, setting),
+        doubts=fit_doubts(chosen.fit, setting, curve),
         train_lag=train_lag(curve.record, vehicle.wheel.radius, regimes.boundary),
     )
 
@@ -585,11 +573,6 @@ def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[
             f"--slip-acceleration is {given:.4g} m/s^2, and the slip of the log rises by {ramp:.4g} m/s^2 on its way "
             "to the peak: the peak of a bristle model is that of the ramp that is given"
         )
-    return tuple(f"{curve.name}: {text}" for text in found)
-
-
-def _doubts(score: Score, curve: Curve, setting: Setting) -> tuple[str, ...]:
-    found = fit_doubts(score.fit, setting, speeds_looked_at(setting), curve.highest_mu, curve.factors)
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
@@ -756,5 +739,5 @@ def _choosing(identification: Identification, name: str) -> Identification:
         peaks=peaks,
         regimes=regimes_of(_own_peak(peaks, setting).slip, name, curve.cells, identification.regimes),
         reference=_reference(peaks, setting.rail),
-        doubts=_doubts(chosen, curve, setting),
+        doubts=fit_doubts(chosen.fit, setting, curve),
     )

@@ -190,7 +190,6 @@ class Survey:
         return self.lost / max(self.lost + self.used, 1)
 
     def note_gap(self, line: int, seconds: float) -> None:
-        """Take note of a gap before a line."""
         self.gap_count += 1
         if len(self.gaps) < _MOST_NAMED:
             self.gaps.append((line, seconds))
@@ -273,7 +272,6 @@ class Observed:
         return len(self.time)
 
     def where(self, kept: NDArray[np.bool_]) -> Observed:
-        """The samples that are kept."""
         return Observed(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
@@ -317,12 +315,9 @@ class AdhesionStream:
 
     def _kalman(self, tau: float) -> KalmanObserver:
         """Damped by 1/sqrt(2) at 1/tau: the gains depend on the ratio of walk and noise alone, so the noise is 1."""
-        J, B, interval = (
-            self.vehicle.effective_inertia,
-            self.vehicle.effective_viscous_friction,
-            self.survey.interval,
-        )
-        return KalmanObserver(J, B, interval, 1.0, 0.0, interval * J**2 / tau**4)
+        J, interval = self.vehicle.effective_inertia, self.survey.interval
+        friction = self.vehicle.effective_viscous_friction
+        return KalmanObserver(J, friction, interval, 1.0, 0.0, interval * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
         """The samples of the next rows."""

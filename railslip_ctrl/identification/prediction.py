@@ -459,7 +459,7 @@ def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -
 
     Of the tests that come to it from below, each until it does, by their time; of all, as far as they go, where none
     does. Tests that begin far below go before those that are cut off there, as slip rises the faster the nearer the
-    peak. Nought for an empty record; no deviation where fewer than two tests come there.
+    peak. 0 for an empty record; no deviation where fewer than two tests come there.
     """
     slip = 1.0 - radius * record.omega / record.speed
     test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
