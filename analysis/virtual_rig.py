@@ -18,7 +18,7 @@ import numpy as np
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Options, curve_of
-from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.identify import Identification, LogSeries, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.results import over_initial_speed
 from railslip_ctrl.identification.virtual_rig import RigLog, RigTest, published_tests, run_tests
@@ -39,7 +39,7 @@ class VirtualRig:
     course: RigLog
     tests: tuple[RigTest, ...]
     found: dict[str, tuple[Identification, ...]]
-    campaign: Campaign
+    campaign: LogSeries
 
     def errors(self, model: str) -> tuple[float, ...]:
         """Mean absolute error of mu at each speed, as in Table 3."""
@@ -63,7 +63,7 @@ def run() -> VirtualRig:
     found = {model: tuple(identified(test, model) for test in tests) for model in MODELS}
     fits = [each.chosen.fit for each in found["bristle"]]
     polynomials = over_initial_speed([test.initial_speed for test in tests], fits)
-    return VirtualRig(run_tests(tests[2], tests=1), tests, found, Campaign(found["bristle"], polynomials))
+    return VirtualRig(run_tests(tests[2], tests=1), tests, found, LogSeries(found["bristle"], polynomials))
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from scipy.stats import t as student
 from railslip_ctrl.identification.fits import LEAST_TESTS, clustered_covariance, search, whole_tests
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import Coordinates
-from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.observed import BrakedRows
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import Rail
@@ -117,14 +117,14 @@ def test_the_bend_of_the_train_s_speed_is_that_of_a_parabola_and_of_a_corner_one
     step = 0.01
     time = step * np.arange(40)
     one, run = np.ones_like(time), np.zeros_like(time)
-    record = Record(time, 20.0 - 3.0 * time**2, one, one, one, run)
+    record = BrakedRows(time, 20.0 - 3.0 * time**2, one, one, one, run)
     assert Intervals.of(record).speed_bend == pytest.approx(np.zeros(39))
     assert Intervals.of(record).bent().speed_bend == pytest.approx(-6.0 * step**2, rel=1e-6)  # rounding of differences
-    corner = Record(time, 20.0 - np.maximum(time - 20.5 * step, 0.0), one, one, one, run)
+    corner = BrakedRows(time, 20.0 - np.maximum(time - 20.5 * step, 0.0), one, one, one, run)
     straight, steeper = (Intervals.of(corner).bent(steeper=each).speed_bend for each in (False, True))
     assert np.count_nonzero(np.abs(straight) > 1e-9) == 1  # the interval with the corner in it, and no neighbour
     assert np.flatnonzero(np.abs(steeper) > 1e-9).tolist() == [19, 20, 21]
-    two = Record(time, corner.speed, one, one, one, np.repeat([0.0, 1.0], 20))
+    two = BrakedRows(time, corner.speed, one, one, one, np.repeat([0.0, 1.0], 20))
     assert Intervals.of(two).bent(steeper=True).speed_bend[:19] == pytest.approx(0.0, abs=1e-9)  # not from the next run
 
 

@@ -24,7 +24,7 @@ from railslip_ctrl.identification.identify import Identification, Lag, lag_warni
 from railslip_ctrl.identification.log_checks import FreeRolling, mu_findings
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import check_options
-from railslip_ctrl.identification.observed import Readhesion, Record
+from railslip_ctrl.identification.observed import BrakedRows, Readhesion
 from railslip_ctrl.identification.observer import Encoder, FilterObserver
 from railslip_ctrl.identification.prediction import slip_ramp
 from railslip_ctrl.identification.virtual_rig import RigTest
@@ -370,7 +370,7 @@ def test_numbers_beyond_all_measurement_are_refused_in_one_line(rows, recwarn):
     assert not list(recwarn)
 
 
-def ramps(cut: bool, tests: int = 6) -> Record:
+def ramps(cut: bool, tests: int = 6) -> BrakedRows:
     """Tests whose slip speeds up as 0.1 t^2, 2 s each, 10 s apart; with a gap of 80 ms in all but the last."""
     parts = []
     for k in range(tests):
@@ -380,7 +380,7 @@ def ramps(cut: bool, tests: int = 6) -> Record:
         parts.append((10.0 * k + t[kept], 0.1 * t[kept] ** 2, 2 * k + piece[kept]))
     time, slip, run = (np.concatenate(each) for each in zip(*parts, strict=True))
     speed, even = np.full(len(time), 25.0), np.ones(len(time))
-    return Record(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
+    return BrakedRows(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
 
 
 @pytest.mark.parametrize("cut", [False, True])

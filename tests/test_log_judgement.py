@@ -21,9 +21,9 @@ from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
 from railslip_ctrl.identification.identify import (
     IMPOSSIBLE_MU,
-    Campaign,
     Identification,
     Lag,
+    LogSeries,
     check_fit,
     fit_doubts,
 )
@@ -363,7 +363,7 @@ def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
 
 
 @pytest.fixture(scope="module")
-def campaign(dry) -> Campaign:
+def campaign(dry) -> LogSeries:
     """One identification as if of three logs at three speeds, with parameters and errors of their own."""
     speeds, logs = (60.0 * KMH, 100.0 * KMH, 140.0 * KMH), []
     for v0, factor, error in zip(speeds, (1.2, 1.0, 0.9), (1.0, 0.5, 2.0), strict=True):
@@ -372,7 +372,7 @@ def campaign(dry) -> Campaign:
         score = dataclasses.replace(dry.chosen, fit=dataclasses.replace(fit, parameters=own))
         setting = dataclasses.replace(dry.setting, initial_speed=v0)
         logs.append(dataclasses.replace(dry, chosen=score, setting=setting))
-    return Campaign(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
+    return LogSeries(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
 
 
 def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(campaign, tmp_path):

@@ -20,7 +20,7 @@ from railslip_ctrl.identification.fits import Fit, Parameter, fit
 from railslip_ctrl.identification.identify import identify, identify_curve, setting_of
 from railslip_ctrl.identification.logs import Log, Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
-from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.observed import BrakedRows
 from railslip_ctrl.identification.prediction import is_followed, prediction_error_fit, slip_ramp
 from railslip_ctrl.identification.results import peak_of_fit
 from railslip_ctrl.identification.virtual_rig import (
@@ -333,7 +333,7 @@ def test_a_ramp_is_the_mean_of_the_ways_up_and_scatters_from_run_to_run():
     slip, run = np.concatenate(slips), np.concatenate(runs)
     time, nothing = interval * np.arange(slip.size) + 30.0 * run, np.zeros(slip.size)  # tests are apart in time
     speed = np.full(slip.size, v0)
-    record = Record(time, speed, (1.0 - slip) * v0 / radius, nothing, nothing, run)
+    record = BrakedRows(time, speed, (1.0 - slip) * v0 / radius, nothing, nothing, run)
     mean, spread = slip_ramp(record, radius, 0.2, v0)
     duration = 0.2 * v0 / np.array([1.0, 2.0, 3.0])
     expected = 3 * 0.2 * v0 / duration.sum()
@@ -341,7 +341,7 @@ def test_a_ramp_is_the_mean_of_the_ways_up_and_scatters_from_run_to_run():
     deviation = np.array([1.0, 2.0, 3.0]) - expected
     assert spread == pytest.approx(np.sqrt(np.average(deviation**2, weights=duration) * 3 / 2), rel=2e-2)
     part = run == 1.0
-    alone = Record(*(getattr(record, f.name)[part] for f in dataclasses.fields(record)))
+    alone = BrakedRows(*(getattr(record, f.name)[part] for f in dataclasses.fields(record)))
     assert slip_ramp(alone, radius, 0.2, v0) == (pytest.approx(2.0, rel=5e-3), None)
     low, none = slip_ramp(alone, radius, 0.4, v0)  # it never comes there: as far as it goes, and back
     assert abs(low) < 1e-9

@@ -14,7 +14,7 @@ import click
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown, to_unit
 from railslip_ctrl.identification.curves import Options
-from railslip_ctrl.identification.identify import Campaign, Identification, identify, identify_several
+from railslip_ctrl.identification.identify import Identification, LogSeries, identify, identify_several
 from railslip_ctrl.identification.logs import STANDARD_INPUT, UNITS
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
@@ -166,7 +166,7 @@ def command(
             raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
     chosen = _vehicle(vehicle, loaded)
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
-        found: Identification | Campaign = (
+        found: Identification | LogSeries = (
             identify(logs[0], chosen, options, progress=advance, observed=sink)
             if len(logs) == 1
             else identify_several(logs, chosen, options, progress=advance)
@@ -180,7 +180,7 @@ def command(
         writers = _writers(found, text, content)
         write_files(out, writers)
         told = ", the model to model.toml" if "model.toml" in writers else ""
-        if isinstance(found, Campaign):
+        if isinstance(found, LogSeries):
             told += ", to be taken at --initial-speed" if told else ""
             told += "; model-1.toml and so on are for the v0 of their log"
         progress(f"wrote {len(writers)} files to {out}{told}")
@@ -190,7 +190,7 @@ def command(
         print_text(_report, found)
 
 
-def _report(found: Identification | Campaign) -> str:
+def _report(found: Identification | LogSeries) -> str:
     return identification_text(found) if isinstance(found, Identification) else campaign_text(found)
 
 
@@ -265,13 +265,13 @@ def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], No
         yield lambda share: bar.update(task, completed=share)
 
 
-def _warn(found: Identification | Campaign) -> None:
+def _warn(found: Identification | LogSeries) -> None:
     for each in (found,) if isinstance(found, Identification) else found.logs:
         for note in each.curve.notes:
             click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
         for warning in (*each.warnings, *each.doubts):
             click.echo(f"railslip: warning: {warning}", err=True)
-    if isinstance(found, Campaign):
+    if isinstance(found, LogSeries):
         for warning in found.warnings:
             click.echo(f"railslip: warning: {warning}", err=True)
 
@@ -295,15 +295,15 @@ def _file_names(count: int) -> list[str]:
 
 
 def _writers(
-    found: Identification | Campaign, text: str, content: Mapping[str, Any]
+    found: Identification | LogSeries, text: str, content: Mapping[str, Any]
 ) -> dict[str, Callable[[Path], object]]:
     from railslip_ctrl.report import plots
 
-    logs = found.logs if isinstance(found, Campaign) else (found,)
+    logs = found.logs if isinstance(found, LogSeries) else (found,)
     texts = {name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
     texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
     figures = [plots.adhesion_figure(logs)]
-    if isinstance(found, Campaign):
+    if isinstance(found, LogSeries):
         whole = campaign_toml(found)
         texts |= {} if whole is None else {"model.toml": whole}
         figures.append(plots.coefficients_figure(found))

@@ -80,11 +80,10 @@ _MOST_NAMED = 5
 class StampFilter(RowFilter):
     """Leaves out rows whose time stamp is an outlier, and refuses time that does not grow without them.
 
-    An outlier is a single stamp that is more than `FAR` usual intervals away from both its neighbours, while without it
-    time grows over the `BESIDE` rows on either side of it: a glitch. At the ends of a log it has one neighbour. Two in
-    a row, or two within `BESIDE` rows, are a second clock as well, so they are refused; so are a stamp that repeats
-    another or steps back by less. A stamp far ahead that time then goes on from is a gap; so is one in the last row,
-    and one far behind in the first, as nothing tells it from a pause. `name` is the log's, for errors.
+    An outlier is a single stamp more than `FAR` usual intervals away from both its neighbours (at an end of a log: from
+    one), without which time grows over the `BESIDE` rows on either side. Two within `BESIDE` rows are a second clock,
+    and refused, as is a stamp that repeats another or steps back by less. A stamp far ahead that time goes on from is a
+    gap; so is one in the last row, and one far behind in the first. `name` is the log's, for errors.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1

@@ -361,7 +361,7 @@ class Problem(Protocol):
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """What is known of the free parameters; arrays by parameter.
 
     `covariance`, (p, p), is scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN, while one
@@ -390,7 +390,7 @@ def estimate(
     tests: NDArray[np.int64] | None = None,
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
-) -> Estimate:
+) -> ParameterEstimate:
     """What is known at the best coordinates x, where the residuals have `slopes` and a long-run variance.
 
     `tests` that the residuals, then of variance 1, belong to: where these disagree, that is what the errors are taken
@@ -419,7 +419,7 @@ def estimate(
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:
         own = own + np.outer(shift, shift)
-    return Estimate(
+    return ParameterEstimate(
         values=coordinates.values(x),
         covariance=_turned(own, turn, of_dead, dead),
         coordinates=coordinates,
@@ -448,10 +448,7 @@ def _turned(own: Floats, turn: Floats, of_dead: NDArray[np.bool_], dead: NDArray
 def _profiles(
     problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Intervals of the parameters whose symmetric one does not hold.
-
-    `own` is the covariance of the coordinates, `unit` that by residuals of variance 1, along which the others follow.
-    """
+    """Intervals where the symmetric one does not hold; `unit`: how the others follow, `own`: how far."""
     coordinates, residuals, found = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
     for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
@@ -590,7 +587,7 @@ class Fit:
     model: FitModel
     law: AdhesionLaw
     parameters: tuple[Parameter, ...]
-    known: Estimate
+    known: ParameterEstimate
     residual_squares: float
     cell_coefficients: Floats
     long_run_variance: float
@@ -649,7 +646,7 @@ def fit(
 
 def fit_of(
     model: FitModel,
-    known: Estimate,
+    known: ParameterEstimate,
     cells: Cells,
     setting: Setting,
     noise: tuple[float, int],
@@ -676,7 +673,7 @@ def fit_of(
     )
 
 
-def _parameters(model: FitModel, known: Estimate) -> tuple[Parameter, ...]:
+def _parameters(model: FitModel, known: ParameterEstimate) -> tuple[Parameter, ...]:
     stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
     return tuple(
         Parameter(

@@ -25,7 +25,7 @@ from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .cleaning import LONGEST_DELAY, check_corrections
-from .curves import Cells, Curve, Options, read_curve
+from .curves import AdhesionCurve, Cells, Options, read_curve
 from .fits import Fit, Parameter, fit
 from .log_checks import (
     HIGHEST_MU,
@@ -46,7 +46,7 @@ from .models import (
     fit_model,
     shape_of,
 )
-from .observed import Observed, Record
+from .observed import BrakedRows, Observed
 from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
 from .results import (
     ParameterPolynomial,
@@ -110,10 +110,7 @@ def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
 
 
 def _limit_of_friction(found: Fit, wheel_load: float) -> float:
-    """Adhesion coefficient that a model tends to as it slides slowly; NaN for one without such a parameter.
-
-    A log too short of slip leaves it free while the peak, up to slip 1, may look like any other.
-    """
+    """Adhesion coefficient that a model tends to as it slides slowly; NaN for one without such a parameter."""
     given = {**found.model.known, **{p.name: p.value for p in found.parameters}}
     match found.model.name:
         case "beam" | "polach" as name:
@@ -125,7 +122,7 @@ def _limit_of_friction(found: Fit, wheel_load: float) -> float:
     return math.nan
 
 
-def check_fit(found: Fit, setting: Setting, curve: Curve) -> None:
+def check_fit(found: Fit, setting: Setting, curve: AdhesionCurve) -> None:
     """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive."""
     what, value = highest_mu(found, setting)
     if value <= IMPOSSIBLE_MU:
@@ -150,7 +147,7 @@ def check_fit(found: Fit, setting: Setting, curve: Curve) -> None:
     )
 
 
-def fit_doubts(found: Fit, setting: Setting, curve: Curve) -> tuple[str, ...]:
+def fit_doubts(found: Fit, setting: Setting, curve: AdhesionCurve) -> tuple[str, ...]:
     """What is not to be believed of a fit that is no impossible one, a sentence each."""
     what, value = highest_mu(found, setting)
     ordinary = LOWEST_MU <= value <= HIGHEST_MU
@@ -208,11 +205,10 @@ class Lag:
     stderr: float
 
 
-def lag_of(fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> Lag | None:
+def lag_of(fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> Lag | None:
     """The likeliest lag of the wheel's speed; None where none is far more likely than no lag.
 
-    The motion is followed with the other columns read off earlier, or later, and the parameters are fitted anew for
-    each lag that is tried: first half an interval either way, then further while it gets likelier.
+    The parameters are fitted anew for each lag that is tried: half an interval either way, then on while likelier.
     """
     if not is_followed(fit.model, record):
         return None
@@ -230,7 +226,7 @@ def lag_of(fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> Lag
 class _Shifted:
     """-2 log likelihood of the motion over the lag, each value found once; fits begin where the best one ended."""
 
-    def __init__(self, fit: Fit, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
+    def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
         self._fit, self._record, self._vehicle, self._wheel_load = fit, record, vehicle, wheel_load
         self._start = fit.values
         self._known: dict[float, float] = {}
@@ -272,14 +268,14 @@ def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | Non
     return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
 
 
-def _whole_runs(record: Record) -> int:
+def _whole_runs(record: BrakedRows) -> int:
     """Rows of as many whole runs as there is room for, the first in any case."""
     ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
     fitting = ends[ends <= _MOST_ROWS]
     return int(fitting[-1] if len(fitting) else min(ends[0], _MOST_ROWS))
 
 
-def earlier(record: Record, lag: float) -> Record:
+def earlier(record: BrakedRows, lag: float) -> BrakedRows:
     """The record with train speed and brake torque as they were some seconds earlier, run by run."""
     speed, torque = record.speed.copy(), record.torque.copy()
     for run in np.unique(record.run):
@@ -331,11 +327,13 @@ class Fitted:
 class Candidates:
     """What can be fitted to a curve.
 
-    The regimes are parted at the peak of the best of the models fitted that follow the whole curve by a formula;
-    without one, where the data's mu is highest.
+    The regimes are parted at the peak of the best model that follows the whole curve by a formula, else where the
+    data's mu is highest.
     """
 
-    def __init__(self, curve: Curve, vehicle: Vehicle, setting: Setting, regimes: Regimes | None = None) -> None:
+    def __init__(
+        self, curve: AdhesionCurve, vehicle: Vehicle, setting: Setting, regimes: Regimes | None = None
+    ) -> None:
         self.curve, self.vehicle, self.setting = curve, vehicle, setting
         self.regimes = regimes or regimes_of_data(curve.cells)
 
@@ -421,7 +419,7 @@ class Identification:
 
     vehicle: Vehicle
     options: Options
-    curve: Curve
+    curve: AdhesionCurve
     setting: Setting
     scores: tuple[Score, ...]
     chosen: Score
@@ -463,7 +461,7 @@ class Identification:
         return peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
 
 
-def speeds_shown(curve: Curve, setting: Setting) -> tuple[float, float]:
+def speeds_shown(curve: AdhesionCurve, setting: Setting) -> tuple[float, float]:
     """As `Identification.speeds_shown`."""
     v0, survey = setting.initial_speed, curve.survey
     return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
@@ -496,7 +494,7 @@ def _model_names(options: Options) -> tuple[str, ...]:
     return names
 
 
-def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identification:
+def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Identification:
     """Identify from an adhesion curve that is read already. InputError as `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
@@ -539,11 +537,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
 def _chosen(
     scores: tuple[Score, ...], candidates: Candidates
 ) -> tuple[tuple[Score, ...], Score, tuple[PeakSlip, ...], tuple[str, ...]]:
-    """The scores, the first of them that is not the table, its peaks; and why models before it had none.
-
-    The table follows any curve: it shows what a formula leaves, and is taken where it is asked for. InputError where no
-    model has a peak.
-    """
+    """The scores, the first that is not the table, its peaks, and why models before it had none; else InputError."""
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
     for score in sorted(scores, key=lambda each: each.fit.model.name == "table"):
@@ -559,7 +553,7 @@ def _chosen(
     raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
 
 
-def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[str, ...]:
+def _against_the_log(curve: AdhesionCurve, setting: Setting, options: Options) -> tuple[str, ...]:
     """A sentence for each value that is given and that the log shows to be another."""
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
@@ -577,10 +571,7 @@ def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[
 
 
 def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step; not where something else is amiss first.
-
-    One v0 that stands for several, and a wheel of quite another radius, are no motion that can be followed.
-    """
+    """A sentence where the motion shows that the columns are out of step, unless something else is amiss first."""
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling):
         return ()
@@ -603,12 +594,12 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
 
 
-def _wheel_told(curve: Curve) -> tuple[str, ...]:
+def _wheel_told(curve: AdhesionCurve) -> tuple[str, ...]:
     """What was said of a wheel that does not follow its train, as the cause of what fails."""
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
-def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:
+def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSlip, ...]:
     """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
     speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
     peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
@@ -625,7 +616,7 @@ def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
     return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
 
 
-def setting_of(curve: Curve, vehicle: Vehicle, options: Options) -> Setting:
+def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Setting:
     """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
@@ -654,7 +645,7 @@ def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class LogSeries:
     """Several logs identified with one model, and its parameters over the initial speed.
 
     `warnings` are of the logs together, beside those that each has.
@@ -667,7 +658,7 @@ class Campaign:
 
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
-) -> Campaign:
+) -> LogSeries:
     """Identify logs at several initial speeds, `paths`, with one model; of "best", the one with the lowest sum of BIC.
 
     `vehicle`, `options`, `progress` and InputError as of `identify`.
@@ -688,7 +679,7 @@ def identify_several(
     if options.model == "best":
         done = _with_one_model(done)
     fits = [each.chosen.fit for each in done]
-    return Campaign(
+    return LogSeries(
         logs=tuple(done),
         polynomials=over_initial_speed([each.setting.initial_speed for each in done], fits),
         warnings=_different_loads(done),

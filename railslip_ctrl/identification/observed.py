@@ -4,8 +4,8 @@ The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip o
 tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
 that an observed mu is the mean over, which is all that a fit needs (`curves`).
 
-Beside it a `Record` of rows under brake as they came, for prediction-error fits. Whole runs are kept, from the brake's
-application to its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
+Beside it `BrakedRows`, as they came, for prediction-error fits. Whole runs are kept, from the brake's application to
+its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ _LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take al
 
 
 @dataclass(frozen=True)
-class Record:
+class BrakedRows:
     """Rows under brake: arrays of one length; s, m/s, rad/s, N*m, N, and the number of the run a row belongs to."""
 
     time: Floats
@@ -111,7 +111,7 @@ class Recorder:
         self._last_used = False
 
     def add(self, rows: Floats, used: NDArray[np.bool_], apart: NDArray[np.bool_]) -> None:
-        """Take in rows (5 by k, the columns of `Record`), which are used, and which stand after a gap."""
+        """Take in rows (5 by k, the columns of `BrakedRows`), which are used, and which stand after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -133,9 +133,9 @@ class Recorder:
         """Of how many runs one is kept."""
         return self._stride
 
-    def record(self) -> Record:
+    def record(self) -> BrakedRows:
         """The rows kept so far."""
-        return Record(*self._kept)
+        return BrakedRows(*self._kept)
 
 
 # --- what is met on the way ----------------------------------------------------------------------------------------
@@ -484,7 +484,7 @@ class TimeHistory:
     slip: Floats
 
 
-def time_history_of(record: Record, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
+def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
     """The longest run of a record, observed with tau in s; None for an empty record."""
     if not len(record):
         return None

@@ -32,10 +32,10 @@ from .virtual_rig import RigProcedure
 
 __all__ = [
     "BrakeCourse",
+    "BrakeTrial",
     "Measurements",
     "ObserverErrors",
     "TradeOff",
-    "Trial",
     "brake_trial",
     "measured",
     "observer_errors",
@@ -145,7 +145,7 @@ class BrakeCourse:
 
 
 @dataclass(frozen=True)
-class Trial:
+class BrakeTrial:
     """What truly happened, at constant intervals; SI, arrays of one length.
 
     `time`; the train's `speed`, the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
@@ -177,7 +177,9 @@ class Measurements:
     omega: Floats
 
 
-def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse) -> Trial:
+def brake_trial(
+    law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse
+) -> BrakeTrial:
     """A brake `course` of a `vehicle` on a `law`, from free rolling at a `speed`, m/s, sampled at an `interval`, s.
 
     InputError for a number out of range, or where the train stops before the slip reaches the course's bound;
@@ -213,7 +215,7 @@ def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: f
     end = int(np.searchsorted(signals.time, released + course.recovery))
     at = slice(0, end, every)
     omega = signals.wheel_speed[at]
-    return Trial(
+    return BrakeTrial(
         time=signals.time[at],
         speed=signals.speed[at],
         rim_speed=radius * omega,
@@ -226,7 +228,7 @@ def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: f
     )
 
 
-def measured(trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
+def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
     """A `trial` through `encoder` and `sensor`; a sample fewer, as a speed needs two angles; `seed` of the noise."""
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
@@ -270,14 +272,14 @@ class TradeOff:
     at_best: ObserverErrors
 
 
-def estimated(observer: TorqueObserver[Any], trial: Trial) -> Floats:
+def estimated(observer: TorqueObserver[Any], trial: BrakeTrial) -> Floats:
     """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
     speed = np.diff(trial.angle) / np.diff(trial.time)
     return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
 
 
 def observer_errors(
-    observer: TorqueObserver[Any], trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+    observer: TorqueObserver[Any], trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
     """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
     braked = trial.time[1:] >= trial.brake_time
@@ -294,7 +296,7 @@ def observer_errors(
 def trade_off(
     make: Callable[[float], TorqueObserver[Any]],
     settings: ArrayLike,
-    trial: Trial,
+    trial: BrakeTrial,
     encoder: Encoder,
     sensor: TorqueSensor,
     *,

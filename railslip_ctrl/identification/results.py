@@ -252,11 +252,7 @@ def _is_of_slip_alone(fit: Fit, speeds: Sequence[float], wheel_load: float) -> b
 
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
-    """Delta method: the gradient of slip and height of the peak, by differences over a tenth of a standard error.
-
-    Of the coordinates of the search, in which the parameters are not bound to each other, and of what else is known but
-    not exactly.
-    """
+    """Delta method in the coordinates of the search, over a tenth of a standard error: slip and height of the peak."""
     if fit.model.name == "table":
         return _stderrs_of_table(fit)
     coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
@@ -282,10 +278,7 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 
 
 def _stderrs_of_table(fit: Fit) -> tuple[float, float]:
-    """Of a table's peak, which lies on a knot whatever the values: it may be at any knot as high within 99 %.
-
-    And up to the knots next to these, as between knots a table knows nothing.
-    """
+    """A table's peak is on a knot: any knot as high within 99 %, and up to the knots next to these."""
     knots = fit.model.known["slip"]
     assert isinstance(knots, tuple)
     slips, mu, deviation = np.array(knots), fit.values, np.sqrt(np.diag(fit.covariance))

@@ -18,7 +18,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
-from railslip_ctrl.identification.identify import Campaign, Identification
+from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.log_checks import Rolling
 from railslip_ctrl.identification.observed import Observed
 from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, of_known, too_few
@@ -36,7 +36,7 @@ def identification_text(found: Identification) -> str:
     return render(_log_parts(found))
 
 
-def campaign_text(found: Campaign) -> str:
+def campaign_text(found: LogSeries) -> str:
     """Several logs as a report: each, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
@@ -52,7 +52,7 @@ def campaign_text(found: Campaign) -> str:
     return render([*parts, _error_table(found)])
 
 
-def _error_table(found: Campaign) -> RenderableType:
+def _error_table(found: LogSeries) -> RenderableType:
     """As [Park2008] Table 3."""
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in found.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
@@ -242,7 +242,7 @@ def model_toml(found: Identification) -> str:
     )
 
 
-def campaign_toml(found: Campaign) -> str | None:
+def campaign_toml(found: LogSeries) -> str | None:
     """The law over the initial speed for `--adhesion FILE --initial-speed KMH`; None for tables, whose knots differ."""
     fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
     if fits[0].model.name == "table":
@@ -277,7 +277,7 @@ def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
     return (told, p.misses) if p.misses else (told,)
 
 
-def _references(found: Campaign) -> dict[float, ReferenceSlip]:
+def _references(found: LogSeries) -> dict[float, ReferenceSlip]:
     """The slips to hold by v0 in km/h, of logs at one speed the lowest; none unless every log has them."""
     held: dict[float, ReferenceSlip] = {}
     for each in found.logs:
@@ -398,7 +398,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
     }
 
 
-def campaign_json(found: Campaign) -> dict[str, Any]:
+def campaign_json(found: LogSeries) -> dict[str, Any]:
     """Several logs: the parameters over the initial speed, `value` being that at the logs' mean, then each log."""
     first = found.logs[0].chosen.fit
     return {
