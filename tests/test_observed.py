@@ -120,7 +120,7 @@ def test_a_kalman_filter_sets_mu_over_the_slip_it_belongs_to():
     assert np.concatenate([part.mu for part in parts]) == pytest.approx(observed.mu, rel=0.02)
 
 
-# --- along the motion ----------------------------------------------------------------------------------------------
+# --- whole runs, and between their rows ----------------------------------------------------------------------------
 
 
 def test_a_record_is_whole_runs_however_its_rows_come():

@@ -130,17 +130,6 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
 # --- against the truth ---------------------------------------------------------------------------------------------
 
 
-def test_trial_obeys_the_wheel_and_the_train(trial):
-    """Momentum of wheel and train over the trial against the impulses, by quadrature."""
-    J, B, M, r = 60.35, 0.25, 3517.0, 0.43
-    wheel = trapezoid(trial.adhesion_torque - trial.brake_torque - B * trial.omega, trial.time)
-    train = trapezoid(-trial.adhesion_torque / r - 0.63 * trial.speed**2, trial.time)
-    # the trapezoidal rule at 5 ms, with corners of the torque between samples: a corner costs < rate h^2/8 = 0.2 N*m*s
-    assert J * (trial.omega[-1] - trial.omega[0]) == pytest.approx(wheel, abs=0.4)
-    assert M * (trial.speed[-1] - trial.speed[0]) == pytest.approx(train, abs=0.4)
-    assert np.gradient(trial.angle, trial.time)[1:-1] == pytest.approx(trial.omega[1:-1], abs=0.02)
-
-
 def test_trial_is_the_one_of_figure_12(trial):
     slip = 1 - trial.omega * 0.43 / trial.speed
     released = trial.time >= trial.release_time

@@ -94,30 +94,6 @@ def test_the_course_is_that_of_figure_12(test):
     assert abs(slip[-1]) < 0.5 * slip[highest]  # the wheel comes back, at 140 km/h not within the second recorded
 
 
-@pytest.mark.long
-def test_the_wheel_moves_as_an_independent_integration_says():
-    """(1)-(4) by SciPy's DOP853 under the recorded torque, the beam's closed form; no noise."""
-    log = run_tests(RigTest(PARK2008, BEAM, V100, **CLEAN), tests=1)
-    force = numeric_plant(type(BEAM)).force
-    p = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, PARK2008.wheel_load, *BEAM.parameters())
-    resistance, wheel = PARK2008.resistance, PARK2008.wheel
-
-    def rates(t: float, x: np.ndarray) -> tuple[float, float]:
-        v, omega = x
-        Fa = float(force(v, v - RADIUS * omega, 0.0, 0.0, 0.0, 0.0, p))
-        Fr = resistance.constant + resistance.linear * v + resistance.quadratic * v**2
-        Tb = float(np.interp(t, log.time, log.brake_torque))
-        return (-Fa - Fr) / PARK2008.mass, (RADIUS * Fa - Tb - wheel.viscous_friction * omega) / wheel.inertia
-
-    released = int(np.argmax(slip_of(log)))  # past it the torque's fall between samples is not a straight line
-    start = [log.train_speed[0], log.wheel_angular_speed[0]]
-    end = float(log.time[released])
-    found = solve_ivp(rates, (0.0, end), start, t_eval=log.time[: released + 1], rtol=1e-9, atol=1e-9, max_step=0.01)
-    # the torque is taken to run straight between samples, which it does but for some 0.5 N*m of a command in steps
-    assert log.train_speed[: released + 1] == pytest.approx(found.y[0], abs=1e-3)
-    assert log.wheel_angular_speed[: released + 1] == pytest.approx(found.y[1], abs=0.02)
-
-
 def test_scatter_is_what_was_asked_for():
     quiet = RigTest(PARK2008, CURVE, V100, random_force=0.0, wheel_noise=0.02, torque_noise=80.0)
     noisy, clean = (run_tests(t, tests=3, seed=4) for t in (quiet, dataclasses.replace(quiet, **CLEAN, torque_noise=0)))

@@ -210,7 +210,7 @@ class PredictionErrors:
         return self._bristles(values)[0]
 
     def followed(self, values: Floats) -> Floats:
-        """mu over slip as the bristles had it along the motion, means in cells of the slip's root: (2, cells)."""
+        """mu over slip as the bristles had it in the runs, means in cells of the slip's root: (2, cells)."""
         found, sigma, mean, left = self._bristles(values)
         assert found.start is not None
         assert self._factor is not None, "set_variances comes first"
