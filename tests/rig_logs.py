@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import numeric_plant
 from railslip_ctrl.model.vehicle import PARK2008
@@ -76,12 +74,6 @@ def rig_rows(
 def changed(rows: Rows, **columns: np.ndarray) -> Rows:
     """The rows with other columns."""
     return Rows(rows.line, {**rows.columns, **columns})
-
-
-def rig_test_rows(test: RigTest, *, tests: int = 2, seed: int = 0) -> Rows:
-    """The rows of tests on the virtual rig."""
-    log = run_tests(test, tests=tests, seed=seed)
-    return Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
 
 
 def identified(rows: Rows, model: str = "beam", **options: object) -> Identification:

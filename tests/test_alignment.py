@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
-from rig_logs import identified, rig_rows, rig_test_rows
+from rig_logs import identified, rig_rows
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.cleaning import LONGEST_DELAY, Alignment
@@ -15,7 +15,7 @@ from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.identify import Identification
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observer import Encoder
-from railslip_ctrl.identification.virtual_rig import RigTest, published_tests
+from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 from railslip_ctrl.model.vehicle import PARK2008
 
 BEAM = published_tests("beam")[2]
@@ -23,7 +23,7 @@ HALF = BEAM.interval / 2
 
 
 def found_by(test: RigTest, *, seed: int = 0, **options) -> Identification:
-    rows = rig_test_rows(test, tests=6, seed=seed)
+    rows = run_tests(test, tests=6, seed=seed)
     return identified(rows, test.law.name, initial_speed=test.initial_speed, **options)
 
 

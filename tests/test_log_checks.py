@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from project import refused
-from rig_logs import changed, identified, rig_rows, rig_test_rows, write_log
+from rig_logs import changed, identified, rig_rows, write_log
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
@@ -27,7 +27,7 @@ from railslip_ctrl.identification.models import check_options
 from railslip_ctrl.identification.observed import BrakedRows, Readhesion
 from railslip_ctrl.identification.observer import Encoder, FilterObserver
 from railslip_ctrl.identification.prediction import slip_ramp
-from railslip_ctrl.identification.virtual_rig import RigTest
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -48,7 +48,7 @@ def no_lag_search(monkeypatch):
 
 def rig(name: str = "burckhardt", speed_kmh: float = 100.0, *, tests: int = 2, seed: int = 0, **measured) -> Rows:
     law = BURCKHARDT if name == "burckhardt" else published_law(name, Rail.DRY, speed_kmh, LOAD)
-    return rig_test_rows(RigTest(PARK2008, law, speed_kmh * KMH, **measured), tests=tests, seed=seed)
+    return run_tests(RigTest(PARK2008, law, speed_kmh * KMH, **measured), tests=tests, seed=seed)
 
 
 def told(rows: Rows, **options) -> list[str]:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from project import refused
-from rig_logs import changed, identified, rig_rows, rig_test_rows, write_log
+from rig_logs import changed, identified, rig_rows, write_log
 from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
@@ -32,7 +32,7 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
 from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law
-from railslip_ctrl.identification.virtual_rig import RigTest
+from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import (
@@ -255,7 +255,7 @@ def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
 def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     """Two tests of a rig: the data's own highest mu may be far off on the beam's flat top, the fit's is not."""
     speed, law = 30.0, published_law("beam", Rail.DRY, 30.0)
-    found = identified(rig_test_rows(RigTest(PARK2008, law, speed * KMH), tests=2, seed=5))
+    found = identified(run_tests(RigTest(PARK2008, law, speed * KMH), tests=2, seed=5))
     true = peak_of_law(law, speed * KMH, PARK2008.wheel_load).slip
     assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
     assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
@@ -293,7 +293,7 @@ def observed_slip(rows: Rows):
 def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     """The virtual rig's log with its train's speed read 20 ms late, against the same without, row by row."""
     test = RigTest(PARK2008, published_law("beam", Rail.DRY, speed), speed * KMH)
-    rows = rig_test_rows(test, tests=4, seed=2)
+    rows = run_tests(test, tests=4, seed=2)
     curve = curve_of(rows, PARK2008, Options())
     told = train_lag(curve.record, RADIUS, curve.peak_slip, 0.02)
     true, late = observed_slip(rows), observed_slip(late_train(rows, 0.02))
@@ -437,7 +437,7 @@ def test_the_chosen_model_has_the_intervals_that_it_has_alone(rows, monkeypatch)
 
 @pytest.fixture(scope="module")
 def rig_log() -> Rows:
-    return rig_test_rows(RigTest(PARK2008, BEAM, 100 * KMH), seed=4)
+    return run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.7376, 1.0, 2.0])  # half the wheels; lb*ft for N*m; right; twice

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -89,12 +89,14 @@ def search(
     return 2.0 * float(found.cost) - float(np.sum((pull * (x - centre)) ** 2)), x
 
 
-def differences(residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats) -> Floats:
-    """Derivatives of the residuals by the coordinates, (residuals, coordinates), by differences inside the bounds."""
+def differences(
+    residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, places: Iterable[int] | None = None
+) -> Floats:
+    """Derivatives by the coordinates, all or some, (residuals, coordinates), by differences inside the bounds."""
     columns = []
-    for i, step in enumerate(steps):
+    for i in range(len(x)) if places is None else places:
         high, low = x.copy(), x.copy()
-        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
+        high[i], low[i] = min(x[i] + steps[i], coordinates.upper[i]), max(x[i] - steps[i], coordinates.lower[i])
         difference = residuals(coordinates.values(high)) - residuals(coordinates.values(low))
         columns.append(difference / (high[i] - low[i]))
     return np.stack(columns, axis=1)
@@ -484,9 +486,8 @@ def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np
 
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
-    """Derivatives of the residuals by the coordinates, (residuals, coordinates), by differences inside the bounds."""
-    steps = _DIFFERENCE * problem.coordinates.sizes(x)
-    return differences(problem.residuals, problem.coordinates, x, steps)
+    """`differences` of a problem's residuals."""
+    return differences(problem.residuals, problem.coordinates, x, _DIFFERENCE * problem.coordinates.sizes(x))
 
 
 def unidentified(scaled: Floats) -> NDArray[np.bool_]:

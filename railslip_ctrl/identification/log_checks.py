@@ -92,7 +92,7 @@ class FreeRolling:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
         self._interval = math.nan
-        self._windows = np.empty((len(_KEPT), 0))
+        self._windows = np.empty((7, 0))  # columns as of `_steady`
         self._stride, self._seen = 1, 0
 
     @property
@@ -190,9 +190,6 @@ class FreeRolling:
         ends = np.searchsorted(torque, reach, side="right")
         enough = np.flatnonzero(ends - np.arange(len(torque)) >= least)
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
-
-
-_KEPT = ("torque", "its standard error", "speed", "omega", "load", "deceleration", "whether omega moves")
 
 
 def _resistance(vehicle: Vehicle, speed: Any) -> Any:

@@ -15,7 +15,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
-from .fits import NORMAL_QUANTILE, Fit, Parameter
+from .fits import NORMAL_QUANTILE, Fit, Parameter, differences
 from .models import FitModel
 
 Floats = NDArray[np.float64]
@@ -256,18 +256,12 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
     if fit.model.name == "table":
         return _stderrs_of_table(fit)
     coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
-    known = [i for i, variance in enumerate(np.diag(covariance)) if math.isfinite(variance)]
-    if not known:
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    if not len(known):
         return math.nan, math.nan
     x = coordinates.at(fit.values)
-    sizes = coordinates.sizes(x)
-    gradient = np.empty((2, len(known)))
-    for column, i in enumerate(known):
-        step = max(_STEP * min(math.sqrt(covariance[i, i]), sizes[i]), _LEAST_STEP * abs(x[i]))
-        high, low = x.copy(), x.copy()
-        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
-        ends = [np.array(at(fit.model, coordinates.values(each))) for each in (high, low)]
-        gradient[:, column] = (ends[0] - ends[1]) / (high[i] - low[i])
+    steps = np.maximum(_STEP * np.minimum(np.sqrt(np.diag(covariance)), coordinates.sizes(x)), _LEAST_STEP * np.abs(x))
+    gradient = differences(lambda values: np.array(at(fit.model, values)), coordinates, x, steps, known)
     variance = np.diag(gradient @ covariance[np.ix_(known, known)] @ gradient.T).copy()
     for name, stderr in fit.known_stderrs.items():
         step = _STEP * stderr

@@ -21,6 +21,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_l
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
+from .logs import Rows
 from .observer import Encoder
 
 if TYPE_CHECKING:
@@ -103,25 +104,15 @@ class RigTest:
             raise InputError(f"release_slip: {self.release_slip:g} is not allowed; give a value < 1")
 
 
-@dataclass(frozen=True)
-class RigLog:
-    """What the rig recorded, arrays of one length: s, m/s, rad/s, N*m, N. A gap lies between tests."""
-
-    time: Floats
-    train_speed: Floats
-    wheel_angular_speed: Floats
-    brake_torque: Floats
-    wheel_load: Floats
-
-
+_QUANTITIES = ("time", "train_speed", "wheel_angular_speed", "brake_torque", "wheel_load")
 _BEGIN = 0.5  # s of free rolling before the ramp
 _AFTER = 1.0  # s recorded after the release
 _PAUSE = 30.0  # s to run up again between tests
 _STEP = 1e-3  # s of the integration
 
 
-def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> RigLog:
-    """Tests at one condition, one after the other in a log.
+def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
+    """Tests at one condition, one after the other in a log, with a pause between them.
 
     Each ends `_AFTER` seconds after the release. InputError where a test does not get to the release at all, because
     the ramp is too slow for the flywheels.
@@ -136,7 +127,8 @@ def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> RigLog:
         part = _one_test(test, factor, of_run, np.random.default_rng(of_sensors))
         parts.append([part[0] + start, *part[1:]])
         start += float(part[0][-1]) + _PAUSE
-    return RigLog(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Rows(np.arange(columns[0].size) + 2, dict(zip(_QUANTITIES, columns, strict=True)))
 
 
 def _one_test(
@@ -192,9 +184,9 @@ def published_tests(
     )
 
 
-def write_log(log: RigLog, path: Path) -> None:
+def write_log(log: Rows, path: Path) -> None:
     """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
-    columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
+    columns = [log.columns[name] / unit for name, unit in zip(_QUANTITIES, (1.0, KMH, 1.0, 1e3, 1e3), strict=True)]
     header = ",".join(COLUMNS)
     with staged(path.parent) as new:
         np.savetxt(new / path.name, np.column_stack(columns), fmt="%.10g", delimiter=",", header=header, comments="")
