@@ -585,9 +585,6 @@ def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     assert load_law(path) == law
     assert wheel_load_in(path) == LOAD
     assert initial_speeds_in(path) == (30.0, 31.5)
-    path.write_text(path.read_text().replace(repr(LOAD), "-1"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"wheel_load: -1 is not allowed; give a value > 0"):
-        wheel_load_in(path)
 
 
 def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
@@ -605,11 +602,3 @@ def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
     assert load_law(path, initial_speed_kmh=130.0).reference == held[100.0]
     with pytest.raises(InputError, match=r"polynomials of the initial speed; give --initial-speed"):
         load_law(path)
-    with pytest.raises(InputError, match=r"initial speed: 150 km/h is outside 30 to 140"):
-        load_law(path, initial_speed_kmh=150.0)
-    path.write_text(text.replace("dry = [0.27, 0.13]", "dry = [0.27]"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"reference_slip: dry, wet: give as many slips as speeds, 2"):
-        load_law(path, initial_speed_kmh=80.0)
-    path.write_text(text.replace("[0.005]", "0.005"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"polynomials: a: 0.005 is not allowed; give a list"):
-        load_law(path, initial_speed_kmh=80.0)
