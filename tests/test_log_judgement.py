@@ -36,11 +36,11 @@ from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import (
-    campaign_json,
-    campaign_toml,
     identification_json,
     identification_text,
     model_toml,
+    series_json,
+    series_toml,
 )
 from railslip_ctrl.report.plots import drift_figure
 
@@ -377,7 +377,7 @@ def campaign(dry) -> LogSeries:
 
 def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(campaign, tmp_path):
     """Three logs determine a parabola: the errors by Lagrange's polynomials, and at each log its own."""
-    text = campaign_toml(campaign)
+    text = series_toml(campaign)
     path = tmp_path / "model.toml"
     path.write_text(text, encoding="utf-8")
     assert load_law(path, initial_speed_kmh=100.0).mu_max == pytest.approx(campaign.polynomials[0].at(100.0))
@@ -390,7 +390,7 @@ def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(camp
         assert errors == pytest.approx(p.stderrs, rel=6e-3)  # three digits are told
         values = [float(part.split(" at ")[0]) for part in line.split("of the value ")[1].split(", ")]
         assert values == pytest.approx(own, rel=6e-3)
-        covariance = np.array(campaign_json(campaign)["parameters"][p.name]["covariance"])
+        covariance = np.array(series_json(campaign)["parameters"][p.name]["covariance"])
         assert np.sqrt(np.diag(covariance)) == pytest.approx(p.stderrs)
 
 

@@ -34,7 +34,7 @@ from railslip_ctrl.identification.virtual_rig import (
 from railslip_ctrl.model.adhesion import AdhesionLaw, law_class, load_law, published_law
 from railslip_ctrl.model.numeric import numeric_plant, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
-from railslip_ctrl.report.identification import campaign_json, campaign_toml
+from railslip_ctrl.report.identification import series_json, series_toml
 from railslip_ctrl.report.plots import adhesion_figure, coefficients_figure
 
 BEAM, CURVE = (published_law(name, Rail.DRY) for name in ("beam", "curve"))
@@ -430,9 +430,9 @@ def test_figures_12_and_13_from_the_virtual_rig(tmp_path, capsys, monkeypatch):
             # a line of four fits, each good to some tens of per cent in beta and gamma at the lower speeds
             fitted = polynomial.at(test.initial_speed / KMH)
             assert fitted == pytest.approx(getattr(test.law, polynomial.name), rel=0.25)
-    content = campaign_json(result.campaign)["parameters"]
+    content = series_json(result.campaign)["parameters"]
     path = tmp_path / "over.toml"
-    path.write_text(campaign_toml(result.campaign), encoding="utf-8")
+    path.write_text(series_toml(result.campaign), encoding="utf-8")
     law = load_law(path, initial_speed_kmh=content["alpha"]["at_initial_speed_kmh"])
     for name, parameter in content.items():
         assert getattr(law, name) == pytest.approx(parameter["value"], rel=1e-9)

@@ -23,13 +23,13 @@ from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.identification import (
-    campaign_json,
-    campaign_text,
-    campaign_toml,
     identification_json,
     identification_text,
     model_toml,
     observed_rows,
+    series_json,
+    series_text,
+    series_toml,
 )
 
 from .options import Quantity, from_file
@@ -175,7 +175,7 @@ def command(
             sink.finish(found.regimes)
     _warn(found)
     text = _report(found)
-    content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
+    content = identification_json(found) if isinstance(found, Identification) else series_json(found)
     if out is not None:
         writers = _writers(found, text, content)
         write_files(out, writers)
@@ -191,7 +191,7 @@ def command(
 
 
 def _report(found: Identification | LogSeries) -> str:
-    return identification_text(found) if isinstance(found, Identification) else campaign_text(found)
+    return identification_text(found) if isinstance(found, Identification) else series_text(found)
 
 
 def _options(given: Mapping[str, Any]) -> Options:
@@ -304,7 +304,7 @@ def _writers(
     texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
     figures = [plots.adhesion_figure(logs)]
     if isinstance(found, LogSeries):
-        whole = campaign_toml(found)
+        whole = series_toml(found)
         texts |= {} if whole is None else {"model.toml": whole}
         figures.append(plots.coefficients_figure(found))
     else:

@@ -36,7 +36,7 @@ def identification_text(found: Identification) -> str:
     return render(_log_parts(found))
 
 
-def campaign_text(found: LogSeries) -> str:
+def series_text(found: LogSeries) -> str:
     """Several logs as a report: each, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
@@ -78,7 +78,9 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     parts += [Text(f"Warning: {doubt}") for doubt in found.doubts]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
-    parts.append(Text(f"{_weight(found.scores)}\n"))
+    samples = f"{found.scores[0].independent:.3g} independent samples"
+    weight = f"AIC and BIC are of {samples}, and compare these models with each other alone"
+    parts.append(Text(f"{too_few(found.scores) or weight}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks)]
@@ -155,11 +157,6 @@ def _score_table(found: Identification) -> RenderableType:
         for score in found.scores
     ]
     return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
-
-
-def _weight(scores: tuple[Score, ...]) -> str:
-    samples = f"{scores[0].independent:.3g} independent samples"
-    return too_few(scores) or f"AIC and BIC are of {samples}, and compare these models with each other alone"
 
 
 def _bin_table(found: Identification) -> RenderableType:
@@ -242,7 +239,7 @@ def model_toml(found: Identification) -> str:
     )
 
 
-def campaign_toml(found: LogSeries) -> str | None:
+def series_toml(found: LogSeries) -> str | None:
     """The law over the initial speed for `--adhesion FILE --initial-speed KMH`; None for tables, whose knots differ."""
     fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
     if fits[0].model.name == "table":
@@ -398,7 +395,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
     }
 
 
-def campaign_json(found: LogSeries) -> dict[str, Any]:
+def series_json(found: LogSeries) -> dict[str, Any]:
     """Several logs: the parameters over the initial speed, `value` being that at the logs' mean, then each log."""
     first = found.logs[0].chosen.fit
     return {
