@@ -23,7 +23,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import Parameter
 from railslip_ctrl.identification.identify import identify_curve
-from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 
 LAWS = ("beam", "bristle")
@@ -50,9 +49,8 @@ class Coverage:
 
 def identified(test: RigTest, seed: int) -> tuple[Parameter, ...]:
     """The parameters of the test's own law from a log."""
-    log = run_tests(test, tests=TESTS, seed=seed)
+    rows = run_tests(test, tests=TESTS, seed=seed)
     options = Options(model=test.law.name, initial_speed=test.initial_speed)
-    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
     curve = curve_of(rows, test.vehicle, options, name="virtual rig")
     return identify_curve(curve, test.vehicle, options).chosen.fit.parameters
 

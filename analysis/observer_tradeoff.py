@@ -30,7 +30,14 @@ from railslip_ctrl.identification.observer import (
     adhesion_coefficient,
     observer_responses,
 )
-from railslip_ctrl.identification.observer_study import BrakeCourse, TradeOff, Trial, brake_trial, measured, trade_off
+from railslip_ctrl.identification.observer_study import (
+    BrakeCourse,
+    BrakeTrial,
+    TradeOff,
+    brake_trial,
+    measured,
+    trade_off,
+)
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
@@ -70,7 +77,7 @@ class ObserverComparison:
         Interval (s) to best setting and total rms error (N*m), by observer.
     """
 
-    trial: Trial
+    trial: BrakeTrial
     passed_at_once: dict[str, float]
     curves: dict[str, TradeOff]
     estimates: dict[str, np.ndarray]
@@ -124,13 +131,13 @@ def run() -> ObserverComparison:
     )
 
 
-def trial_at(interval: float) -> Trial:
+def trial_at(interval: float) -> BrakeTrial:
     """The brake application, sampled at an interval in s."""
     law = published_law(LAW, Rail.DRY, INITIAL_SPEED_KMH)
     return brake_trial(law, VEHICLE, INITIAL_SPEED_KMH / 3.6, interval=interval, course=COURSE)
 
 
-def curves_at(trial: Trial, taus: np.ndarray, walks: np.ndarray) -> dict[str, TradeOff]:
+def curves_at(trial: BrakeTrial, taus: np.ndarray, walks: np.ndarray) -> dict[str, TradeOff]:
     """The trade-off of every observer on a trial."""
     return {
         name: trade_off(make, walks if name == NAMES[2] else taus, trial, ENCODER, SENSOR, seed=SEED)

@@ -14,14 +14,12 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Options, curve_of
-from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.identify import Identification, LogSeries, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.results import over_initial_speed
-from railslip_ctrl.identification.virtual_rig import RigLog, RigTest, published_tests, run_tests
+from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.vehicle import PARK2008
 
@@ -36,10 +34,10 @@ PUBLISHED = {"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.008
 class VirtualRig:
     """One test to look at, and the identifications by model at the four speeds."""
 
-    course: RigLog
+    course: Rows
     tests: tuple[RigTest, ...]
     found: dict[str, tuple[Identification, ...]]
-    campaign: Campaign
+    campaign: LogSeries
 
     def errors(self, model: str) -> tuple[float, ...]:
         """Mean absolute error of mu at each speed, as in Table 3."""
@@ -49,9 +47,8 @@ class VirtualRig:
 def identified(test: RigTest, model: str) -> Identification:
     """A model fitted to the log of a condition."""
     speed = round(test.initial_speed / KMH)
-    log = run_tests(test, tests=TESTS[speed], seed=speed)
+    rows = run_tests(test, tests=TESTS[speed], seed=speed)
     options = Options(model=model, initial_speed=test.initial_speed)
-    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
     return identify_curve(curve_of(rows, test.vehicle, options, name="virtual rig"), test.vehicle, options)
 
 
@@ -63,7 +60,7 @@ def run() -> VirtualRig:
     found = {model: tuple(identified(test, model) for test in tests) for model in MODELS}
     fits = [each.chosen.fit for each in found["bristle"]]
     polynomials = over_initial_speed([test.initial_speed for test in tests], fits)
-    return VirtualRig(run_tests(tests[2], tests=1), tests, found, Campaign(found["bristle"], polynomials))
+    return VirtualRig(run_tests(tests[2], tests=1), tests, found, LogSeries(found["bristle"], polynomials))
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,13 +31,3 @@ def run_is_step_is_chunks(observer: Any, log: tuple[np.ndarray, ...], cuts: Sequ
         after = part.state
     assert np.concatenate(chunked) == pytest.approx(whole.adhesion_torque, abs=ROUNDING)
     return whole, state, after
-
-
-def rows_per_second(observer: Any, log: tuple[np.ndarray, ...]) -> float:
-    """Rows of a log per second of the processor's time: the best of three runs, as the machine is shared."""
-    times = []
-    for _ in range(3):
-        begin = time.process_time()
-        observer.run(*log)
-        times.append(time.process_time() - begin)
-    return log[0].size / min(times)

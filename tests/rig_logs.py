@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from railslip_ctrl.identification.curves import Options, curve_of
+from railslip_ctrl.identification.identify import Identification, identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.numeric import numeric_plant
@@ -67,6 +69,17 @@ def rig_rows(
         Rows(np.arange(time.size) + 2, {"time": time, **dict(zip(names, log, strict=True)), **logged})
         for log in columns
     ]
+
+
+def changed(rows: Rows, **columns: np.ndarray) -> Rows:
+    """The rows with other columns."""
+    return Rows(rows.line, {**rows.columns, **columns})
+
+
+def identified(rows: Rows, model: str = "beam", **options: object) -> Identification:
+    """Rows in memory identified for the published vehicle."""
+    chosen = Options(model=model, **options)  # type: ignore[arg-type]
+    return identify_curve(curve_of(rows, PARK2008, chosen), PARK2008, chosen)
 
 
 def write_log(path: Path, rows: Rows) -> Path:

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 
 import numpy as np
 import pytest
-from rig_logs import rig_rows
+from rig_logs import identified, rig_rows
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification.cleaning import LONGEST_DELAY, Alignment
 from railslip_ctrl.identification.curves import Options, curve_of
-from railslip_ctrl.identification.identify import Identification, identify_curve
+from railslip_ctrl.identification.identify import Identification
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.observer import Encoder
-from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests, write_log
+from railslip_ctrl.identification.virtual_rig import RigTest, published_tests, run_tests
 from railslip_ctrl.model.vehicle import PARK2008
 
 BEAM = published_tests("beam")[2]
 HALF = BEAM.interval / 2
 
 
-def identified(test: RigTest, *, seed: int = 0, **options) -> Identification:
-    log = run_tests(test, tests=6, seed=seed)
-    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
-    chosen = Options(model=test.law.name, initial_speed=test.initial_speed, **options)
-    return identify_curve(curve_of(rows, test.vehicle, chosen), test.vehicle, chosen)
+def found_by(test: RigTest, *, seed: int = 0, **options) -> Identification:
+    rows = run_tests(test, tests=6, seed=seed)
+    return identified(rows, test.law.name, initial_speed=test.initial_speed, **options)
 
 
 def errors(found: Identification) -> dict[str, float]:
@@ -84,41 +81,21 @@ def counted() -> RigTest:
 
 def test_an_encoder_s_speed_is_half_an_interval_late_and_corrected(counted):
     """Without a word it would cost a quarter of the falling branch."""
-    late = identified(counted, seed=3)  # of 40 seeds, 39 intervals hold mu_max and a, 40 Kx, as of 99 % they should
+    late = found_by(counted, seed=3)  # of 40 seeds, 39 intervals hold mu_max and a, 40 Kx, as of 99 % they should
     assert abs(errors(late)["a"]) > 0.15
     (text,) = (text for text in late.warnings if "seems to be late by" in text)
     # the mean over an interval is not quite a delay of half of it: a fifth of it off at most
     assert float(text.split("late by ")[1].split(" s")[0]) == pytest.approx(HALF, abs=0.2 * BEAM.interval)
     assert "half an interval, as a difference of counts is: --delay wheel_angular_speed=0.005 undoes it" in text
-    right = identified(counted, seed=3, delays={"wheel_angular_speed": HALF})
+    right = found_by(counted, seed=3, delays={"wheel_angular_speed": HALF})
     assert not any("seems to be" in text for text in right.warnings)
     for p in right.chosen.fit.parameters:
         assert p.interval[0] <= getattr(BEAM.law, p.name) <= p.interval[1]
     assert abs(errors(right)["mu_max"]) < 0.01 < abs(errors(late)["mu_max"])
 
 
-@pytest.mark.parametrize("name", ["beam", "bristle"])
-def test_columns_in_step_are_not_called_late(name):
-    assert not any("seems to be" in text for text in identified(published_tests(name)[2], seed=1).warnings)
-
-
-def test_a_torque_s_zero_shows_in_free_rolling(tmp_path, railslip):
-    test = dataclasses.replace(BEAM, torque_offset=40.0, torque_noise=20.0)
-    write_log(run_tests(test, tests=4, seed=2), tmp_path / "off.csv")
-    status, _, err = railslip("identify", tmp_path / "off.csv", "--model", "beam")
-    assert status == 0
-    (line,) = (line for line in err.splitlines() if "--zero brake_torque=" in line)
-    # the median of some 140 rows of a noise of 20, among them the first of the ramp
-    assert float(line.split("--zero brake_torque=")[1].split()[0]) == pytest.approx(40.0, abs=8.0)
-    status, out, err = railslip(
-        "identify", tmp_path / "off.csv", "--model", "beam", "--zero", "brake_torque=0.04 kN*m", "--json"
-    )
-    assert status == 0
-    assert "--zero" not in err
-    found = json.loads(out)["parameters"]
-    for name, each in found.items():
-        low, high = each["interval_99"]
-        assert low <= getattr(BEAM.law, name) <= high
+def test_columns_in_step_are_not_called_late():
+    assert not any("seems to be" in text for text in found_by(published_tests("bristle")[2], seed=1).warnings)
 
 
 def test_corrections_that_cannot_be_are_refused(tmp_path, railslip):
@@ -145,8 +122,7 @@ def test_a_law_that_depends_on_the_load_is_taken_at_the_load_of_each_row(factors
     """Beam: at the mean load of the log its highest mu came out 2 % off, beyond its interval."""
     truth = BEAM.law
     (rows,) = rig_rows(truth, loads=factors, seed=4)
-    options = Options(model="beam")
-    found = identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
+    found = identified(rows)
     for p in found.chosen.fit.parameters:
         assert p.interval[0] <= getattr(truth, p.name) <= p.interval[1]
         assert p.stderr < 0.1 * p.value

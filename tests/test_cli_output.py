@@ -19,7 +19,7 @@ from rich.text import Text
 
 from railslip_ctrl.cli.output import print_text
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.columns import UNITS
+from railslip_ctrl.identification.logs import UNITS
 from railslip_ctrl.model import kernels
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import Rail

@@ -7,18 +7,16 @@ import math
 
 import numpy as np
 import pytest
-from rig_logs import rig_rows
+from rig_logs import identified, rig_rows
 from scipy.stats import t as student
 
-from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import LEAST_TESTS, clustered_covariance, search, whole_tests
-from railslip_ctrl.identification.identify import identify_curve
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import Coordinates
-from railslip_ctrl.identification.observed import Record
+from railslip_ctrl.identification.observed import BrakedRows
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.model.adhesion import published_law
-from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.model.vehicle import Rail
 
 ROWS = 40  # of a test
 
@@ -89,12 +87,11 @@ def test_scatter_from_test_to_test_widens_what_it_shifts():
     """
     law = published_law("beam", Rail.DRY)
     factor = np.exp(0.03 * np.random.default_rng(8).standard_normal(6))
-    options = Options(model="beam", initial_speed=100.0 / 3.6)
     widths = {}
     for name, loads in (("scattered", factor), ("alike", np.ones(6))):
         rows = rig_rows(law, runs=6, seed=4, loads=tuple(loads))[0]
         rows.columns.pop("wheel_load", None)  # nobody knows it
-        found = identify_curve(curve_of(apart(rows, 6), PARK2008, options), PARK2008, options)
+        found = identified(apart(rows, 6), initial_speed=100.0 / 3.6)
         parameters = {p.name: p for p in found.chosen.fit.parameters}
         assert all(p.interval[0] <= getattr(law, p.name) <= p.interval[1] for p in parameters.values())
         widths[name] = {p.name: (p.interval[1] - p.interval[0]) / getattr(law, p.name) for p in parameters.values()}
@@ -120,14 +117,14 @@ def test_the_bend_of_the_train_s_speed_is_that_of_a_parabola_and_of_a_corner_one
     step = 0.01
     time = step * np.arange(40)
     one, run = np.ones_like(time), np.zeros_like(time)
-    record = Record(time, 20.0 - 3.0 * time**2, one, one, one, run)
+    record = BrakedRows(time, 20.0 - 3.0 * time**2, one, one, one, run)
     assert Intervals.of(record).speed_bend == pytest.approx(np.zeros(39))
     assert Intervals.of(record).bent().speed_bend == pytest.approx(-6.0 * step**2, rel=1e-6)  # rounding of differences
-    corner = Record(time, 20.0 - np.maximum(time - 20.5 * step, 0.0), one, one, one, run)
+    corner = BrakedRows(time, 20.0 - np.maximum(time - 20.5 * step, 0.0), one, one, one, run)
     straight, steeper = (Intervals.of(corner).bent(steeper=each).speed_bend for each in (False, True))
     assert np.count_nonzero(np.abs(straight) > 1e-9) == 1  # the interval with the corner in it, and no neighbour
     assert np.flatnonzero(np.abs(steeper) > 1e-9).tolist() == [19, 20, 21]
-    two = Record(time, corner.speed, one, one, one, np.repeat([0.0, 1.0], 20))
+    two = BrakedRows(time, corner.speed, one, one, one, np.repeat([0.0, 1.0], 20))
     assert Intervals.of(two).bent(steeper=True).speed_bend[:19] == pytest.approx(0.0, abs=1e-9)  # not from the next run
 
 

@@ -148,14 +148,19 @@ def test_stretches_stay_bounded_and_lose_no_sample():
 def test_clean_data_give_the_parameters_back(name):
     slip = np.linspace(0.006, 0.48, 4000)
     speeds = (V100, 12.0) if name in ("beam", "polach", "lugre") else (V100,)  # of two speeds, where it counts
-    parts = [samples(slip, v, law_coefficient(name, slip, v)) for v in speeds]
-    sums = Accumulator(TAU)
-    for part in parts:
-        sums.add(part)
-    found = fitted(name, sums, knots=LAWS["table"].slip if name == "table" else ())
-    if name == "table":
-        assert found.values == pytest.approx(LAWS[name].mu, rel=1e-6)
+    if name == "table":  # one with the knots that the slips have
+        knots = fitted(name, gathered(samples(slip, V100, 0.2))).model.known["slip"]
+        mu = [0.3 - (math.sqrt(knot) - 0.4) ** 2 for knot in knots]
+        law = law_class("table").model_validate({"slip": knots, "mu": tuple(mu)})
+        found = fitted(
+            name, gathered(samples(slip, V100, adhesion_coefficient(law, V100, np.minimum(slip, knots[-1]), LOAD)))
+        )
+        assert found.values == pytest.approx(mu, rel=1e-4)  # the last knot is that of a node, short of the last slip
         return
+    sums = Accumulator(TAU)
+    for v in speeds:
+        sums.add(samples(slip, v, law_coefficient(name, slip, v)))
+    found = fitted(name, sums)
     for parameter in found.parameters:
         assert parameter.value == pytest.approx(getattr(LAWS[name], parameter.name), rel=1e-6), parameter.name
         assert parameter.status == "fitted"
@@ -580,9 +585,6 @@ def test_a_written_law_is_the_law_that_is_read(tmp_path, name, rail):
     assert load_law(path) == law
     assert wheel_load_in(path) == LOAD
     assert initial_speeds_in(path) == (30.0, 31.5)
-    path.write_text(path.read_text().replace(repr(LOAD), "-1"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"wheel_load: -1 is not allowed; give a value > 0"):
-        wheel_load_in(path)
 
 
 def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
@@ -600,11 +602,3 @@ def test_a_file_of_polynomials_is_the_law_at_its_initial_speed(tmp_path):
     assert load_law(path, initial_speed_kmh=130.0).reference == held[100.0]
     with pytest.raises(InputError, match=r"polynomials of the initial speed; give --initial-speed"):
         load_law(path)
-    with pytest.raises(InputError, match=r"initial speed: 150 km/h is outside 30 to 140"):
-        load_law(path, initial_speed_kmh=150.0)
-    path.write_text(text.replace("dry = [0.27, 0.13]", "dry = [0.27]"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"reference_slip: dry, wet: give as many slips as speeds, 2"):
-        load_law(path, initial_speed_kmh=80.0)
-    path.write_text(text.replace("[0.005]", "0.005"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"polynomials: a: 0.005 is not allowed; give a list"):
-        load_law(path, initial_speed_kmh=80.0)

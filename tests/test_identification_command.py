@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import io
 import json
 import os
@@ -232,15 +231,6 @@ def test_fixed_and_bounded_parameters(railslip, log):
     assert any("rests on its upper bound" in note for note in found["notes"])
 
 
-def test_the_printed_observer_is_no_use_where_torque_is_ramped(railslip, log):
-    corrected, printed = (
-        json.loads(railslip("identify", log, "--model", "beam", "--observer", name, "--tau", "0.2", "--json")[1])
-        for name in ("corrected", "printed")
-    )
-    assert printed["mean_abs_error"] > corrected["mean_abs_error"]
-    assert printed["log"]["tau_s"] == 0.2
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -311,14 +301,6 @@ def test_a_torque_of_the_wrong_sign_is_named(railslip, tmp_path):
     assert "rows with slip, and positive in 0; reverse its sign: torque that brakes is positive" in line
 
 
-def test_a_wheel_faster_than_possible_is_refused_with_its_line(railslip, log, tmp_path):
-    path = tmp_path / "rpm.csv"
-    path.write_text(log.read_text().replace("wheel angular speed [rad/s]", "wheel angular speed [rev/s]"))
-    line = refused(railslip("identify", path))
-    assert "rpm.csv: line 2: wheel speed" in line
-    assert "check columns and units" in line
-
-
 def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     lines = log.read_text().splitlines(keepends=True)
     lines[400] = "\x00\xff\n"
@@ -340,33 +322,6 @@ def test_broken_logs_are_survived_and_told(railslip, log, tmp_path):
     assert not list(tmp_path.glob("railslip*"))
 
 
-def test_identify_does_not_depend_on_how_the_log_is_read(log):
-    whole = identify(log, PARK2008, Options(model="beam"))
-    parts = identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16))
-    starts = {name: getattr(parts.curve.survey, name) for name in ("slowest_start", "fastest_start")}
-    assert dataclasses.replace(whole.curve.survey, **starts) == parts.curve.survey
-    # the filter's rounding differs from block to block
-    assert starts == pytest.approx({name: getattr(whole.curve.survey, name) for name in starts}, rel=1e-12)
-    assert parts.chosen.fit.values == pytest.approx(whole.chosen.fit.values, rel=1e-4)  # where searches end
-
-
-def test_a_wild_time_stamp_costs_its_row(railslip, log, tmp_path):
-    lines = log.read_text().splitlines(keepends=True)
-    lines[400] = "1e9," + lines[400].split(",", 1)[1]
-    path = tmp_path / "glitch.csv"
-    path.write_text("".join(lines))
-    status, out, err = railslip("identify", path, "--model", "beam", "--json")
-    found = json.loads(out)
-    assert status == 0
-    said = "line 401: time 1e+09 s stands apart from those beside it; it is left out"
-    assert err == f"railslip: warning: {path}: {said}\n"
-    assert (found["log"]["outliers"], found["log"]["gaps"]) == (1, 0)
-    assert found["log"]["rows"] == len(lines) - 2
-    lines[401] = "1.1e9," + lines[401].split(",", 1)[1]
-    path.write_text("".join(lines))
-    assert "line 401: time jumps from" in refused(railslip("identify", path, "--model", "beam"))
-
-
 def test_standard_input_is_a_log_too(railslip, log, fitted, monkeypatch):
     with log.open() as file:
         monkeypatch.setattr("sys.stdin", file)
@@ -376,14 +331,6 @@ def test_standard_input_is_a_log_too(railslip, log, fitted, monkeypatch):
     assert found["log"]["file"] == "standard input"
     assert found == fitted[1] | {"log": fitted[1]["log"] | {"file": "standard input"}}
     assert "standard input can be read once" in refused(railslip("identify", "-", "-"))
-
-
-def test_progress_is_told_to_the_end(log):
-    told = []
-    identify(log, PARK2008, Options(model="beam", block_bytes=1 << 16), progress=told.append)
-    assert told == sorted(told)
-    assert told[-1] == pytest.approx(1.0, abs=1e-2)
-    assert len(told) > 3
 
 
 def test_a_bar_is_shown_for_a_large_log_on_standard_error(railslip, log, monkeypatch):

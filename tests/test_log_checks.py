@@ -12,29 +12,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from project import refused
-from rig_logs import rig_rows, write_log
+from rig_logs import changed, identified, rig_rows, write_log
 
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.candidates import Lag, lag_warning
 from railslip_ctrl.identification.cleaning import OutlierFilter, Resolution, step_of
 from railslip_ctrl.identification.curves import Options, curve_of
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, _inside
-from railslip_ctrl.identification.identify import Identification, identify_curve
+from railslip_ctrl.identification.identify import Identification, Lag, lag_warning
 from railslip_ctrl.identification.log_checks import FreeRolling, mu_findings
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import check_options
-from railslip_ctrl.identification.observed import Readhesion, Record
-from railslip_ctrl.identification.observer import FilterObserver
+from railslip_ctrl.identification.observed import BrakedRows, Readhesion
+from railslip_ctrl.identification.observer import Encoder, FilterObserver
 from railslip_ctrl.identification.prediction import slip_ramp
-from railslip_ctrl.identification.sensors import Encoder
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import identification_text, model_toml
-from railslip_ctrl.report.identification_json import identification_json
+from railslip_ctrl.report.identification import identification_json, identification_text, model_toml
 
 BEAM = published_law("beam", Rail.DRY)
 BURCKHARDT = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})
@@ -49,19 +46,9 @@ def no_lag_search(monkeypatch):
     monkeypatch.setattr(job, "lag_of", lambda *_: None)
 
 
-def changed(rows: Rows, **columns: np.ndarray) -> Rows:
-    return Rows(rows.line, {**rows.columns, **columns})
-
-
-def identified(rows: Rows, model: str = "table", **options) -> Identification:
-    options = Options(model=model, **options)
-    return identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
-
-
 def rig(name: str = "burckhardt", speed_kmh: float = 100.0, *, tests: int = 2, seed: int = 0, **measured) -> Rows:
     law = BURCKHARDT if name == "burckhardt" else published_law(name, Rail.DRY, speed_kmh, LOAD)
-    log = run_tests(RigTest(PARK2008, law, speed_kmh * KMH, **measured), tests=tests, seed=seed)
-    return Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    return run_tests(RigTest(PARK2008, law, speed_kmh * KMH, **measured), tests=tests, seed=seed)
 
 
 def told(rows: Rows, **options) -> list[str]:
@@ -86,7 +73,7 @@ def rows() -> Rows:
 def found(rows) -> Identification:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(job, "lag_of", lambda *_: None)
-        return identified(rows)
+        return identified(rows, "table")
 
 
 # --- values in steps -----------------------------------------------------------------------------------------------
@@ -239,27 +226,15 @@ def test_a_constant_torque_that_slows_the_train_is_braking():
     assert found[1].torque == pytest.approx(3000.0)
 
 
-@without_lag_search
-def test_a_wheel_far_too_large_is_told_whether_or_not_a_model_follows_it(railslip, tmp_path):
-    """A wheel that seems to run 12 % faster than its train: some fits end where numbers overflow."""
-    wrong = rig_rows(BEAM, runs=1, seed=3)[0]
-    wrong.columns["wheel_angular_speed"] = 1.117 * wrong.columns["wheel_angular_speed"]
-    status, _, err = railslip("identify", write_log(tmp_path / "large.csv", wrong), "--model", "burckhardt")
-    assert status in (0, 2)
-    assert "free rolling shows a slip of -11.7 %: the wheel radius may be 0.38" in err
-    assert all(line.startswith("railslip: ") for line in err.splitlines())  # no warning of a library
-
-
 # --- lateness ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("late", [0.01, 0.1, -0.02])
+@pytest.mark.parametrize("late", [0.1, -0.02])
 def test_a_lag_is_found_however_large(late):
     rows = rig()
     time, omega = rows.columns["time"], rows.columns["wheel_angular_speed"]
     delayed = changed(rows, wheel_angular_speed=np.interp(time - late, time, omega))
-    options = Options(model="burckhardt")
-    found = identify_curve(curve_of(delayed, PARK2008, options), PARK2008, options)
+    found = identified(delayed, "burckhardt")
     (text,) = (text for text in found.warnings if "seems to be" in text)
     value, error = (float(x.split(" ")[0]) for x in text.split(" by ")[1].split(" ± "))
     assert value == pytest.approx(abs(late), abs=3.0 * error)
@@ -281,7 +256,7 @@ def test_a_lag_is_told_with_what_undoes_it():
 
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
-    monkeypatch.setattr("railslip_ctrl.identification.candidates.OF_EACH_KIND", ("burckhardt", "beam"))
+    monkeypatch.setattr("railslip_ctrl.identification.identify.OF_EACH_KIND", ("burckhardt", "beam"))
     monkeypatch.setattr(job, "lag_of", lambda fit, *_: Lag(-0.08, 0.01) if fit.model.name == "burckhardt" else None)
     (told,) = identified(rows, model="burckhardt").warnings
     assert "burckhardt follows the wheel's motion best with its speed shifted by -0.08 s, which beam, a better" in told
@@ -339,7 +314,7 @@ def test_wheel_loads_that_differ_are_told(three):
 
 def test_adhesion_that_steel_does_not_have_is_told(rows):
     """A torque in kgf*m read as one in daN*m or so: ten times the adhesion."""
-    scaled = type(rows)(rows.line, {**rows.columns, "brake_torque": 9.80665 * rows.columns["brake_torque"]})
+    scaled = changed(rows, brake_torque=9.80665 * rows.columns["brake_torque"])
     warnings = curve_of(scaled, PARK2008, Options()).warnings
     (text,) = (text for text in warnings if "the highest mean adhesion coefficient is " in text)
     assert 2.0 < float(text.split("coefficient is ")[1].split(",")[0]) < 10.0
@@ -395,7 +370,7 @@ def test_numbers_beyond_all_measurement_are_refused_in_one_line(rows, recwarn):
     assert not list(recwarn)
 
 
-def ramps(cut: bool, tests: int = 6) -> Record:
+def ramps(cut: bool, tests: int = 6) -> BrakedRows:
     """Tests whose slip speeds up as 0.1 t^2, 2 s each, 10 s apart; with a gap of 80 ms in all but the last."""
     parts = []
     for k in range(tests):
@@ -405,7 +380,7 @@ def ramps(cut: bool, tests: int = 6) -> Record:
         parts.append((10.0 * k + t[kept], 0.1 * t[kept] ** 2, 2 * k + piece[kept]))
     time, slip, run = (np.concatenate(each) for each in zip(*parts, strict=True))
     speed, even = np.full(len(time), 25.0), np.ones(len(time))
-    return Record(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
+    return BrakedRows(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
 
 
 @pytest.mark.parametrize("cut", [False, True])
@@ -422,7 +397,7 @@ def test_the_ramp_is_that_of_the_whole_test(cut):
 @without_lag_search
 def test_warnings_and_notes_are_in_the_report_the_file_and_json(rows):
     odd = changed(rows, wheel_speed=1.16 * RADIUS * rows.columns["wheel_angular_speed"])
-    found = identified(changed(odd, wheel_load=np.full(len(rows), 3.2 * LOAD)), initial_speed=60.0)
+    found = identified(changed(odd, wheel_load=np.full(len(rows), 3.2 * LOAD)), "table", initial_speed=60.0)
     told = (
         f"wheel load of the log is {3.2 * LOAD:.4g} N on average, that of the vehicle {LOAD:.4g} N",
         "wheel speed is 1.16 times the angular speed",
@@ -437,27 +412,11 @@ def test_warnings_and_notes_are_in_the_report_the_file_and_json(rows):
     assert f"(the log's; the vehicle's is {LOAD:g} N)" in text
 
 
-@without_lag_search
-def test_nothing_is_told_of_a_sound_log(rows):
-    both = changed(rows, wheel_speed=RADIUS * rows.columns["wheel_angular_speed"])
-    found = identified(changed(both, wheel_load=np.full(len(rows), 1.3 * LOAD)), initial_speed=30.0)
-    assert found.warnings == ()
-
-
 def test_a_given_ramp_far_from_the_logs_is_told(found):
     own = found.setting.slip_acceleration
     for factor in (0.25, 1.0, 4.0):
         told = job._against_the_log(found.curve, found.setting, Options(slip_acceleration=factor * own))
         assert any("--slip-acceleration is" in text for text in told) == (factor != 1.0)
-
-
-def test_criteria_of_too_few_samples_are_told_in_json(found):
-    few = dataclasses.replace(found, scores=(dataclasses.replace(found.chosen, independent=23.0),))
-    told = identification_json(few)["models_note"]
-    assert told.startswith("AIC and BIC are of 23 independent samples, too few")
-    assert told in " ".join(identification_text(few).split())
-    many = dataclasses.replace(found, scores=(dataclasses.replace(found.chosen, independent=1e4),))
-    assert identification_json(many)["models_note"] is None
 
 
 def test_which_rows_of_a_large_log_are_followed_is_told(found):
@@ -533,12 +492,6 @@ def test_a_symmetric_interval_ends_at_a_bound():
 
 
 @without_lag_search
-def test_bounds_the_wrong_way_round_are_told():
-    with pytest.raises(InputError, match=r"--bound mu_max: 0.4:0.2 is not allowed; give the lower bound first"):
-        identified(rig_rows(published_law("beam", Rail.DRY), runs=2, seed=3)[0], "beam", bounds={"mu_max": (0.4, 0.2)})
-
-
-@without_lag_search
 def test_a_log_that_stays_below_the_peak_has_no_slip_to_hold(railslip, rows, tmp_path):
     """The peak of a formula beyond all data is the formula's alone: up to 1.7 times the true one, and once slip 1."""
     speed, omega = rows.columns["train_speed"], rows.columns["wheel_angular_speed"]
@@ -556,13 +509,12 @@ def test_a_log_that_stays_below_the_peak_has_no_slip_to_hold(railslip, rows, tmp
     assert found["reference_slip"] is None
     assert all(peak["reference_slip"] is None for peak in found["peaks"] if peak["rail"] == "dry")
     assert all(peak["slip"] is not None for peak in found["peaks"])  # where the formula has it is told
+    assert found["log"]["sliding_from"] == "the highest mean mu of the log"
+    assert found["log"]["sliding_from_slip"] == found["log"]["data_peak_slip"]
 
 
-@without_lag_search
-def test_the_peak_of_a_table_is_known_to_its_knots_at_best(rows):
+def test_the_peak_of_a_table_is_known_to_its_knots_at_best(found):
     """Its peak rests on a knot whatever the values are: the derivative by them is nought, the uncertainty is not."""
-    options = Options(model="table")
-    found = identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
     knots = np.array(found.chosen.fit.model.known["slip"])
     peak = found.own_peak
     top = int(np.argmin(np.abs(knots - peak.slip)))

@@ -5,32 +5,43 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from project import refused
-from rig_logs import rig_rows, write_log
+from rig_logs import changed, identified, rig_rows, write_log
 from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import candidates
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.candidates import IMPOSSIBLE_MU, Lag, check_fit, fit_doubts
 from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import Campaign, Identification, identify_curve
+from railslip_ctrl.identification.identify import (
+    IMPOSSIBLE_MU,
+    Identification,
+    Lag,
+    LogSeries,
+    check_fit,
+    fit_doubts,
+)
 from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law, regimes_of
+from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.identification import campaign_toml, identification_text, model_toml
-from railslip_ctrl.report.identification_json import campaign_json, identification_json
+from railslip_ctrl.report.identification import (
+    identification_json,
+    identification_text,
+    model_toml,
+    series_json,
+    series_toml,
+)
 from railslip_ctrl.report.plots import drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
@@ -44,15 +55,6 @@ pytestmark = pytest.mark.usefixtures("without_lag_search")
 def rows() -> Rows:
     """Two runs on a rig with the published beam."""
     return rig_rows(BEAM, runs=2, seed=3)[0]
-
-
-def changed(rows: Rows, **columns: np.ndarray) -> Rows:
-    return Rows(rows.line, {**rows.columns, **columns})
-
-
-def identified(rows: Rows, model: str = "beam", **options) -> Identification:
-    options = Options(model=model, **options)
-    return identify_curve(curve_of(rows, PARK2008, options), PARK2008, options)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +80,7 @@ def test_a_fit_above_what_steel_has_is_refused_and_leaves_nothing(railslip, rows
 def test_models_left_out_as_impossible_are_warned_of(rows, monkeypatch):
     """Of several models one whose adhesion cannot be: what did that may be wrong of the one that is taken."""
     monkeypatch.setattr("railslip_ctrl.identification.identify.CANDIDATES", ("burckhardt", "beam"))
-    monkeypatch.setattr(candidates, "highest_mu", lambda fit, *_: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
+    monkeypatch.setattr(job, "highest_mu", lambda fit, _: ("peak", 2.0 if fit.model.name != "beam" else 0.3))
     found = identified(rows, "best")
     assert found.chosen.fit.model.name == "beam"
     assert (
@@ -95,7 +97,7 @@ def test_a_log_that_does_not_tell_a_model_is_refused_as_that(dry):
     vague = dataclasses.replace(fit, parameters=(free, *fit.parameters[1:]))
     words = r"limit of friction \(mu_max\), is 2.4e\+08, above 1, .*not tell this model.*--bound mu_max=0:0.7"
     with pytest.raises(InputError, match=words):
-        check_fit(vague, found.setting, (5.0, 28.0), found.curve.highest_mu, {})
+        check_fit(vague, found.setting, found.curve)
 
 
 def test_a_fit_that_may_hardly_be_is_told_everywhere(rows):
@@ -115,17 +117,19 @@ def test_a_parameter_on_its_bound_is_told_with_bound_and_cause(dry):
     at = (Parameter("mu_max", 0.26, math.nan, "at upper bound"), Parameter("a", 1e-12, math.nan, "at lower bound"))
     resting = dataclasses.replace(fit, parameters=(*at, fit.parameters[2]))
     given = dataclasses.replace(setting, bounds={"mu_max": (0.1, float(fit.model.upper[0]))})
-    speeds = (5.0, 28.0)
-    high, low = fit_doubts(resting, given, speeds, 0.25, {})
-    assert high.startswith("the fitted mu_max of 0.26 rests on its upper bound, infinity: which is given by --bound")
-    assert low.startswith("the fitted a of 1e-12 rests on its lower bound, 0: likely this log does not tell it")
-    assert "likely by a wrong unit of the brake torque" in fit_doubts(resting, setting, speeds, 3.0, {})[0]
-    assert fit_doubts(fit, setting, speeds, 0.25, {}) == ()
+    sound, high_up = (SimpleNamespace(name="log", highest_mu=mu, factors={}) for mu in (0.25, 3.0))
+    high, low = fit_doubts(resting, given, sound)
+    assert high.startswith(
+        "log: the fitted mu_max of 0.26 rests on its upper bound, infinity: which is given by --bound"
+    )
+    assert "the fitted a of 1e-12 rests on its lower bound, 0: likely this log does not tell it" in low
+    assert "likely by a wrong unit of the brake torque" in fit_doubts(resting, setting, high_up)[0]
+    assert fit_doubts(fit, setting, sound) == ()
     free = dataclasses.replace(fit.parameters[1], limits=(1e-12, math.inf))
     (told,) = fit_doubts(
-        dataclasses.replace(fit, parameters=(fit.parameters[0], free, fit.parameters[2])), setting, speeds, 0.25, {}
+        dataclasses.replace(fit, parameters=(fit.parameters[0], free, fit.parameters[2])), setting, sound
     )
-    assert told.startswith(f"the fitted a of {free.value:.4g} may as well be any other by this log")
+    assert told.startswith(f"log: the fitted a of {free.value:.4g} may as well be any other by this log")
 
 
 # --- units ---------------------------------------------------------------------------------------------------------
@@ -248,12 +252,10 @@ def test_each_observed_row_has_its_regime(railslip, rows, tmp_path):
         assert int(np.sum(regime == name)) == found["log"][f"{name}_regime_points"]
 
 
-@pytest.mark.parametrize("speed", [30.0, 100.0])
-def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest(speed):
+def test_regimes_part_at_the_peak_of_the_model_and_not_where_noise_is_highest():
     """Two tests of a rig: the data's own highest mu may be far off on the beam's flat top, the fit's is not."""
-    law = published_law("beam", Rail.DRY, speed)
-    log = run_tests(RigTest(PARK2008, law, speed * KMH), tests=2, seed=5)
-    found = identified(Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log)))
+    speed, law = 30.0, published_law("beam", Rail.DRY, 30.0)
+    found = identified(run_tests(RigTest(PARK2008, law, speed * KMH), tests=2, seed=5))
     true = peak_of_law(law, speed * KMH, PARK2008.wheel_load).slip
     assert found.regimes == Regimes(found.own_peak.slip, "the peak of beam")
     assert found.regimes.boundary == pytest.approx(true, abs=NORMAL_QUANTILE * found.own_peak.slip_stderr)
@@ -271,19 +273,6 @@ def test_a_model_of_sliding_alone_begins_where_the_others_peak(rows, monkeypatch
     model = fit_model("lugre", cells, shape_of(cells, best.curve.peak_slip), setting)
     again = fit(model, cells, best.curve.stretches, setting, best.regimes.boundary, best.curve.time_constant)
     assert [p.value for p in lugre.parameters] == [p.value for p in again.parameters]
-
-
-def test_without_a_peak_in_the_log_the_data_part_the_regimes(rows):
-    slip = 1.0 - RADIUS * rows.columns["wheel_angular_speed"] / rows.columns["train_speed"]
-    short = identified(rows.part(0, int(np.argmax(slip > 0.03))), bounds={"mu_max": (0.0, 0.7)})
-    assert short.own_peak.slip > short.curve.cells.slip.max()
-    assert short.regimes == Regimes(short.curve.peak_slip, "the highest mean mu of the log")
-    assert regimes_of(math.nan, "lugre", short.curve.cells, short.regimes) == short.regimes
-
-
-def test_the_help_says_what_the_observer_affects(railslip):
-    text = " ".join(railslip("identify", "--help")[1].split()).replace("prediction- error", "prediction-error")
-    assert "prediction-error fits (beam, polach, burckhardt, curve, bristle) it hardly affects" in text
 
 
 # --- a lag of the train's speed ------------------------------------------------------------------------------------
@@ -304,8 +293,7 @@ def observed_slip(rows: Rows):
 def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     """The virtual rig's log with its train's speed read 20 ms late, against the same without, row by row."""
     test = RigTest(PARK2008, published_law("beam", Rail.DRY, speed), speed * KMH)
-    log = run_tests(test, tests=4, seed=2)
-    rows = Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    rows = run_tests(test, tests=4, seed=2)
     curve = curve_of(rows, PARK2008, Options())
     told = train_lag(curve.record, RADIUS, curve.peak_slip, 0.02)
     true, late = observed_slip(rows), observed_slip(late_train(rows, 0.02))
@@ -375,7 +363,7 @@ def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():
 
 
 @pytest.fixture(scope="module")
-def campaign(dry) -> Campaign:
+def campaign(dry) -> LogSeries:
     """One identification as if of three logs at three speeds, with parameters and errors of their own."""
     speeds, logs = (60.0 * KMH, 100.0 * KMH, 140.0 * KMH), []
     for v0, factor, error in zip(speeds, (1.2, 1.0, 0.9), (1.0, 0.5, 2.0), strict=True):
@@ -384,12 +372,12 @@ def campaign(dry) -> Campaign:
         score = dataclasses.replace(dry.chosen, fit=dataclasses.replace(fit, parameters=own))
         setting = dataclasses.replace(dry.setting, initial_speed=v0)
         logs.append(dataclasses.replace(dry, chosen=score, setting=setting))
-    return Campaign(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
+    return LogSeries(tuple(logs), over_initial_speed(speeds, [each.chosen.fit for each in logs]))
 
 
 def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(campaign, tmp_path):
     """Three logs determine a parabola: the errors by Lagrange's polynomials, and at each log its own."""
-    text = campaign_toml(campaign)
+    text = series_toml(campaign)
     path = tmp_path / "model.toml"
     path.write_text(text, encoding="utf-8")
     assert load_law(path, initial_speed_kmh=100.0).mu_max == pytest.approx(campaign.polynomials[0].at(100.0))
@@ -402,7 +390,7 @@ def test_a_file_of_several_logs_has_the_standard_errors_of_its_coefficients(camp
         assert errors == pytest.approx(p.stderrs, rel=6e-3)  # three digits are told
         values = [float(part.split(" at ")[0]) for part in line.split("of the value ")[1].split(", ")]
         assert values == pytest.approx(own, rel=6e-3)
-        covariance = np.array(campaign_json(campaign)["parameters"][p.name]["covariance"])
+        covariance = np.array(series_json(campaign)["parameters"][p.name]["covariance"])
         assert np.sqrt(np.diag(covariance)) == pytest.approx(p.stderrs)
 
 
@@ -422,12 +410,6 @@ def test_a_parabola_of_more_logs_has_the_errors_of_their_scatter(campaign):
     found = over_initial_speed(speeds * KMH, fits)[0]
     # the scatter of 4000 draws is known to 1.1 %; four of those
     assert found.stderrs == pytest.approx(np.std(drawn, axis=0), rel=0.045)
-
-
-def test_errors_that_are_not_known_are_said_to_be(campaign):
-    unknown = dataclasses.replace(campaign.polynomials[0], covariance=np.full((3, 3), np.nan))
-    text = campaign_toml(dataclasses.replace(campaign, polynomials=(unknown, *campaign.polynomials[1:])))
-    assert "# mu_max: standard errors not known, as not every log gave one" in text
 
 
 # --- intervals -----------------------------------------------------------------------------------------------------
@@ -455,8 +437,7 @@ def test_the_chosen_model_has_the_intervals_that_it_has_alone(rows, monkeypatch)
 
 @pytest.fixture(scope="module")
 def rig_log() -> Rows:
-    log = run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
-    return Rows(np.arange(log.time.size) + 2, dataclasses.asdict(log))
+    return run_tests(RigTest(PARK2008, BEAM, 100 * KMH), tests=2, seed=4)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.7376, 1.0, 2.0])  # half the wheels; lb*ft for N*m; right; twice

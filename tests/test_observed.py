@@ -10,7 +10,7 @@ import pytest
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.logs import Rows
-from railslip_ctrl.identification.observed import AdhesionStream, Observer, Record, Recorder
+from railslip_ctrl.identification.observed import AdhesionStream, BrakedRows, Observer, Recorder
 from railslip_ctrl.identification.prediction import Intervals
 from railslip_ctrl.model.vehicle import PARK2008
 
@@ -120,7 +120,7 @@ def test_a_kalman_filter_sets_mu_over_the_slip_it_belongs_to():
     assert np.concatenate([part.mu for part in parts]) == pytest.approx(observed.mu, rel=0.02)
 
 
-# --- along the motion ----------------------------------------------------------------------------------------------
+# --- whole runs, and between their rows ----------------------------------------------------------------------------
 
 
 def test_a_record_is_whole_runs_however_its_rows_come():
@@ -148,7 +148,7 @@ def test_a_record_is_whole_runs_however_its_rows_come():
 
 def intervals_of(time: np.ndarray, torque: np.ndarray, run: np.ndarray) -> Intervals:
     one = np.ones(time.size)
-    return Intervals.of(Record(time, one, one, torque, one, run))
+    return Intervals.of(BrakedRows(time, one, one, torque, one, run))
 
 
 def test_torques_between_rows_bend_as_their_neighbours_say():

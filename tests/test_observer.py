@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy as sp
-from observer_runs import ROUNDING, rows_per_second, run_is_step_is_chunks
+from observer_runs import ROUNDING, run_is_step_is_chunks
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
@@ -170,11 +170,6 @@ def test_a_torque_step_is_in_the_printed_estimate_at_once():
     # exp(-t/tau) of the step, to within one interval's share
     assert wrong[Form.PRINTED][1:] == pytest.approx(step * np.exp(-after / TAU), abs=step * h / TAU)
     assert wrong[Form.PRINTED].max() > 0.99 * step
-
-
-def test_speed_of_a_run():
-    """The brief: more than 1e6 rows/s regular, 2e5 irregular; seen: 2e7."""
-    assert rows_per_second(FilterObserver.of(PARK2008, TAU), irregular_log(400_000)) > 1e6
 
 
 @pytest.mark.parametrize(

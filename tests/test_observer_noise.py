@@ -15,7 +15,6 @@ from railslip_ctrl.identification.observer import (
     Form,
     KalmanObserver,
     TorqueSensor,
-    noise_deviation,
 )
 from railslip_ctrl.identification.observer_study import (
     BrakeCourse,
@@ -128,38 +127,7 @@ def test_noise_gains_are_the_area_under_the_squared_response(observer):
         assert gain == pytest.approx(trapezoid(density, omega) * INTERVAL / math.pi, rel=1e-6)  # grid of 2e5
 
 
-@pytest.mark.parametrize("observer", OBSERVERS)
-def test_noise_of_the_estimate_is_the_simulated_one(observer):
-    generator = np.random.default_rng(5)
-    time = np.arange(100_001) * INTERVAL
-    angle = np.cumsum(generator.uniform(0.2, 0.4, time.size))
-    torque = np.full(time.size - 1, 5000.0)
-    noisy = observer.run(time[1:], SENSOR.measured(torque, generator), ENCODER.speed(time, angle))
-    clean = observer.run(time[1:], torque, np.diff(angle) / INTERVAL)
-    error = (noisy.adhesion_torque - clean.adhesion_torque)[1000:]
-    # 1e5 samples with a memory of up to 20: 5e3 independent, a deviation good to 1 %; 4 of those
-    assert error.std() == pytest.approx(noise_deviation(observer.sampled(INTERVAL), ENCODER, SENSOR), rel=0.04)
-
-
-def test_faster_sampling_makes_the_first_order_observer_noisier():
-    """An encoder's angle differenced twice goes with 1/h^2, the filter's averaging with h: 1/h in deviation or so."""
-    observer = FilterObserver.of(PARK2008, 0.1)
-    slow, fast = (noise_deviation(observer.sampled(h), ENCODER, TorqueSensor(0.0)) for h in (1e-2, 1e-3))
-    assert 8 < fast / slow < 12
-
-
 # --- against the truth ---------------------------------------------------------------------------------------------
-
-
-def test_trial_obeys_the_wheel_and_the_train(trial):
-    """Momentum of wheel and train over the trial against the impulses, by quadrature."""
-    J, B, M, r = 60.35, 0.25, 3517.0, 0.43
-    wheel = trapezoid(trial.adhesion_torque - trial.brake_torque - B * trial.omega, trial.time)
-    train = trapezoid(-trial.adhesion_torque / r - 0.63 * trial.speed**2, trial.time)
-    # the trapezoidal rule at 5 ms, with corners of the torque between samples: a corner costs < rate h^2/8 = 0.2 N*m*s
-    assert J * (trial.omega[-1] - trial.omega[0]) == pytest.approx(wheel, abs=0.4)
-    assert M * (trial.speed[-1] - trial.speed[0]) == pytest.approx(train, abs=0.4)
-    assert np.gradient(trial.angle, trial.time)[1:-1] == pytest.approx(trial.omega[1:-1], abs=0.02)
 
 
 def test_trial_is_the_one_of_figure_12(trial):

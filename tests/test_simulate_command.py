@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from railslip_ctrl.identification.columns import find_columns
+from railslip_ctrl.identification.logs import find_columns
 from railslip_ctrl.report.simulation import CSV_COLUMNS, write_simulation_csv
 from railslip_ctrl.simulation import Signals, built_in_scenario, simulate
 from railslip_ctrl.simulation.catalogue import published_controller

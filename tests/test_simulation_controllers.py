@@ -15,7 +15,6 @@ from railslip_ctrl.design.controllers import Rule, actuated_plant, wheel_slip_lo
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry, plant_at
 from railslip_ctrl.design.specification import family_margins
 from railslip_ctrl.design.tuning import tune_pi
-from railslip_ctrl.identification.virtual_rig import RigProcedure
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.numeric import adhesion_table, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, TABLE4_PI, Actuator, PIGains, Rail
@@ -337,15 +336,6 @@ def test_slide_protection_dumps_to_nought_and_fills_to_the_full_brake() -> None:
         omega = 20.0 * (1.0 - slip) / 0.43
         x = np.array([torque, 0.43 * omega, 1.0, 0.0])
         assert command(x, 0.0, 20.0, omega, torque, c, None) == pytest.approx(expected, abs=1e-9)
-
-
-def test_the_rig_s_procedure_ramps_up_and_once_released_stays_so():
-    step = Stepped(RigProcedure(begin=0.5, rate=2000.0, release_slip=0.3, period=PERIOD))
-    torques = [
-        step.module.command(step.x, t, 20.0, 20.0 * (1 - slip) / RADIUS, 0.0, step.c, None)
-        for t, slip in ((0.4, 0.0), (1.5, 0.29), (2.0, 0.31), (2.5, 0.0))
-    ]
-    assert torques == [0.0, 2000.0, 0.0, 0.0]
 
 
 def test_the_domain_of_a_law_is_linear_between_speeds():

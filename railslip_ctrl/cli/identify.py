@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +13,24 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, shown, to_unit
-from railslip_ctrl.identification.columns import UNITS
 from railslip_ctrl.identification.curves import Options
-from railslip_ctrl.identification.identify import Campaign, Identification, identify, identify_several
-from railslip_ctrl.identification.logs import STANDARD_INPUT
+from railslip_ctrl.identification.identify import Identification, LogSeries, identify, identify_several
+from railslip_ctrl.identification.logs import STANDARD_INPUT, UNITS
 from railslip_ctrl.identification.models import MODELS, parameter_unit
 from railslip_ctrl.identification.observed import Observer
 from railslip_ctrl.model.vehicle import PARK2008, Rail, Vehicle, remarks
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import check_file
-from railslip_ctrl.report.identification import campaign_text, campaign_toml, identification_text, model_toml
-from railslip_ctrl.report.identification_json import campaign_json, identification_json
-from railslip_ctrl.report.observed_rows import observed_rows
+from railslip_ctrl.report.identification import (
+    identification_json,
+    identification_text,
+    model_toml,
+    observed_rows,
+    series_json,
+    series_text,
+    series_toml,
+)
 
 from .options import Quantity, from_file
 from .output import print_json, print_text, progress
@@ -160,7 +166,7 @@ def command(
             raise InputError(f"--observed: {str(observed)!r} is --out or a file of it; give another file")
     chosen = _vehicle(vehicle, loaded)
     with _bar(logs, as_json) as advance, observed_rows(observed, chosen.wheel.radius) as sink:
-        found: Identification | Campaign = (
+        found: Identification | LogSeries = (
             identify(logs[0], chosen, options, progress=advance, observed=sink)
             if len(logs) == 1
             else identify_several(logs, chosen, options, progress=advance)
@@ -169,18 +175,23 @@ def command(
             sink.finish(found.regimes)
     _warn(found)
     text = _report(found)
-    content = identification_json(found) if isinstance(found, Identification) else campaign_json(found)
+    content = identification_json(found) if isinstance(found, Identification) else series_json(found)
     if out is not None:
-        files = write_files(out, _writers(found, text, content))
-        progress(f"wrote {len(files)} files to {out}{_model_told(found)}")
+        writers = _writers(found, text, content)
+        write_files(out, writers)
+        told = ", the model to model.toml" if "model.toml" in writers else ""
+        if isinstance(found, LogSeries):
+            told += ", to be taken at --initial-speed" if told else ""
+            told += "; model-1.toml and so on are for the v0 of their log"
+        progress(f"wrote {len(writers)} files to {out}{told}")
     if as_json:
         print_json(content)
     else:
         print_text(_report, found)
 
 
-def _report(found: Identification | Campaign) -> str:
-    return identification_text(found) if isinstance(found, Identification) else campaign_text(found)
+def _report(found: Identification | LogSeries) -> str:
+    return identification_text(found) if isinstance(found, Identification) else series_text(found)
 
 
 def _options(given: Mapping[str, Any]) -> Options:
@@ -254,13 +265,13 @@ def _bar(logs: tuple[Path, ...], as_json: bool) -> Iterator[Callable[[float], No
         yield lambda share: bar.update(task, completed=share)
 
 
-def _warn(found: Identification | Campaign) -> None:
+def _warn(found: Identification | LogSeries) -> None:
     for each in (found,) if isinstance(found, Identification) else found.logs:
         for note in each.curve.notes:
             click.echo(f"railslip: note: {each.curve.name}: {note}", err=True)
         for warning in (*each.warnings, *each.doubts):
             click.echo(f"railslip: warning: {warning}", err=True)
-    if isinstance(found, Campaign):
+    if isinstance(found, LogSeries):
         for warning in found.warnings:
             click.echo(f"railslip: warning: {warning}", err=True)
 
@@ -284,49 +295,23 @@ def _file_names(count: int) -> list[str]:
 
 
 def _writers(
-    found: Identification | Campaign, text: str, content: Mapping[str, Any]
-) -> dict[str, Callable[[Path], None]]:
-    from railslip_ctrl.report.plots import (
-        adhesion_figure,
-        braking_figure,
-        coefficients_figure,
-        drift_figure,
-        save_figure,
-    )
+    found: Identification | LogSeries, text: str, content: Mapping[str, Any]
+) -> dict[str, Callable[[Path], object]]:
+    from railslip_ctrl.report import plots
 
-    logs = (found,) if isinstance(found, Identification) else found.logs
-    more = (
-        (drift_figure(found), braking_figure(found))
-        if isinstance(found, Identification)
-        else (coefficients_figure(found),)
-    )
-    texts = {
-        **{name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)},
-        **_over_speed(found),
-        "identification.txt": text,
-        "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n",
+    logs = found.logs if isinstance(found, LogSeries) else (found,)
+    texts = {name: model_toml(each) for name, each in zip(_model_names(len(logs)), logs, strict=True)}
+    texts |= {"identification.txt": text, "identification.json": json.dumps(content, indent=2, allow_nan=False) + "\n"}
+    figures = [plots.adhesion_figure(logs)]
+    if isinstance(found, LogSeries):
+        whole = series_toml(found)
+        texts |= {} if whole is None else {"model.toml": whole}
+        figures.append(plots.coefficients_figure(found))
+    else:
+        figures += [plots.drift_figure(found), plots.braking_figure(found)]
+    writers: dict[str, Callable[[Path], object]] = {
+        name: partial(Path.write_text, data=written, encoding="utf-8") for name, written in texts.items()
     }
-    writers: dict[str, Callable[[Path], None]] = {}
-    for name, written in texts.items():
-        writers[name] = lambda path, written=written: _write_text(path, written)  # type: ignore[misc]
-    for name, figure in zip(_pictures(len(logs)), (adhesion_figure(logs), *more), strict=True):
-        for suffix in ("png", "svg"):
-            writers[f"{name}.{suffix}"] = lambda path, f=figure: save_figure(f, path)  # type: ignore[misc]
+    for name, figure in zip(_pictures(len(logs)), figures, strict=True):
+        writers |= {f"{name}.{suffix}": partial(plots.save_figure, figure) for suffix in ("png", "svg")}
     return writers
-
-
-def _over_speed(found: Identification | Campaign) -> dict[str, str]:
-    """Of several logs, the one model over the initial speed."""
-    whole = campaign_toml(found) if isinstance(found, Campaign) else None
-    return {} if whole is None else {"model.toml": whole}
-
-
-def _model_told(found: Identification | Campaign) -> str:
-    if isinstance(found, Identification):
-        return ", the model to model.toml"
-    each = "model-1.toml and so on are for the v0 of their log"
-    return f", the model to model.toml, to be taken at --initial-speed; {each}" if _over_speed(found) else f"; {each}"
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

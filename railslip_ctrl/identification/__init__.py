@@ -2,15 +2,15 @@
 
 A newcomer begins with `identify`: a log goes through these modules in this order, and a module imports those above it.
 
-- `sensors`, `observer`: encoder and torque sensor; the adhesion torque observed, published and by a Kalman filter
-- `columns`, `logs`: the header's quantities and units; blocks of `Rows` in SI, lines that are no rows
+- `observer`: encoder and torque sensor; the adhesion torque observed, published and by a Kalman filter
+- `logs`: the quantities and units of the header; blocks of `Rows` in SI, lines that are no rows
 - `cleaning`: stray time stamps, outliers, offsets and delays of columns
 - `observed`: samples of adhesion over slip, and rows under brake kept as they came
 - `log_checks`: what a log shows to be wrong, as a list of `Finding`s
 - `curves`: sums by cell of slip and speed: the adhesion curve
 - `models`, `fits`, `prediction`: what can be fitted; least squares over the cells; prediction-error fits
 - `results`: comparison, regimes, the peak and the slip to hold, parameters over the initial speed
-- `candidates`, `identify`: the models of a log compared, the best one chosen; several logs together
+- `identify`: the models of a log compared, the best one chosen; several logs together
 - `observer_study`, `virtual_rig`: brake trials and a brake rig of known truth, to try all this on
 
 Imports `simulation` and what is below.

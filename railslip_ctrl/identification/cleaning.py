@@ -18,19 +18,18 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import close_match
 
-from .columns import UNITS
-from .logs import Floats, Lines, Rows
+from .logs import UNITS, Floats, Lines, Rows
 
 
 class RowFilter(ABC):
-    """Leaves out rows by comparing them with those beside them; `count` tells how many."""
+    """Leaves out rows by comparing them with those beside them; `count` tells how many.
+
+    A row's judgement needs so many rows `ahead` and `behind`; the rows of a `piece` are judged together.
+    """
 
     ahead: ClassVar[int]
-    """Rows after a row that its judgement needs."""
     behind: ClassVar[int]
-    """Rows before it."""
     piece: ClassVar[int]
-    """Rows that are judged together."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -81,11 +80,10 @@ _MOST_NAMED = 5
 class StampFilter(RowFilter):
     """Leaves out rows whose time stamp is an outlier, and refuses time that does not grow without them.
 
-    An outlier is a single stamp that is more than `FAR` usual intervals away from both its neighbours, while without it
-    time grows over the `BESIDE` rows on either side of it: a glitch. At the ends of a log it has one neighbour. Two in
-    a row, or two within `BESIDE` rows, are a second clock as well, so they are refused; so are a stamp that repeats
-    another or steps back by less. A stamp far ahead that time then goes on from is a gap; so is one in the last row,
-    and one far behind in the first, as nothing tells it from a pause. `name` is the log's, for errors.
+    An outlier is a single stamp more than `FAR` usual intervals away from both its neighbours (at an end of a log: from
+    one), without which time grows over the `BESIDE` rows on either side. Two within `BESIDE` rows are a second clock,
+    and refused, as is a stamp that repeats another or steps back by less. A stamp far ahead that time goes on from is a
+    gap; so is one in the last row, and one far behind in the first. `name` is the log's, for errors.
     """
 
     ahead, behind, piece = BESIDE + 1, _STAMPS_KEPT, 1
@@ -149,7 +147,7 @@ def _complaint(lines: Lines, time: Floats, at: int) -> str:
 
 # Second differences: of values in steps they are whole steps, of a straight ramp they are 0, so that a ramp is
 # not taken for a staircase. 0 is what rounding leaves of the values.
-_NOUGHT = 1e-7
+_ROUNDING = 1e-7
 _LEAST_CHANGES = 20
 _LEAST_SHARE = 0.01  # of the rows: fewer are the corners of ramps
 
@@ -164,7 +162,7 @@ _FEW = 20.0  # steps: of larger differences, uneven intervals of an encoder blur
 def step_of(values: Floats) -> float:
     """The step in which some values, in the order they came, change; 0 where they show none."""
     changes = np.abs(np.diff(values, 2))
-    changes = changes[changes > _NOUGHT * np.abs(values).max(initial=0.0)]
+    changes = changes[changes > _ROUNDING * np.abs(values).max(initial=0.0)]
     if len(changes) < max(_LEAST_CHANGES, _LEAST_SHARE * len(values)):
         return 0.0
     return max((float(step) for step in np.quantile(changes, _QUANTILES) if _comes_in(changes, step)), default=0.0)

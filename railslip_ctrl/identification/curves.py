@@ -23,7 +23,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
 from .cleaning import Alignment, OutlierFilter, StampFilter, corrections_told
-from .columns import Column
 from .log_checks import (
     HIGHEST_MU,
     ColumnStep,
@@ -44,8 +43,8 @@ from .log_checks import (
     time_fault,
     unit_hint,
 )
-from .logs import BLOCK_BYTES, Broken, Log, Rows
-from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, Observed, Observer, Record, Survey
+from .logs import BLOCK_BYTES, Broken, Column, Log, Rows
+from .observed import LEAST_PULL, MOST_ROWS, SLIP_RANGE, AdhesionStream, BrakedRows, Observed, Observer, Survey
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -330,7 +329,7 @@ _LEAST_SAMPLES = 20
 
 
 @dataclass(frozen=True)
-class Curve:
+class AdhesionCurve:
     """What was taken from a log before anything is fitted.
 
     `name` is the file, `time_constant` tau, s. `record` has rows for prediction-error fits, of one run in
@@ -348,7 +347,7 @@ class Curve:
     cells: Cells
     stretches: Stretches
     slip_counts: Integers
-    record: Record
+    record: BrakedRows
     record_stride: int
     peak_slip: float
     wheel_column: str
@@ -394,7 +393,7 @@ def read_curve(
     *,
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
-) -> Curve:
+) -> AdhesionCurve:
     """The adhesion curve of a log; memory does not grow with it.
 
     `progress` is told the share read, `observed` is given the samples as they come.
@@ -420,7 +419,7 @@ def read_curve(
     return gathered.curve(log.broken, stamps, log.notes)
 
 
-def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> Curve:
+def curve_of(rows: Rows, vehicle: Vehicle, options: Options, *, name: str = "log") -> AdhesionCurve:
     """The adhesion curve of rows in memory, time growing from row to row. InputError as `read_curve`."""
     return _Gathered(name, vehicle, options, iter([rows]), {}).curve(Broken(), StampFilter(name), ())
 
@@ -492,7 +491,7 @@ class _Gathered:
     def _known(self, slope: float = math.inf, peak: float = 0.0) -> Known:
         return Known(self._vehicle, slope, peak, self._stream.wheel_column, self._options.zeros)
 
-    def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> Curve:
+    def curve(self, broken: Broken, stamps: StampFilter, notes: tuple[str, ...]) -> AdhesionCurve:
         """The curve, with what else was met."""
         assert self._sums is not None, "checked"
         cells, bins, survey = self._sums.cells(), self._sums.bins(), self._stream.survey
@@ -510,7 +509,7 @@ class _Gathered:
             *mu_findings(bins.mean, self._factors),
             *(() if free else deceleration_findings(ratio)),  # else the cause is told
         )
-        return Curve(
+        return AdhesionCurve(
             name=self._name,
             survey=survey,
             time_constant=self._stream.time_constant,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -89,12 +89,14 @@ def search(
     return 2.0 * float(found.cost) - float(np.sum((pull * (x - centre)) ** 2)), x
 
 
-def differences(residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats) -> Floats:
-    """Derivatives of the residuals by the coordinates, (residuals, coordinates), by differences inside the bounds."""
+def differences(
+    residuals: Residuals, coordinates: Coordinates, x: Floats, steps: Floats, places: Iterable[int] | None = None
+) -> Floats:
+    """Derivatives by the coordinates, all or some, (residuals, coordinates), by differences inside the bounds."""
     columns = []
-    for i, step in enumerate(steps):
+    for i in range(len(x)) if places is None else places:
         high, low = x.copy(), x.copy()
-        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
+        high[i], low[i] = min(x[i] + steps[i], coordinates.upper[i]), max(x[i] - steps[i], coordinates.lower[i])
         difference = residuals(coordinates.values(high)) - residuals(coordinates.values(low))
         columns.append(difference / (high[i] - low[i]))
     return np.stack(columns, axis=1)
@@ -361,7 +363,7 @@ class Problem(Protocol):
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """What is known of the free parameters; arrays by parameter.
 
     `covariance`, (p, p), is scaled as `Parameter.stderr`; rows of parameters that are not identified are NaN, while one
@@ -390,7 +392,7 @@ def estimate(
     tests: NDArray[np.int64] | None = None,
     shifts: Sequence[Floats] = (),
     profiles: bool = True,
-) -> Estimate:
+) -> ParameterEstimate:
     """What is known at the best coordinates x, where the residuals have `slopes` and a long-run variance.
 
     `tests` that the residuals, then of variance 1, belong to: where these disagree, that is what the errors are taken
@@ -419,7 +421,7 @@ def estimate(
     active = _bounds_at(x, coordinates, own)
     for shift in shifts:
         own = own + np.outer(shift, shift)
-    return Estimate(
+    return ParameterEstimate(
         values=coordinates.values(x),
         covariance=_turned(own, turn, of_dead, dead),
         coordinates=coordinates,
@@ -448,10 +450,7 @@ def _turned(own: Floats, turn: Floats, of_dead: NDArray[np.bool_], dead: NDArray
 def _profiles(
     problem: Problem, x: Floats, turn: Floats, unit: Floats, own: Floats, beside: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Intervals of the parameters whose symmetric one does not hold.
-
-    `own` is the covariance of the coordinates, `unit` that by residuals of variance 1, along which the others follow.
-    """
+    """Intervals where the symmetric one does not hold; `unit`: how the others follow, `own`: how far."""
     coordinates, residuals, found = problem.coordinates, problem.residuals, {}
     own, unit = np.nan_to_num(own), np.nan_to_num(unit)
     for i in (int(each) for each in np.flatnonzero(np.isfinite(turn).all(axis=1))):
@@ -487,9 +486,8 @@ def _of_values(active: NDArray[np.int_], coordinates: Coordinates) -> NDArray[np
 
 
 def slopes_of(problem: Problem, x: Floats) -> Floats:
-    """Derivatives of the residuals by the coordinates, (residuals, coordinates), by differences inside the bounds."""
-    steps = _DIFFERENCE * problem.coordinates.sizes(x)
-    return differences(problem.residuals, problem.coordinates, x, steps)
+    """`differences` of a problem's residuals."""
+    return differences(problem.residuals, problem.coordinates, x, _DIFFERENCE * problem.coordinates.sizes(x))
 
 
 def unidentified(scaled: Floats) -> NDArray[np.bool_]:
@@ -520,6 +518,7 @@ _LEAST_FREEDOM = 5  # a variance with less is too uncertain to be preferred to t
 
 _CONVERGED = 1e-14
 _SEARCH = 300  # evaluations at most of the residuals and their slopes
+_STATUS = {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}
 _NOTHING = 1e-9  # of a value: a lower end below it says nothing
 _ALIKE = 1e-9  # relative: two searches whose sums of squares agree so ended in one place, and no third is needed
 _INSIDE = 1e-6  # of a coordinate's size: how far inside its bounds a search begins
@@ -551,9 +550,28 @@ class Parameter:
         return self.value - half, self.value + half
 
     @property
+    def is_open(self) -> bool:
+        """Whether the interval has no upper end."""
+        return self.status == "fitted" and math.isinf(self.interval[1])
+
+    @property
     def is_untold(self) -> bool:
         """Whether the log agrees with any value, so that this one is of the search."""
-        return _is_open(self) and self.interval[0] < _NOTHING * self.value
+        return self.is_open and self.interval[0] < _NOTHING * self.value
+
+    @property
+    def remark(self) -> str:
+        """What is to be said of its bound, or of an interval without an end; else empty."""
+        low, high = self.interval
+        if self.is_untold:
+            return f"{self.name}: this log cannot tell it"
+        if self.is_open:
+            return f"{self.name}: by this log it is not less than {low:.4g} (99 %), and has no upper end"
+        if "bound" not in self.status:
+            return ""
+        end = f"more than {high:.4g}" if "lower" in self.status else f"less than {low:.4g}"
+        text = f"{self.name}: rests {self.status.replace('at', 'on its', 1)}"
+        return text if self.limits is None else f"{text}; by this log it is not {end} (99 %)"
 
 
 @dataclass(frozen=True)
@@ -570,7 +588,7 @@ class Fit:
     model: FitModel
     law: AdhesionLaw
     parameters: tuple[Parameter, ...]
-    known: Estimate
+    known: ParameterEstimate
     residual_squares: float
     cell_coefficients: Floats
     long_run_variance: float
@@ -629,7 +647,7 @@ def fit(
 
 def fit_of(
     model: FitModel,
-    known: Estimate,
+    known: ParameterEstimate,
     cells: Cells,
     setting: Setting,
     noise: tuple[float, int],
@@ -656,14 +674,14 @@ def fit_of(
     )
 
 
-def _parameters(model: FitModel, known: Estimate) -> tuple[Parameter, ...]:
+def _parameters(model: FitModel, known: ParameterEstimate) -> tuple[Parameter, ...]:
     stderrs = np.where(known.active == 0, np.sqrt(np.diag(known.covariance)), np.nan)
     return tuple(
         Parameter(
             name,
             float(known.values[i]),
             float(stderrs[i]),
-            _status(int(known.active[i]), bool(known.dead[i])),
+            "not identifiable" if known.dead[i] else _STATUS[int(known.active[i])],
             known.limits.get(i) or _inside(float(known.values[i]), float(stderrs[i]), model.lower[i], model.upper[i]),
         )
         for i, name in enumerate(model.names)
@@ -716,12 +734,6 @@ class _Problem:
         return alike[0]
 
 
-def _status(active: int, dead: bool) -> str:
-    if dead:
-        return "not identifiable"
-    return {-1: "at lower bound", 0: "fitted", 1: "at upper bound"}[active]
-
-
 def long_run_variance(
     mean: Floats, used: NDArray[np.bool_], stretches: Stretches, parameters: int, tau: float
 ) -> tuple[float, int]:
@@ -751,24 +763,6 @@ def long_run_variance(
             return best
 
 
-def _at_bound(p: Parameter) -> str:
-    text = f"{p.name}: rests {p.status.replace('at', 'on its', 1)}"
-    if p.limits is None:
-        return text
-    side, limit = ("more", p.limits[1]) if "lower" in p.status else ("less", p.limits[0])
-    return f"{text}; by this log it is not {side} than {limit:.4g} (99 %)"
-
-
-def _is_open(p: Parameter) -> bool:
-    return p.status == "fitted" and p.limits is not None and math.isinf(p.limits[1])
-
-
-def _without_end(p: Parameter) -> str:
-    if p.is_untold:
-        return f"{p.name}: this log cannot tell it"
-    return f"{p.name}: by this log it is not less than {p.interval[0]:.4g} (99 %), and has no upper end"
-
-
 def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, ...]:
     remarks = []
     dead = [p.name for p in parameters if p.status == "not identifiable"]
@@ -777,9 +771,8 @@ def _remarks(parameters: tuple[Parameter, ...], variance: float) -> tuple[str, .
             f"{', '.join(dead)}: not identifiable from this log, as the curve stays the same when "
             f"{'it changes' if len(dead) == 1 else 'they change together'}"
         )
-    remarks += [_at_bound(p) for p in parameters if "bound" in p.status]
-    remarks += [_without_end(p) for p in parameters if _is_open(p)]
-    loose = [p.name for p in parameters if p.stderr > abs(p.value) and not _is_open(p)]
+    remarks += [p.remark for p in sorted(parameters, key=lambda p: p.is_open) if p.remark]
+    loose = [p.name for p in parameters if p.stderr > abs(p.value) and not p.is_open]
     if loose:
         remarks.append(f"{', '.join(loose)}: hardly identified, standard error larger than the value")
     if math.isnan(variance) and all(math.isnan(p.stderr) for p in parameters):

@@ -1,14 +1,19 @@
-"""The job: a log, or several, to adhesion curve, fits and the slip to hold, as records."""
+"""A log, or several, to adhesion curve, fitted models compared, and the slip to hold: the record `Identification`.
+
+Intervals are for the chosen model, as they take most of the time. A wheel speed that is late shows in how well the
+motion can be followed.
+"""
 
 from __future__ import annotations
 
 import filecmp
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +21,33 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
+from railslip_ctrl.model.numeric import peak
 from railslip_ctrl.model.vehicle import Rail, Vehicle
 
-from .candidates import DRIFT_SPEEDS, Candidates, fit_doubts, lag_of, lag_warning, speeds_looked_at
-from .cleaning import check_corrections
-from .curves import Cells
-from .curves import Curve as Curve
-from .curves import Options as Options
-from .curves import curve_of as curve_of
-from .curves import read_curve as read_curve
-from .fits import Fit
-from .log_checks import LOADS_DIFFER, TrainLag, deceleration_differs, is_wrong_wheel, train_lag
-from .models import CANDIDATES, Setting, check_model, check_options
-from .observed import Observed
-from .prediction import slip_ramp
+from .cleaning import LONGEST_DELAY, check_corrections
+from .curves import AdhesionCurve, Cells, Options, read_curve
+from .fits import Fit, Parameter, fit
+from .log_checks import (
+    HIGHEST_MU,
+    LOADS_DIFFER,
+    LOWEST_MU,
+    TrainLag,
+    deceleration_differs,
+    is_wrong_wheel,
+    train_lag,
+    units_or,
+)
+from .models import (
+    CANDIDATES,
+    SLIDING_ALONE,
+    Setting,
+    check_model,
+    check_options,
+    fit_model,
+    shape_of,
+)
+from .observed import BrakedRows, Observed
+from .prediction import PredictionErrors, is_followed, prediction_error_fit, slip_ramp
 from .results import (
     ParameterPolynomial,
     PeakSlip,
@@ -39,10 +57,335 @@ from .results import (
     drift,
     over_initial_speed,
     peak_notes,
+    peak_of_law,
     regimes_of,
+    regimes_of_data,
 )
 
 Floats = NDArray[np.float64]
+
+
+# --- can a fit be? ---------------------------------------------------------------------------------------------------
+
+
+IMPOSSIBLE_MU = 1.0
+"""A highest adhesion coefficient above this is refused.
+
+Clean dry steel on steel in air has 0.6 to 0.8 in every handbook; more than the wheel load itself is pulled only where
+bare metals seize, as in vacuum. A law that has it would lead every command that takes it astray.
+"""
+
+_LIMITS: Mapping[str, str] = MappingProxyType(
+    {
+        "beam": "mu_max",
+        "polach": "mu0",
+        "lugre": "Fs by wheel load",
+        **dict.fromkeys(("bristle", "bristle_rest", "curve"), "gamma/beta by wheel load"),
+    }
+)
+
+
+class ImpossibleFitError(InputError):
+    """A fit with adhesion that cannot be."""
+
+
+# --- the fit -------------------------------------------------------------------------------------------------------
+
+
+def highest_mu(found: Fit, setting: Setting) -> tuple[str, float]:
+    """The highest adhesion coefficient of a fitted model, and what it is called: its peak or its limit of friction.
+
+    The peak is that at the lowest or the highest of `DRIFT_SPEEDS`. InputError for a law whose force nowhere brakes.
+    """
+    speeds = (share * setting.initial_speed for share in (DRIFT_SPEEDS[0], DRIFT_SPEEDS[-1]))
+    law = found.model.make_force_law(found.values, found.law.rail)
+    try:
+        top = max(peak(law, speed, setting.wheel_load).coefficient for speed in speeds)
+    except DomainError:
+        raise InputError(
+            "fitted to this log its adhesion is nowhere positive; check units, the wheel's radius and load (--vehicle)"
+        ) from None
+    limit = _limit_of_friction(found, setting.wheel_load)
+    return (f"limit of friction ({_LIMITS[found.model.name]})", limit) if limit > top else ("peak", top)
+
+
+def _limit_of_friction(found: Fit, wheel_load: float) -> float:
+    """Adhesion coefficient that a model tends to as it slides slowly; NaN for one without such a parameter."""
+    given = {**found.model.known, **{p.name: p.value for p in found.parameters}}
+    match found.model.name:
+        case "beam" | "polach" as name:
+            return float(given[_LIMITS[name]])  # type: ignore[arg-type]
+        case "lugre":
+            return float(given["Fs"]) / wheel_load  # type: ignore[arg-type]
+        case "bristle" | "bristle_rest" | "curve":
+            return float(given["gamma"]) / float(given["beta"]) / wheel_load  # type: ignore[arg-type]
+    return math.nan
+
+
+def check_fit(found: Fit, setting: Setting, curve: AdhesionCurve) -> None:
+    """ImpossibleFitError for a fit with adhesion above `IMPOSSIBLE_MU`, InputError for one that is nowhere positive."""
+    what, value = highest_mu(found, setting)
+    if value <= IMPOSSIBLE_MU:
+        return
+    seen = curve.highest_mu  # of the log itself, which tells the likely cause
+    cause = units_or(seen, curve.factors)
+    if LOWEST_MU <= seen <= HIGHEST_MU:
+        # a log that stays below the peak leaves the limit free: its stiffness can still be had, within a bound
+        name = _LIMITS.get(found.model.name, "")
+        bound = f"--bound {name}=0:{HIGHEST_MU:g}" if name in found.model.names else "another --model"
+        cause = (
+            f"the log itself shows {seen:.2g}, so that it does not tell this model, or the vehicle is another one; "
+            f"check --vehicle and the wheel load, give a log with more slip, or {bound}"
+        )
+    given = [name for name in setting.fixed if name in found.model.known]
+    if given:
+        values = ", ".join(f"--fix {name}={setting.fixed[name]:g}" for name in given)
+        cause = f"{values} is given: leave it out, or give another value; else {cause}"
+    raise ImpossibleFitError(
+        f"fitted to this log its highest adhesion coefficient, the {what}, is {value:.3g}, above {IMPOSSIBLE_MU:g}, "
+        f"which no steel on steel in air has; {cause}"
+    )
+
+
+def fit_doubts(found: Fit, setting: Setting, curve: AdhesionCurve) -> tuple[str, ...]:
+    """What is not to be believed of a fit that is no impossible one, a sentence each."""
+    what, value = highest_mu(found, setting)
+    ordinary = LOWEST_MU <= value <= HIGHEST_MU
+    doubts = []
+    if not ordinary:
+        doubts.append(
+            f"the fitted {found.model.name} has a highest adhesion coefficient, its {what}, of {value:.3g}, where "
+            f"steel on steel has {LOWEST_MU:g} to {HIGHEST_MU:g}: {units_or(value, curve.factors)}"
+        )
+    cause = (
+        "likely this log does not tell it, or the model is not this log's; a wrong unit of the brake torque (--unit), "
+        "wheel load or vehicle (--vehicle) does the same"
+        if ordinary and LOWEST_MU <= curve.highest_mu <= HIGHEST_MU
+        else "likely by a wrong unit of the brake torque (--unit), wheel load or vehicle (--vehicle)"
+    )
+    untold = [f"{p.name} of {p.value:.4g}" for p in found.parameters if p.is_untold]
+    if untold:
+        doubts.append(
+            f"the fitted {', '.join(untold)} may as well be any other by this log, and is near to where it was first "
+            "looked for: give a log with more slip, a known value (--fix), or another --model"
+        )
+    ends = zip(found.parameters, found.model.lower, found.model.upper, strict=True)
+    doubts += [_at_bound(p, low, high, setting, cause) for p, low, high in ends if "bound" in p.status]
+    return tuple(f"{curve.name}: {text}" for text in doubts)
+
+
+def _at_bound(p: Parameter, low: float, high: float, setting: Setting, cause: str) -> str:
+    side, bound = ("lower", low) if "lower" in p.status else ("upper", high)
+    if bound in setting.bounds.get(p.name, ()):
+        cause = "which is given by --bound: the log asks for a value beyond it"
+    # the smallest number stands for a 0 that is open
+    end = "infinity" if math.isinf(bound) else f"{0.0 if bound < _NOTHING else bound:.4g}"
+    return f"the fitted {p.name} of {p.value:.4g} rests on its {side} bound, {end}: {cause}"
+
+
+_NOTHING = 1e-11  # stands for a bound of 0 that is open
+_ALIKE = 2.6  # standard errors
+_MOST_ROWS = 2000  # of whole runs from the record's beginning: ten rig tests tell a tenth of an interval
+_LEAST_GAIN = 40.0  # of the deviance; a model that is not the rig's own gains up to 26 by a shift there is no cause for
+_HOPELESS = 0.5  # of this gain, below which that of a parabola through three lags is not searched further
+_RESOLVED = 0.03  # of the log's interval, to which a lag is looked for: a fifth or less of its error
+_MOST_LAGS = 10  # of the search between two ends, as each is a fit
+_BETWEEN = 0.1  # of the interval: standard error that what happens between rows adds, as seen on the virtual rig
+_CURVED = 0.25  # of the interval, over which the deviance's bend about the lag is taken
+
+
+@dataclass(frozen=True)
+class Lag:
+    """By how much the wheel's speed is late beside the other columns, s, with its standard error; negative: early.
+
+    The error is NaN where the likelihood does not bend as at a maximum.
+    """
+
+    seconds: float
+    stderr: float
+
+
+def lag_of(fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> Lag | None:
+    """The likeliest lag of the wheel's speed; None where none is far more likely than no lag.
+
+    The parameters are fitted anew for each lag that is tried: half an interval either way, then on while likelier.
+    """
+    if not is_followed(fit.model, record):
+        return None
+    kept = replace(record, **{name: values[: _whole_runs(record)] for name, values in vars(record).items()})
+    if not is_followed(fit.model, kept):
+        return None
+    interval = float(np.median(np.diff(kept.time)[np.diff(kept.run) == 0]))
+    try:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+            return _likeliest(_Shifted(fit, kept, vehicle, wheel_load), interval)
+    except ValueError:  # SciPy's and LAPACK's word for errors that are not finite: nothing can be told
+        return None
+
+
+class _Shifted:
+    """-2 log likelihood of the motion over the lag, each value found once; fits begin where the best one ended."""
+
+    def __init__(self, fit: Fit, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
+        self._fit, self._record, self._vehicle, self._wheel_load = fit, record, vehicle, wheel_load
+        self._start = fit.values
+        self._known: dict[float, float] = {}
+
+    def __call__(self, lag: float) -> float:
+        if lag not in self._known:
+            shifted = earlier(self._record, lag)
+            problem = PredictionErrors(self._fit.model, shifted, self._vehicle, self._wheel_load)
+            self._known[lag], values = problem.likeliest(self._start)
+            if self._known[lag] <= min(self._known.values()):
+                self._start = values
+        return self._known[lag]
+
+
+def _likeliest(deviance: Callable[[float], float], interval: float) -> Lag | None:
+    from scipy.optimize import minimize_scalar
+
+    now, half = deviance(0.0), interval / 2.0
+    ahead = min((half, -half), key=deviance)
+    if deviance(ahead) >= now:  # within half an interval: searched where a parabola through the three gains enough
+        bend, tilt = deviance(half) + deviance(-half) - 2.0 * now, deviance(half) - deviance(-half)
+        if not bend > 0.0 or tilt**2 / (8.0 * bend) <= _LEAST_GAIN:
+            return None
+        low, high = -half, half
+    else:
+        before, lag = 0.0, ahead
+        while abs(lag) < LONGEST_DELAY and deviance(2.0 * lag) < deviance(lag):
+            before, lag = lag, 2.0 * lag
+        low, high = sorted((before, 2.0 * lag))
+        constant, slope, square = np.polynomial.polynomial.polyfit(at := (low, lag, high), [*map(deviance, at)], 2)
+        if square > 0.0 and now - (constant - slope**2 / (4.0 * square)) <= _HOPELESS * _LEAST_GAIN:
+            return None
+    options = {"maxiter": _MOST_LAGS, "xatol": _RESOLVED * interval}
+    found = minimize_scalar(deviance, bounds=(low, high), method="bounded", options=options)
+    if now - found.fun <= _LEAST_GAIN:
+        return None
+    lag, step = float(found.x), _CURVED * interval
+    bend = (deviance(lag + step) + deviance(lag - step) - 2.0 * deviance(lag)) / step**2
+    return Lag(lag, math.hypot(math.sqrt(2.0 / bend), _BETWEEN * interval) if bend > 0.0 else math.nan)
+
+
+def _whole_runs(record: BrakedRows) -> int:
+    """Rows of as many whole runs as there is room for, the first in any case."""
+    ends = np.append(np.flatnonzero(np.diff(record.run)) + 1, len(record))
+    fitting = ends[ends <= _MOST_ROWS]
+    return int(fitting[-1] if len(fitting) else min(ends[0], _MOST_ROWS))
+
+
+def earlier(record: BrakedRows, lag: float) -> BrakedRows:
+    """The record with train speed and brake torque as they were some seconds earlier, run by run."""
+    speed, torque = record.speed.copy(), record.torque.copy()
+    for run in np.unique(record.run):
+        at = record.run == run
+        time = record.time[at]
+        for values in (speed, torque):
+            values[at] = np.interp(time - lag, time, values[at])
+    return replace(record, speed=speed, torque=torque)
+
+
+def lag_warning(lag: Lag, interval: float, wheel_column: str, delays: Mapping[str, float]) -> str:
+    """What a lag is to be told as, the log's interval in s; `delays` are those that the user has given, s."""
+    late, given = lag.seconds, delays.get(wheel_column, 0.0)
+    error = f" ± {lag.stderr:.1g} s" if math.isfinite(lag.stderr) else ""
+    beside = f", more than the --delay {wheel_column}={given:.4g} that is given" if given else ""
+    cause = ""
+    if not given and abs(late - interval / 2.0) < _ALIKE * lag.stderr:
+        late, cause = interval / 2.0, " half an interval, as a difference of counts is:"
+    remedy = f"{cause} --delay {wheel_column}={given + late:.3g} undoes it"
+    if abs(given + late) > LONGEST_DELAY:
+        remedy = " no delay is so long: check the unit of the time, and that the columns are of one recording"
+    return (
+        f"the wheel's speed seems to be {'late' if late > 0 else 'early'} by {abs(lag.seconds):.3g} s{error} beside "
+        f"the other columns{beside}, which falsifies the fits;{remedy}"
+    )
+
+
+# --- the models of a log ---------------------------------------------------------------------------------------------
+
+
+DRIFT_SPEEDS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Speeds at which a fit is looked at, of the initial speed."""
+
+OF_EACH_KIND = ("bristle", "beam", "burckhardt")
+"""Models with a prediction-error fit: one that builds up, one with a kink, a smooth one."""
+
+_NO_PEAK = (*SLIDING_ALONE, "table")  # or one that lies on a knot
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The fits; why models have none, a sentence each; and which of these for adhesion that cannot be."""
+
+    fits: tuple[Fit, ...]
+    failures: tuple[str, ...]
+    impossible: tuple[str, ...]
+
+
+class Candidates:
+    """What can be fitted to a curve.
+
+    The regimes are parted at the peak of the best model that follows the whole curve by a formula, else where the
+    data's mu is highest.
+    """
+
+    def __init__(
+        self, curve: AdhesionCurve, vehicle: Vehicle, setting: Setting, regimes: Regimes | None = None
+    ) -> None:
+        self.curve, self.vehicle, self.setting = curve, vehicle, setting
+        self.regimes = regimes or regimes_of_data(curve.cells)
+
+    def fitted(self, names: Sequence[str]) -> Fitted:
+        """The models of some names, with the intervals of a single one."""
+        fits: list[Fit] = []
+        failures, impossible, alone = [], [], len(names) == 1
+        for name in sorted(names, key=SLIDING_ALONE.__contains__):  # last: the others tell where sliding begins
+            if name in SLIDING_ALONE:
+                self.regimes = self._regimes_of(fits)
+            try:
+                fits.append(self._fit(name, profiles=alone))
+            except InputError as error:
+                failures.append(f"{self.curve.name}: {error}" if alone else f"{self.curve.name}: {name}: {error}")
+                impossible += [name] if isinstance(error, ImpossibleFitError) else []
+        self.regimes = self._regimes_of(fits)
+        return Fitted(tuple(fits), tuple(failures), tuple(impossible))
+
+    def with_intervals(self, found: Fit) -> Fit:
+        """A fit of these with the intervals of its parameters; as it is where it has them."""
+        return found if found.with_profiles else self._fit(found.model.name, profiles=True)
+
+    def better_followed(self, found: Fit) -> Fit:
+        """The best of some models with a prediction-error fit, where it is better than one of the user's."""
+        free = Candidates(self.curve, self.vehicle, replace(self.setting, fixed={}, bounds={}))
+        others = free.fitted([name for name in OF_EACH_KIND if name != found.model.name]).fits
+        return compare([found, *others], self.curve.cells)[0].fit
+
+    def _fit(self, name: str, *, profiles: bool) -> Fit:
+        """One model. InputError where it cannot be fitted, or has adhesion that cannot be."""
+        curve, setting = self.curve, self.setting
+        model = fit_model(name, curve.cells, shape_of(curve.cells, curve.peak_slip), setting)
+        known = (curve.cells, curve.stretches, setting, self.regimes.boundary, curve.time_constant)
+        first = fit(model, *known, profiles=profiles and not is_followed(model, curve.record))
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a search may try what overflows
+            found = prediction_error_fit(first, curve.record, self.vehicle, curve.cells, setting, profiles=profiles)
+            check_fit(found, setting, curve)
+        return replace(found, with_profiles=profiles)
+
+    def _regimes_of(self, fits: Sequence[Fit]) -> Regimes:
+        whole, own = [each for each in fits if each.model.name not in _NO_PEAK], regimes_of_data(self.curve.cells)
+        if not whole:
+            return own
+        best, setting = compare(whole, self.curve.cells)[0].fit, self.setting
+        law = best.model.make_force_law(best.values, setting.rail)
+        with suppress(DomainError):
+            found = peak_of_law(law, setting.initial_speed, setting.wheel_load)
+            return regimes_of(found.slip, best.model.name, self.curve.cells, own)
+        return own
+
+
+# --- the job: a log, or several, to adhesion curve, fits and the slip to hold, as records ----------------------------
 
 
 _LINE_POINTS = 200
@@ -65,37 +408,18 @@ class ModelLine:
 class Identification:
     """A log identified.
 
-    Attributes
-    ----------
-    vehicle : Vehicle
-    options : Options
-    curve : Curve
-    setting : Setting
-    scores : tuple of Score
-        All models fitted, the lowest BIC first.
-    chosen : Score
-        The model asked for, or the first that is not the table.
-    not_fitted : tuple of str
-        Models left out of the comparison, and why.
-    peaks : tuple of PeakSlip
-        Over speed, on the log's rail and on wet rail.
-    regimes : Regimes
-        Parted at the chosen model's peak, where the log goes past it.
-    reference : ReferenceSlip or None
-        Slips to hold at the initial speed; None without a peak.
-    lines : tuple of ModelLine
-        The models' curves, in the order of `scores`.
-    warnings : tuple of str
-        What was wrong with the log, and what the fits show to be.
-    doubts : tuple of str
-        What is not to be believed of the model chosen.
-    train_lag : TrainLag or None
-        What a lag of the train's speed would do; None where the log does not tell.
+    `vehicle` and `options` are as given, `setting` is what the fits took as known, `curve` what was taken from the log.
+    `scores` are of all models fitted, the lowest BIC first, `lines` their curves in that order; `chosen` is the model
+    asked for, or the first that is not the table; `not_fitted` says why models were left out. `peaks` are over speed,
+    on the log's rail and on wet rail; `regimes` are parted at the chosen model's, where the log goes past it;
+    `reference` has the slips to hold at the initial speed, None without a peak. `warnings` are what was wrong with the
+    log, and what the fits show to be, `doubts` what is not to be believed of the chosen model, `train_lag` what a lag
+    of the train's speed would do, None where the log does not tell.
     """
 
     vehicle: Vehicle
     options: Options
-    curve: Curve
+    curve: AdhesionCurve
     setting: Setting
     scores: tuple[Score, ...]
     chosen: Score
@@ -137,7 +461,7 @@ class Identification:
         return peak_notes(self.peaks, self.chosen.fit.model.name, self.speeds_shown)
 
 
-def speeds_shown(curve: Curve, setting: Setting) -> tuple[float, float]:
+def speeds_shown(curve: AdhesionCurve, setting: Setting) -> tuple[float, float]:
     """As `Identification.speeds_shown`."""
     v0, survey = setting.initial_speed, curve.survey
     return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
@@ -155,11 +479,7 @@ def identify(
 
     The CSV at `path` is as `railslip identify --help` says; `vehicle` gives wheel and load, `options` the rest;
     `progress` is told the share that is read, 0 to 1; `observed` is given the observed samples as they come.
-
-    Raises
-    ------
-    InputError
-        A log or an option that cannot be used, in one line.
+    InputError in one line for a log or an option that cannot be used.
     """
     _model_names(options)  # before a large log is read
     curve = read_curve(path, vehicle, options, progress=progress, observed=observed)
@@ -174,7 +494,7 @@ def _model_names(options: Options) -> tuple[str, ...]:
     return names
 
 
-def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identification:
+def identify_curve(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Identification:
     """Identify from an adhesion curve that is read already. InputError as `identify`."""
     names = _model_names(options)
     setting = setting_of(curve, vehicle, options)
@@ -184,6 +504,13 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
         raise InputError("; ".join([*_wheel_told(curve), found.failures[0]]))
     scores, chosen, peaks, without = _chosen(compare(found.fits, curve.cells), candidates)
     regimes = regimes_of(_own_peak(peaks, setting).slip, chosen.fit.model.name, curve.cells, candidates.regimes)
+    left_out: tuple[str, ...] = ()
+    if found.impossible:
+        left_out = (
+            f"{curve.name}: {', '.join(found.impossible)}: left out, as fitted to this log their adhesion cannot be; "
+            "unless it has too little slip for them, the brake torque's unit (--unit), wheel load or vehicle "
+            "(--vehicle) is wrong",
+        )
     return Identification(
         vehicle=vehicle,
         options=options,
@@ -200,9 +527,9 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
             *curve.warnings,
             *_against_the_log(curve, setting, options),
             *_late(chosen.fit, candidates, options),
-            *_left_out(found.impossible, curve),
+            *left_out,
         ),
-        doubts=_doubts(chosen, curve, setting),
+        doubts=fit_doubts(chosen.fit, setting, curve),
         train_lag=train_lag(curve.record, vehicle.wheel.radius, regimes.boundary),
     )
 
@@ -210,11 +537,7 @@ def identify_curve(curve: Curve, vehicle: Vehicle, options: Options) -> Identifi
 def _chosen(
     scores: tuple[Score, ...], candidates: Candidates
 ) -> tuple[tuple[Score, ...], Score, tuple[PeakSlip, ...], tuple[str, ...]]:
-    """The scores, the first of them that is not the table, its peaks; and why models before it had none.
-
-    The table follows any curve: it shows what a formula leaves, and is taken where it is asked for. InputError where no
-    model has a peak.
-    """
+    """The scores, the first that is not the table, its peaks, and why models before it had none; else InputError."""
     failures: list[str] = []
     curve, setting = candidates.curve, candidates.setting
     for score in sorted(scores, key=lambda each: each.fit.model.name == "table"):
@@ -230,7 +553,7 @@ def _chosen(
     raise InputError("; ".join([*_wheel_told(curve), failures[0]]))
 
 
-def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[str, ...]:
+def _against_the_log(curve: AdhesionCurve, setting: Setting, options: Options) -> tuple[str, ...]:
     """A sentence for each value that is given and that the log shows to be another."""
     found, seen, v0 = [], curve.survey.initial_speed, setting.initial_speed
     if options.initial_speed is not None and not 1.0 / _OTHER_SPEED < v0 / seen < _OTHER_SPEED:
@@ -247,26 +570,8 @@ def _against_the_log(curve: Curve, setting: Setting, options: Options) -> tuple[
     return tuple(f"{curve.name}: {text}" for text in found)
 
 
-def _left_out(impossible: Sequence[str], curve: Curve) -> tuple[str, ...]:
-    """A sentence where models were left out for adhesion that cannot be: what did that may be wrong of the others."""
-    if not impossible:
-        return ()
-    return (
-        f"{curve.name}: {', '.join(impossible)}: left out, as fitted to this log their adhesion cannot be; unless "
-        "it has too little slip for them, the brake torque's unit (--unit), wheel load or vehicle (--vehicle) is wrong",
-    )
-
-
-def _doubts(score: Score, curve: Curve, setting: Setting) -> tuple[str, ...]:
-    found = fit_doubts(score.fit, setting, speeds_looked_at(setting), curve.highest_mu, curve.factors)
-    return tuple(f"{curve.name}: {text}" for text in found)
-
-
 def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]:
-    """A sentence where the motion shows that the columns are out of step; not where something else is amiss first.
-
-    One v0 that stands for several, and a wheel of quite another radius, are no motion that can be followed.
-    """
+    """A sentence where the motion shows that the columns are out of step, unless something else is amiss first."""
     curve, load = candidates.curve, candidates.setting.wheel_load
     if curve.survey.is_mixed or is_wrong_wheel(curve.rolling):
         return ()
@@ -289,12 +594,12 @@ def _late(fit: Fit, candidates: Candidates, options: Options) -> tuple[str, ...]
     return (f"{curve.name}: {lag_warning(lag, curve.survey.interval, curve.wheel_column, options.delays)}",)
 
 
-def _wheel_told(curve: Curve) -> tuple[str, ...]:
+def _wheel_told(curve: AdhesionCurve) -> tuple[str, ...]:
     """What was said of a wheel that does not follow its train, as the cause of what fails."""
     return tuple(f"{curve.name}: {each.text}" for each in curve.findings if each.check == "free rolling")
 
 
-def _peaks(score: Score, setting: Setting, curve: Curve) -> tuple[PeakSlip, ...]:
+def _peaks(score: Score, setting: Setting, curve: AdhesionCurve) -> tuple[PeakSlip, ...]:
     """The peaks over speed; a peak beyond all slip of the log is the formula's alone, and no slip to hold."""
     speeds = [share * setting.initial_speed for share in DRIFT_SPEEDS]
     peaks = drift(score.fit, speeds, setting.wheel_load, shown=speeds_shown(curve, setting))
@@ -311,7 +616,7 @@ def _line(fit: Fit, cells: Cells, setting: Setting) -> ModelLine:
     return ModelLine(fit.model.name, slip, fit.model.coefficient(fit.values, slip, speed, setting.wheel_load))
 
 
-def setting_of(curve: Curve, vehicle: Vehicle, options: Options) -> Setting:
+def setting_of(curve: AdhesionCurve, vehicle: Vehicle, options: Options) -> Setting:
     """What the fits take as known: the wheel load, v0 and the ramp of the log, unless they are given."""
     v0 = curve.survey.initial_speed if options.initial_speed is None else options.initial_speed
     ramp, spread = slip_ramp(curve.record, vehicle.wheel.radius, max(curve.peak_slip, _RAMP_SLIP), v0)
@@ -340,7 +645,7 @@ def _reference(peaks: Sequence[PeakSlip], rail: Rail) -> ReferenceSlip | None:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class LogSeries:
     """Several logs identified with one model, and its parameters over the initial speed.
 
     `warnings` are of the logs together, beside those that each has.
@@ -353,7 +658,7 @@ class Campaign:
 
 def identify_several(
     paths: Sequence[Path], vehicle: Vehicle, options: Options, *, progress: Callable[[float], None] | None = None
-) -> Campaign:
+) -> LogSeries:
     """Identify logs at several initial speeds, `paths`, with one model; of "best", the one with the lowest sum of BIC.
 
     `vehicle`, `options`, `progress` and InputError as of `identify`.
@@ -374,7 +679,7 @@ def identify_several(
     if options.model == "best":
         done = _with_one_model(done)
     fits = [each.chosen.fit for each in done]
-    return Campaign(
+    return LogSeries(
         logs=tuple(done),
         polynomials=over_initial_speed([each.setting.initial_speed for each in done], fits),
         warnings=_different_loads(done),
@@ -425,5 +730,5 @@ def _choosing(identification: Identification, name: str) -> Identification:
         peaks=peaks,
         regimes=regimes_of(_own_peak(peaks, setting).slip, name, curve.cells, identification.regimes),
         reference=_reference(peaks, setting.rail),
-        doubts=_doubts(chosen, curve, setting),
+        doubts=fit_doubts(chosen.fit, setting, curve),
     )

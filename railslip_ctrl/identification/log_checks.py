@@ -20,9 +20,8 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
 from .cleaning import Resolution
-from .columns import UNITS, Column
-from .logs import Rows
-from .observed import LOWEST_SPEED, Record, Survey
+from .logs import UNITS, Column, Rows
+from .observed import LOWEST_SPEED, BrakedRows, Survey
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +92,7 @@ class FreeRolling:
         self._vehicle, self._radius = vehicle, vehicle.wheel.radius
         self._rows = np.empty((5, 0))
         self._interval = math.nan
-        self._windows = np.empty((len(_KEPT), 0))
+        self._windows = np.empty((7, 0))  # columns as of `_steady`
         self._stride, self._seen = 1, 0
 
     @property
@@ -193,9 +192,6 @@ class FreeRolling:
         return windows[:, enough[0] : ends[enough[0]]] if len(enough) else None
 
 
-_KEPT = ("torque", "its standard error", "speed", "omega", "load", "deceleration", "whether omega moves")
-
-
 def _resistance(vehicle: Vehicle, speed: Any) -> Any:
     """The train's own, N, of the quarter car, at a speed in m/s."""
     r = vehicle.resistance
@@ -210,10 +206,7 @@ def _slopes(time: Floats, values: Floats) -> Floats:
 
 
 def _stands(time: Floats, values: Floats, least: Floats) -> NDArray[np.bool_]:
-    """In which windows values neither rise nor bend, beyond their noise or beyond a least change over the window.
-
-    The noise is that of differences of neighbours, so that a wheel that swings is not taken for a noisy one.
-    """
+    """In which windows values neither rise nor bend, beyond the noise of neighbours or a least change."""
     x = 2.0 * (time - time.mean(axis=1, keepdims=True)) / np.ptp(time, axis=1)[:, None]  # -1 to 1
     bend = x**2 - np.mean(x**2, axis=1, keepdims=True)
     noise = np.mean(np.diff(values, axis=1) ** 2, axis=1) / 2.0
@@ -407,19 +400,18 @@ _OTHER_CLOCK = 200.0  # ratio of decelerations; of s and ms it is 1000, and a tr
 _PULLS = (0.02, 1.0)  # highest brake torque by wheel load and radius: else the torque's unit is what is wrong
 
 
-def _lost(record: Record) -> float:
+def _lost(record: BrakedRows) -> float:
     """Speed that the train loses in the runs, m/s; NaN where that is hardly any."""
     inside, begins = np.diff(record.run) == 0, np.flatnonzero(np.diff(record.run, prepend=-1))
     lost = -float(np.diff(record.speed)[inside].sum())
     return lost if lost > _SLOWED_DOWN * float(record.speed[begins].sum()) else math.nan
 
 
-def deceleration_ratio(record: Record, vehicle: Vehicle) -> float:
+def deceleration_ratio(record: BrakedRows, vehicle: Vehicle) -> float:
     """By how much more the train slows down in the runs than the wheel's own adhesion and the resistance make it.
 
-    By momentum from the first row to the last of each run, of the wheel (3) and of the train (4) [Park2008]: the
-    adhesion force is what is left of the brake torque when the wheel has been turned slower. NaN where the train hardly
-    slows down, or no torque is left.
+    By momentum over each run, of the wheel (3) and of the train (4) [Park2008]. NaN where the train hardly slows down,
+    or no torque is left for the adhesion.
     """
     inside = np.diff(record.run) == 0
     step = np.diff(record.time)[inside]
@@ -447,7 +439,7 @@ def deceleration_findings(ratio: float) -> Iterator[Finding]:
         )
 
 
-def time_fault(record: Record, vehicle: Vehicle, highest_pull: float) -> str | None:
+def time_fault(record: BrakedRows, vehicle: Vehicle, highest_pull: float) -> str | None:
     """A sentence where the train slows down as if its time had another unit than it is read in; else None.
 
     The speed lost in the runs under brake is set against that by the brake torque on the vehicle's mass, each wheel its
@@ -476,7 +468,7 @@ LOADS_DIFFER = 1.05
 """Ratio of mean wheel loads beyond which they are not one: within it a train's load varies with its passengers."""
 
 
-def load_findings(record: Record, of_vehicle: float) -> Iterator[Finding]:
+def load_findings(record: BrakedRows, of_vehicle: float) -> Iterator[Finding]:
     """Whether the runs have one wheel load, and one near to that of the vehicle, N."""
     if not len(record):
         return
@@ -580,23 +572,13 @@ _LEAST_ROWS_ABOUT_PEAK = 3  # of a run between them, to have a slope
 
 @dataclass(frozen=True)
 class TrainLag:
-    """What a lag of the train's speed of `TRAIN_LAG` would do to the slip at the peak of the adhesion.
+    """What a lag of the train's speed of `TRAIN_LAG`, s, would do to the slip at the peak of the adhesion.
 
-    A train that slows down by a m/s^2 reads a tau faster than it is, so that the slip ratio is (1 - slip) a tau/v too
-    large. While the adhesion alone slows it down, a is proportional to mu, and the shift cannot be told from a softer
-    contact: no single log shows such a lag. A fit takes it for one, so that its peak moves by more than the rows do: of
-    the brush model, whose peak is near 3 mu N/Kx and whose 1/Kx grows by the shift over mu N, by three times as much
-    where the rise alone tells Kx.
-
-    Attributes
-    ----------
-    lag : float
-        s.
-    slip_shift : float
-        By how much the slip ratio at the peak would be too large.
-    peak_slip : float
-    deceleration, speed : float
-        Of the train about the peak, m/s^2 and m/s.
+    A train that slows down by a m/s^2 reads a tau faster than it is: the slip ratio is (1 - slip) a tau/v too large,
+    the `slip_shift`. While the adhesion alone slows it down, a is proportional to mu, and no single log tells the shift
+    from a softer contact. A fit takes it for one, so that its peak moves by more than the rows do: that of the brush
+    model, near 3 mu N/Kx, by three times as much where the rise alone tells Kx. `deceleration`, m/s^2, and `speed`,
+    m/s, are the train's about the peak.
     """
 
     lag: float
@@ -613,7 +595,7 @@ class TrainLag:
         )
 
 
-def train_lag(record: Record, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
+def train_lag(record: BrakedRows, radius: float, peak_slip: float, lag: float = TRAIN_LAG) -> TrainLag | None:
     """The shift of the slip at the peak by a lag in s, from deceleration and speed on the runs' way up there.
 
     `radius` of the wheel in m. None where no run has rows enough about the peak, or the train does not slow down there.

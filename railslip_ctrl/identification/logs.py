@@ -1,5 +1,13 @@
 """Reading a log: CSV with a header, in blocks of lines, so that memory does not grow with the file.
 
+A header cell is a name with or without a unit: "train speed [km/h]", "Wheel speed (km/h)", "brake_torque_kNm"; case,
+spaces, underscores and hyphens do not count. `NAMES` has the names. n is what its unit says, and a wheel load without
+one; a wheel speed in rad/s, rpm or the like is an angular one. Time, train speed, brake torque and one of the wheel's
+two speeds must be there; other columns are not read.
+
+The header is the first line that is neither empty nor a comment (#). Where that line has numbers already, it is the
+last comment above it that names the columns, as NumPy writes it. A line of units may follow it.
+
 Every row keeps the number of its line. A line that is no row (cut, or with something else than numbers) is left out and
 named; a line without a line end at the end of the file is taken to be cut, unless it has all its cells. A column that
 can be done without and is empty is as if absent.
@@ -7,6 +15,8 @@ can be done without and is empty is as if absent.
 
 from __future__ import annotations
 
+import codecs
+import csv
 import gzip
 import io
 import os
@@ -16,8 +26,10 @@ import sys
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,10 +37,8 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core import extras
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.units import shown
-from railslip_ctrl.core.user_files import file_name
-
-from .columns import BLANKS, COMMENT, UNITS, is_number, read_header, split_cells
+from railslip_ctrl.core.units import shown, to_unit
+from railslip_ctrl.core.user_files import close_match, file_name
 
 Floats = NDArray[np.float64]
 Lines = NDArray[np.int64]
@@ -42,39 +52,328 @@ LONGEST_LINE = 1 << 20
 STANDARD_INPUT = "-"
 """The path that stands for standard input."""
 
+UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "time": "s",
+        "train_speed": "m/s",
+        "wheel_speed": "m/s",
+        "wheel_angular_speed": "rad/s",
+        "brake_torque": "N*m",
+        "wheel_load": "N",
+    }
+)
+"""The quantities of a log and their SI units."""
+
+NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "time": ("time", "t", "timestamp"),
+        "train_speed": ("train speed", "v", "vehicle speed", "speed", "reference speed"),
+        "wheel_speed": ("wheel speed", "v wheel", "vw", "circumferential speed", "rolling speed"),
+        "wheel_angular_speed": (
+            *("wheel angular speed", "omega", "w", "angular speed", "angular velocity", "rotational speed", "n"),
+        ),
+        "brake_torque": ("brake torque", "tb", "torque", "braking torque"),
+        "wheel_load": ("wheel load", "n", "load", "normal force", "axle load"),
+    }
+)
+"""Accepted names by quantity, the first the one this package writes."""
+
+_WHEEL = ("wheel_angular_speed", "wheel_speed")
+
+# Spellings of measurement systems that a unit grammar does not know, or reads as something else: 1/min is rad/min to
+# it, but revolutions a minute in a column of speeds.
+_SPELLINGS = MappingProxyType(
+    {"knm": "kN*m", "nm": "N*m", "kmh": "km/h", "kph": "km/h", "rads": "rad/s", "kn": "kN", "sec": "s"}
+    | {"rev/s": "turn/s"}
+    | dict.fromkeys(("1/min", "min^-1", "u/min", "r/min", "rev/min"), "rpm")
+)
+_HEADER = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>.*)\))?\s*")
+_SUFFIX = re.compile(r"(?P<name>.+)[_ ](?P<unit>kmh|ms|rads|rpm|knm|nm|kn|s|n)", re.IGNORECASE)
+_PLACE = re.compile(r"[1-9]\d*")
+_SUFFIX_UNITS = MappingProxyType({"ms": "m/s", "s": "s", "n": "N", "rpm": "rpm"})
+
 
 @dataclass(frozen=True)
-class Rows:
-    """Rows of a log, SI.
+class Column:
+    """Where a quantity is in a log: the column's number, its header, and what one of its unit is in SI."""
 
-    Attributes
-    ----------
-    line : array of int, (n,)
-        Line of each row in the file, the first being line 1.
-    columns : dict of arrays, (n,)
-        By quantity, those of the log.
+    quantity: str
+    index: int
+    header: str
+    factor: float
+    unit_given: bool
+
+
+def find_columns(
+    header: Sequence[str], columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+) -> dict[str, Column]:
+    """The columns of a header by quantity, in the order of `UNITS`.
+
+    `columns` has the header cell of a quantity where `NAMES` does not find it, or its place, the first being 1; `units`
+    wins over the header's; without either a column is SI. InputError for an unknown quantity, a header that is not
+    there, two columns of one name, a missing column, or a unit of another dimension.
+    """
+    columns, units = columns or {}, units or {}
+    for option, given in (("--column", columns), ("--unit", units)):
+        for quantity in given:
+            if quantity not in UNITS:
+                raise InputError(f"{option}: {quantity!r} is not a quantity of a log; choose one of {', '.join(UNITS)}")
+    found: dict[str, Column] = {}
+    for quantity in UNITS:
+        index = _named(header, quantity, columns[quantity]) if quantity in columns else _recognised(header, quantity)
+        if index is not None:
+            column = _column(quantity, index, header[index], units.get(quantity))
+            other = found.get(column.quantity)
+            if other is not None and quantity not in columns:
+                raise _several(column.quantity, header, sorted((other.index, index)))
+            found[column.quantity] = column
+    missing = [q for q in ("time", "train_speed", "brake_torque") if q not in found]
+    if not any(q in found for q in _WHEEL):
+        missing.append("wheel_speed")
+    if missing:
+        quantity = missing[0]
+        called = " or ".join(repr(name) for name in NAMES[quantity][:2])
+        raise InputError(
+            f"header: no column for {quantity}; call one {called}, or give --column {quantity}=HEADER "
+            f"(the header has {_cells(header)})"
+        )
+    return found
+
+
+def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """A header's cells, each with its unit of a row of them, but for those that have one; `-` and nothing are none."""
+    bare = [unit.strip(" \t[]()") for unit in units]
+    return [
+        f"{cell.strip()} [{unit}]" if unit not in ("", "-") and not _split(cell)[1] else cell
+        for cell, unit in zip(header, bare, strict=True)
+    ]
+
+
+def is_unit(cell: str, quantity: str) -> bool:
+    """Whether a cell is a unit of a quantity, in brackets or not."""
+    try:
+        return _column(quantity, 0, f"x [{cell.strip(' []()')}]", None).unit_given
+    except InputError:
+        return False
+
+
+def _named(header: Sequence[str], quantity: str, wanted: str) -> int:
+    at = [i for i, cell in enumerate(header) if wanted.strip() in (cell.strip(), _split(cell)[0])]
+    if not at and _PLACE.fullmatch(wanted.strip()) and int(wanted) <= len(header):
+        return int(wanted) - 1
+    if len(at) != 1:
+        count = f"{len(at)} columns are" if at else "no column is"
+        hint = close_match(wanted, header)
+        raise InputError(
+            f"--column {quantity}: {count} called {shown(wanted)}; {hint}the header has {_cells(header)}{_places(at)}"
+        )
+    return at[0]
+
+
+def _places(at: Sequence[int]) -> str:
+    return f", or by its place: {' or '.join(str(i + 1) for i in at)}" if len(at) > 1 else ""
+
+
+def _recognised(header: Sequence[str], quantity: str) -> int | None:
+    names = {_plain(name) for name in NAMES[quantity]}
+    at = [
+        i
+        for i, cell in enumerate(header)
+        if {_plain(cell), _plain(_split(cell)[0])} & names and _may_be(cell, quantity)
+    ]
+    if len(at) > 1:
+        raise _several(quantity, header, at)
+    return at[0] if at else None
+
+
+def _several(quantity: str, header: Sequence[str], at: Sequence[int]) -> InputError:
+    cells = _cells([header[i] for i in at])
+    return InputError(
+        f"header: {quantity} may be any of {cells}; say which with --column {quantity}=HEADER{_places(at)}"
+    )
+
+
+def _may_be(cell: str, quantity: str) -> bool:
+    """Whether a cell is not one of a letter that stands for another quantity: n [1/min] is no load."""
+    name, unit = _split(cell)
+    if _plain(name) != "n":
+        return True
+    return is_unit(unit, quantity) if unit else quantity == "wheel_load"
+
+
+def _column(quantity: str, index: int, cell: str, unit: str | None) -> Column:
+    in_header = _split(cell)[1]
+    given = unit if unit is not None else in_header
+    if not given:
+        return Column(quantity, index, cell.strip(), 1.0, unit_given=False)
+    if quantity == "wheel_speed" and is_unit(given, "wheel_angular_speed"):
+        quantity = "wheel_angular_speed"
+    spelled = _SPELLINGS.get(given.strip().lower(), given.strip())
+    where = f"--unit {quantity}" if unit is not None else f"header, column {cell.strip()!r}"
+    try:
+        factor = to_unit(f"1 {spelled}", UNITS[quantity])
+    except InputError:
+        raise InputError(
+            f"{where}: {shown(given)} is not a unit of {quantity}; give one convertible to {UNITS[quantity]!r}, "
+            f"in the header or as --unit {quantity}=UNIT"
+        ) from None
+    return Column(quantity, index, cell.strip(), factor, unit_given=True)
+
+
+def _split(cell: str) -> tuple[str, str]:
+    """A header cell's name and unit, the latter empty where there is none."""
+    match = _HEADER.fullmatch(cell)
+    if match is None:
+        return cell.strip(), ""
+    name, unit = match["name"], match["square"] or match["round"] or ""
+    suffix = _SUFFIX.fullmatch(name)
+    if not unit and suffix is not None:
+        return suffix["name"], _SUFFIX_UNITS.get(suffix["unit"].lower(), suffix["unit"])
+    return name, unit
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_\-]+", "", name).lower()
+
+
+def _cells(header: Sequence[str]) -> str:
+    return ", ".join(shown(cell.strip()) for cell in header[:12]) + (", ..." if len(header) > 12 else "")
+
+
+# --- the lines of the header --------------------------------------------------------------------------------------
+
+COMMENT = b"#"
+
+BLANKS = " "
+"""The separator of cells apart by any number of spaces and tabs."""
+
+_SEPARATORS = (";", "\t", ",")
+_LONGEST_HEADER = 64 << 10  # bytes, with the comments before it
+_WORDS = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to the name before it
+
+
+@dataclass(frozen=True)
+class Header:
+    """How the rows are read: the header's cells, the columns by quantity, and what separates the cells of a row.
+
+    `next_line` is the number of the line after the header, or of the first row where that is `pending`: read already.
     """
 
-    line: Lines
-    columns: dict[str, Floats]
+    cells: tuple[str, ...]
+    columns: dict[str, Column]
+    separator: str
+    next_line: int
+    pending: bytes
 
-    def __len__(self) -> int:
-        return len(self.line)
 
-    def where(self, kept: NDArray[np.bool_]) -> Rows:
-        """The rows that are kept."""
-        return Rows(self.line[kept], {name: values[kept] for name, values in self.columns.items()})
+def read_header(
+    readline: Callable[[int], bytes], name: str, columns: Mapping[str, str] | None, units: Mapping[str, str] | None
+) -> Header:
+    """The header of a log, read by `readline` from its beginning; `name` is for errors, the rest as of `logs.Log`."""
+    lines: list[bytes] = []  # up to the first that is neither empty nor a comment
+    while sum(map(len, lines)) < _LONGEST_HEADER and (line := readline(_LONGEST_HEADER)):
+        lines.append(line)
+        if not _passed_over(line):
+            break
+    if not lines or _passed_over(lines[-1]):
+        raise InputError(f"{name}: the file is empty or has no header; give a CSV file with a header")
+    text = _decoded(lines[-1], name)
+    if not lines[-1].endswith(b"\n"):
+        raise InputError(f"{name}: nothing after line {len(lines)}; give a CSV file with a header and rows")
+    separator = _separator(text)
+    cells = split_cells(text, separator) or [text]
+    if _has_numbers(cells):
+        return _from_comments([_decoded(line, name) for line in lines], lines[-1], name, columns, units)
+    following = readline(_LONGEST_HEADER)
+    whole = following.endswith(b"\n") and b"\0" not in following
+    below = split_cells(_decoded(following, name), separator) or [] if whole else []
+    may_be_units = len(below) == len(cells) and not _has_numbers(below)
+    try:
+        found = find_columns(cells, columns, units)
+        if may_be_units and any(is_unit(below[column.index], column.quantity) for column in found.values()):
+            named = find_columns(with_units(cells, below), columns, units)
+            return Header(tuple(cells), named, separator, len(lines) + 2, b"")
+        return Header(tuple(cells), found, separator, len(lines) + 1, following)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
 
-    def part(self, start: int, stop: int | None) -> Rows:
-        """Rows by position."""
-        return Rows(self.line[start:stop], {name: values[start:stop] for name, values in self.columns.items()})
 
-    def then(self, more: Rows) -> Rows:
-        """These rows and more after them."""
-        return Rows(
-            np.concatenate([self.line, more.line]),
-            {name: np.concatenate([values, more.columns[name]]) for name, values in self.columns.items()},
-        )
+def split_cells(text: str, separator: str) -> list[str] | None:
+    """The cells of a line; None where quotation marks are not as CSV has them."""
+    if separator == BLANKS:
+        return _WORDS.split(text.strip())
+    try:
+        return next(csv.reader([text], delimiter=separator, strict=True), [])
+    except csv.Error:
+        return None
+
+
+def is_number(text: str, decimal: str) -> bool:
+    """Whether a cell is a number with a decimal mark."""
+    if "_" in text:  # Python's digits, no log's
+        return False
+    try:
+        float(text.strip().replace(decimal, "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _from_comments(
+    lines: Sequence[str],
+    first_row: bytes,
+    name: str,
+    columns: Mapping[str, str] | None,
+    units: Mapping[str, str] | None,
+) -> Header:
+    """The header in the comments above the first row, which is the last of the lines."""
+    failure = None
+    for comment in reversed(lines[:-1]):
+        text = comment.strip().lstrip("#").strip()
+        cells = split_cells(text, _separator(text)) or [text]
+        separator = _separator_of(lines[-1], len(cells))
+        if separator is None or _has_numbers(cells):
+            continue
+        try:
+            return Header(tuple(cells), find_columns(cells, columns, units), separator, len(lines), first_row)
+        except InputError as error:  # another comment may name them; else this one was meant
+            failure = failure or InputError(f"{name}: {error}")
+    raise failure or InputError(
+        f"{name}: line {len(lines)}: no header, but numbers; name the columns in a line above, with their units"
+    )
+
+
+def _separator(text: str) -> str:
+    return next((s for s in _SEPARATORS if s in text), BLANKS if len(_WORDS.split(text.strip())) > 1 else ",")
+
+
+def _separator_of(row: str, count: int) -> str | None:
+    """The separator that parts a row into so many cells, two at least; an empty one more at its end is none."""
+    for separator in (*_SEPARATORS, BLANKS):
+        cells = split_cells(row, separator) or [row]
+        if count > 1 and (len(cells) == count or (len(cells) == count + 1 and not cells[-1].strip())):
+            return separator
+    return None
+
+
+def _has_numbers(cells: Sequence[str]) -> bool:
+    return any(is_number(cell, ",") for cell in cells)
+
+
+def _passed_over(line: bytes) -> bool:
+    text = line.removeprefix(codecs.BOM_UTF8).strip()
+    return not text or text.startswith(COMMENT)
+
+
+def _decoded(line: bytes, name: str) -> str:
+    """A line's text without its end."""
+    if b"\0" in line:
+        raise InputError(f"{name}: not a text file in UTF-8 or Latin-1; save it as CSV in UTF-8")
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = line.decode("latin-1")
+    return text.strip("\r\n")
 
 
 # --- the file ------------------------------------------------------------------------------------------------------
@@ -100,12 +399,8 @@ class LogFile:
         self.name = "standard input" if standard else file_name(path)
         self.damage = ""
         self._position = 0
-        try:
-            raw = _standard_input(self.name) if standard else _regular(path, self.name)
-        except (OSError, ValueError) as error:  # ValueError: a null character in the path
-            raise error if isinstance(error, InputError) else self._unreadable(error) from None
-        self._raw = io.BufferedReader(raw)
-        self._size = 0 if standard else os.fstat(raw.fileno()).st_size
+        self._raw = io.BufferedReader(self._standard_input() if standard else self._regular(path))
+        self._size = 0 if standard else os.fstat(self._raw.fileno()).st_size
         self._file: Any = self._raw
         try:
             if self._tried(self._raw.peek, 8).startswith(_GZIP):
@@ -117,6 +412,24 @@ class LogFile:
         except InputError:
             self._raw.close()
             raise
+
+    def _standard_input(self) -> io.FileIO:
+        if sys.stdin is None:
+            raise InputError(f"{self.name}: is closed; give a CSV file, or pipe one in")
+        return io.FileIO(sys.stdin.fileno(), closefd=False)
+
+    def _regular(self, path: Path) -> io.FileIO:
+        """A regular file, opened; nothing else, as a pipe may never end, nor even begin."""
+        try:
+            mode = path.stat().st_mode
+            if stat.S_ISREG(mode):
+                return io.FileIO(path)
+        except FileNotFoundError:
+            raise InputError(f"{self.name}: no such file; give a CSV file") from None
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            raise self._unreadable(error) from None
+        reason = "is a directory" if stat.S_ISDIR(mode) else "is not a regular file"
+        raise InputError(f"{self.name}: {reason}; give a CSV file, or - for standard input")
 
     def read(self, count: int) -> bytes:
         """That many bytes; less only at the end."""
@@ -158,24 +471,6 @@ class LogFile:
         return InputError(f"{self.name}: cannot be read ({getattr(error, 'strerror', None) or error})")
 
 
-def _standard_input(name: str) -> io.FileIO:
-    if sys.stdin is None:
-        raise InputError(f"{name}: is closed; give a CSV file, or pipe one in")
-    return io.FileIO(sys.stdin.fileno(), closefd=False)
-
-
-def _regular(path: Path, name: str) -> io.FileIO:
-    """A regular file, opened; nothing else, as a pipe may never end, nor even begin."""
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        raise InputError(f"{name}: no such file; give a CSV file") from None
-    if not stat.S_ISREG(mode):
-        reason = "is a directory" if stat.S_ISDIR(mode) else "is not a regular file"
-        raise InputError(f"{name}: {reason}; give a CSV file, or - for standard input")
-    return io.FileIO(path)
-
-
 # --- the rows ------------------------------------------------------------------------------------------------------
 
 # s, some 3000 years: what counts from 1970 in seconds is below, in milliseconds above. Beyond, a double does not tell
@@ -187,7 +482,6 @@ _FIRST_ROWS = 1000  # that tell whether a column is empty; so many, and no more,
 _EMPTY = ("", "nan")
 _DATE = re.compile(r"\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{2,4}|\d{1,2}:\d{2}")
 _PIECE = 1000  # lines that are parsed one by one where one of them is no row
-_WHEEL = ("wheel_angular_speed", "wheel_speed")
 _DISPENSABLE = {
     "wheel_load": "the vehicle's wheel load is used",
     "wheel_speed": "the wheel's angular speed is used",
@@ -196,7 +490,31 @@ _DISPENSABLE = {
 _STRANGE = re.compile(rb"[\0-\x08\x0b-\x1f]")
 _QUOTED = re.compile(rb'"[^"]*"')
 _BLANKS = re.compile(rb"[ \t]+")
+_ORDINARY = bytes(code for code in range(256) if code in b"\t\n" or (code >= 32 and code not in b'"#'))
 _OUTER_TABS = re.compile(rb"^\t|\t$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a log, SI: the line of each in the file, the first being line 1, and its columns by quantity."""
+
+    line: Lines
+    columns: dict[str, Floats]
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def where(self, kept: NDArray[np.bool_]) -> Rows:
+        return Rows(self.line[kept], {name: values[kept] for name, values in self.columns.items()})
+
+    def part(self, start: int, stop: int | None) -> Rows:
+        return Rows(self.line[start:stop], {name: values[start:stop] for name, values in self.columns.items()})
+
+    def then(self, more: Rows) -> Rows:
+        return Rows(
+            np.concatenate([self.line, more.line]),
+            {name: np.concatenate([values, more.columns[name]]) for name, values in self.columns.items()},
+        )
 
 
 @dataclass
@@ -208,7 +526,6 @@ class Broken:
     named: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, line: int, reason: str) -> None:
-        """Take note of a line."""
         self.count += 1
         self.last = max(self.last, line)
         if len(self.named) < _MOST_NAMED:
@@ -223,21 +540,10 @@ class Broken:
 class Log:
     """A log opened for reading, once.
 
-    Parameters
-    ----------
-    path : Path
-        CSV in UTF-8 or Latin-1, gzipped or not; or `-`, standard input. Separated by commas, semicolons, tabs or
-        blanks; a decimal comma is understood where no comma separates.
-    columns, units : mapping, optional
-        See `find_columns`.
-    block_bytes : int
-        How much is read at a time.
-
-    Raises
-    ------
-    InputError
-        One line with the file and what is wrong: missing, empty, no header, a column or a unit; while reading also a
-        file without a single row.
+    `path` is a CSV in UTF-8 or Latin-1, gzipped or not, or `-`, standard input; separated by commas, semicolons, tabs
+    or blanks; a decimal comma is understood where no comma separates. `columns` and `units` as of `find_columns`;
+    `block_bytes` are read at a time. InputError in one line for a file that is missing or empty, for its header, a
+    column or a unit, and while reading for a file without a single row.
     """
 
     def __init__(
@@ -269,7 +575,7 @@ class Log:
         return self._file.share
 
     def close(self) -> None:
-        """Close the file; its rows do so at their end."""
+        """Close the file; `rows` does so at its end."""
         self._file.close()
 
     @property
@@ -367,19 +673,13 @@ class Log:
 
     def _parsed(self, first: int, block: bytes) -> Rows:
         """The rows of whole lines; the others are taken note of."""
-        lines = block.split(b"\n")[:-1]
-        self._count = self._count or self._usual_count(lines)
-        usual, separator = self._count - 1, self._separator.encode()
-        plain = b'"' not in block and not _STRANGE.search(block) and self._count <= len(self._header.cells)
-        good = []
-        for i, line in enumerate(lines):
-            fault = "" if plain and line.count(separator) == usual else self._fault(line)
-            if not fault and line[:1] != COMMENT:
-                good.append(i)
-            elif (text := line.strip(b" \t")) and text[:1] != COMMENT:
-                self.broken.add(first + i, fault)
-        comma = self._has_comma(block)
-        number, table = self._numbers(np.array(good, dtype=np.int64) + first, [lines[i] for i in good], comma)
+        self._count = self._count or self._usual_count(block)
+        number = np.arange(first, first + block.count(b"\n"))
+        if not self._is_regular(block):
+            lines = block.split(b"\n")
+            kept = [i for i, at in enumerate(number.tolist()) if self._is_row(at, lines[i])]
+            number, block = number[kept], b"".join(lines[i] + b"\n" for i in kept)
+        number, table = self._numbers(number, block, self._has_comma(block))
         values = {name: column.factor * table[:, i] for i, (name, column) in enumerate(self.columns.items())}
         finite = np.asarray(np.isfinite(table).all(axis=1))
         for at in number[~finite]:
@@ -389,21 +689,42 @@ class Log:
             self.broken.add(int(number[at]), f"time {values['time'][at]:.9g} s is beyond any clock; check its unit")
         return Rows(number, values).where(possible)
 
-    def _usual_count(self, lines: Sequence[bytes]) -> int:
+    def _is_regular(self, block: bytes) -> bool:
+        """Whether every line has the usual cells and nothing that is to be looked at: most blocks of most logs."""
+        if block.translate(None, _ORDINARY) or self._count > len(self._header.cells):
+            return False
+        codes = np.frombuffer(block, dtype=np.uint8)
+        ends, separators = np.flatnonzero(codes == ord("\n")), np.flatnonzero(codes == ord(self._separator))
+        return bool((np.diff(np.searchsorted(separators, ends), prepend=0) == self._count - 1).all())
+
+    def _is_row(self, number: int, line: bytes) -> bool:
+        """Whether a line has the usual cells; one that should have, and has not, is taken note of."""
+        text = line.strip(b" \t")
+        if not text or text.startswith(COMMENT):
+            return False
+        if fault := self._fault(line):
+            self.broken.add(number, fault)
+        return not fault
+
+    def _usual_count(self, block: bytes) -> int:
         """Cells of a row: the header's, but rows may end in one separator more, or without its last empty cells.
 
         The rows of the first block tell; 0 if it has none.
         """
+        lines = block.split(b"\n", _FIRST_ROWS)[:-1]
         most, separator = len(self._header.cells), self._separator.encode()
         least = max((i for i, cell in enumerate(self._header.cells, 1) if cell.strip()), default=most)
-        counts = Counter((len(self._cells(line) or ()), line.endswith(separator)) for line in lines[:_FIRST_ROWS])
+        counts = Counter((len(self._cells(line) or ()), line.endswith(separator)) for line in lines)
         usual = [count for (count, ends), _ in counts.most_common() if least <= count <= most + (1 if ends else 0)]
         return usual[0] if usual else 0
 
     def _fault(self, line: bytes) -> str:
         """What is wrong with a line that should be a row; empty for one with the usual cells."""
         if _STRANGE.search(line):
-            return _control_character(line)
+            nulls = line.count(b"\0")  # as a power cut leaves them
+            if nulls < 2:
+                return "a control character or a carriage return within the line"
+            return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"
         line = _QUOTED.sub(b"", line)  # a separator in quotes is none
         if b'"' in line:
             return "a quotation mark without its other one"
@@ -412,38 +733,32 @@ class Log:
         whole = count == self._count and (count <= own or line.endswith(separator))
         return "" if whole else f"{count} cells where the header has {own}"
 
-    def _numbers(self, line: Lines, texts: Sequence[bytes], comma: bool) -> tuple[Lines, Floats]:
+    def _numbers(self, number: Lines, text: bytes, comma: bool) -> tuple[Lines, Floats]:
         """The columns of rows in the file's units, (rows, columns), with the numbers of the lines that are rows.
 
         Where a cell is no number they are gone through in pieces, and the piece that it is in line by line.
         """
-        try:
-            return line, self._table(texts, comma)
-        except ValueError:
-            pass
-        if len(texts) > _PIECE:
-            starts = range(0, len(texts), _PIECE)
-            pieces = [self._numbers(line[i : i + _PIECE], texts[i : i + _PIECE], comma) for i in starts]
-            return np.concatenate([piece[0] for piece in pieces]), np.concatenate([piece[1] for piece in pieces])
-        kept, rows = [], []
-        for number, text in zip(line.tolist(), texts, strict=True):
-            row = self._row(text, comma)
-            if isinstance(row, str):
-                self.broken.add(number, row)
-            else:
-                kept.append(number)
-                rows.append(row)
-        return np.array(kept, dtype=np.int64), np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
+        with suppress(ValueError):
+            return number, self._table(number, text, comma)
+        lines = text.split(b"\n")[:-1]
+        if len(lines) > _PIECE:
+            parts = [slice(i, i + _PIECE) for i in range(0, len(lines), _PIECE)]
+            found = [self._numbers(number[at], b"\n".join([*lines[at], b""]), comma) for at in parts]
+            return np.concatenate([each[0] for each in found]), np.concatenate([each[1] for each in found])
+        rows = {at: self._row(line, comma) for at, line in zip(number.tolist(), lines, strict=True)}
+        for at, fault in rows.items():
+            if isinstance(fault, str):
+                self.broken.add(at, fault)
+        kept = {at: row for at, row in rows.items() if not isinstance(row, str)}
+        return np.array([*kept], dtype=np.int64), np.array([*kept.values()], dtype=float).reshape(-1, len(self.columns))
 
-    def _table(self, texts: Sequence[bytes], comma: bool) -> Floats:
-        """The columns of rows, (rows, columns); ValueError where a cell is no number."""
-        if not texts:
-            return np.empty((0, len(self.columns)))
+    def _table(self, number: Lines, text: bytes, comma: bool) -> Floats:
+        """The columns of rows, (rows, columns); ValueError where a cell is no number, and where there is no row."""
         import pandas as pd
 
         places = [column.index for column in self.columns.values()]
         frame = pd.read_csv(
-            io.BytesIO(b"\n".join(texts)),
+            io.BytesIO(text),
             sep=self._separator,
             decimal="," if comma else ".",
             header=None,
@@ -454,7 +769,7 @@ class Log:
             skip_blank_lines=False,
             encoding="latin-1",
         )
-        if len(frame) != len(texts):
+        if len(frame) != len(number):
             raise ValueError("rows")
         return np.asarray(frame[places].to_numpy())
 
@@ -481,11 +796,3 @@ class Log:
                 return f"{shown(cell)} is not a number, column {column.header!r}"
             values.append(float(cell.replace(decimal, ".")) if cell else np.nan)
         return values
-
-
-def _control_character(line: bytes) -> str:
-    """What is said of a line with one: nulls, as a power cut leaves them, may stand for many rows, and end no line."""
-    nulls = line.count(b"\0")
-    if nulls < 2:
-        return "a control character or a carriage return within the line"
-    return f"a control character, {nulls} null bytes, which may stand for many rows and count as one line"

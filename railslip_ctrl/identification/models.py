@@ -167,7 +167,7 @@ class Setting:
     """What a fit takes as known: wheel load, N, initial speed v0, m/s, the log's rail, and what its user says, SI.
 
     `slip_acceleration` is R of the log's slip ramps, m/s^2, None where it has none, with its standard deviation from
-    run to run; `given_acceleration` is R as given. `knots` are slip ratios of a table; empty: chosen from the data.
+    run to run; `given_acceleration` is R as given.
     """
 
     wheel_load: float
@@ -177,7 +177,6 @@ class Setting:
     rail: Rail = Rail.DRY
     fixed: Mapping[str, float] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    knots: tuple[float, ...] = ()
     acceleration_spread: float | None = None
 
 
@@ -300,10 +299,6 @@ def check_options(names: Sequence[str], fixed: Mapping[str, float], bounds: Mapp
                 raise InputError(
                     f"{option}: {shown(parameter)} is no parameter here; choose one of {', '.join(sorted(known))}"
                 )
-    _check_fixed(fixed, bounds)
-
-
-def _check_fixed(fixed: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
     for name in fixed.keys() & bounds.keys():
         low, high = bounds[name]
         if not low <= fixed[name] <= high:
@@ -456,8 +451,7 @@ def _burckhardt(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
 def _table(cells: Cells, shape: Shape, setting: Setting) -> FitModel:
     low, high = float(cells.slip.min()), float(cells.nodes.max())
     # no knot below the data: it would have nothing to rest on; the last just holds the last node
-    chosen = np.linspace(math.sqrt(low), math.sqrt(min(high * (1 + 1e-9), 1.0)), TABLE_KNOTS) ** 2
-    knots = setting.knots or tuple(chosen.tolist())
+    knots = tuple((np.linspace(math.sqrt(low), math.sqrt(min(high * (1 + 1e-9), 1.0)), TABLE_KNOTS) ** 2).tolist())
     order = np.argsort(cells.slip)
     start = np.interp(knots, cells.slip[order], np.maximum(cells.mu[order], 1e-6))
     law = law_class("table")

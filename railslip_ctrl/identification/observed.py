@@ -4,12 +4,13 @@ The observed torque is Ta/(tau s + 1): late and smoothed. Set against the slip o
 tau times the slip's rate. So slip and its powers pass through the same filter: their means are the moments of the slip
 that an observed mu is the mean over, which is all that a fit needs (`curves`).
 
-Beside it a `Record` of rows under brake as they came, for prediction-error fits. Whole runs are kept, from the brake's
-application to its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
+Beside it `BrakedRows`, as they came, for prediction-error fits. Whole runs are kept, from the brake's application to
+its release; where there are more rows than `MOST_ROWS`, every second run is dropped, again and again.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -22,7 +23,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.vehicle import Vehicle
 
-from .logs import Rows
+from .logs import Lines, Rows
 from .observer import FilterObserver, Form, KalmanObserver, TorqueObserver
 
 Floats = NDArray[np.float64]
@@ -85,7 +86,7 @@ _LONGEST_RUN = 4096  # rows; a longer run is cut, so that one run cannot take al
 
 
 @dataclass(frozen=True)
-class Record:
+class BrakedRows:
     """Rows under brake: arrays of one length; s, m/s, rad/s, N*m, N, and the number of the run a row belongs to."""
 
     time: Floats
@@ -110,7 +111,7 @@ class Recorder:
         self._last_used = False
 
     def add(self, rows: Floats, used: NDArray[np.bool_], apart: NDArray[np.bool_]) -> None:
-        """Take in rows (5 by k, the columns of `Record`), which are used, and which stand after a gap."""
+        """Take in rows (5 by k, the columns of `BrakedRows`), which are used, and which stand after a gap."""
         if not used.any():
             self._last_used = bool(used[-1]) if used.size else self._last_used
             return
@@ -132,9 +133,9 @@ class Recorder:
         """Of how many runs one is kept."""
         return self._stride
 
-    def record(self) -> Record:
+    def record(self) -> BrakedRows:
         """The rows kept so far."""
-        return Record(*self._kept)
+        return BrakedRows(*self._kept)
 
 
 # --- what is met on the way ----------------------------------------------------------------------------------------
@@ -190,7 +191,6 @@ class Survey:
         return self.lost / max(self.lost + self.used, 1)
 
     def note_gap(self, line: int, seconds: float) -> None:
-        """Take note of a gap before a line."""
         self.gap_count += 1
         if len(self.gaps) < _MOST_NAMED:
             self.gaps.append((line, seconds))
@@ -273,7 +273,6 @@ class Observed:
         return len(self.time)
 
     def where(self, kept: NDArray[np.bool_]) -> Observed:
-        """The samples that are kept."""
         return Observed(*(getattr(self, f.name)[kept] for f in fields(self)))
 
 
@@ -281,7 +280,7 @@ class AdhesionStream:
     """Observed adhesion of a log that comes in blocks of rows.
 
     The vehicle gives the wheel, and the wheel load where the log has none; the `time_constant` tau, s, is 0.05 s or
-    five intervals of the log, whichever is more, unless it is given. InputError for a tau not above 0.
+    five intervals of the log, whichever is more, unless it is given. `add` raises InputError for a tau not above 0.
     """
 
     def __init__(
@@ -300,50 +299,42 @@ class AdhesionStream:
         self._last_used = False
         self._last_slip = 0.0
         self._last_run = -math.inf
-        if time_constant is not None:
-            self._start_with(time_constant)
 
     @property
     def time_constant(self) -> float:
         """tau, s; known once the first rows are in."""
         return math.nan if self._tau is None else self._tau
 
-    def _start_with(self, tau: float) -> None:
-        self._tau = tau
+    def _begin(self) -> None:
+        """The observer, with a time constant for the first rows unless it is given."""
+        interval = self.survey.interval
+        if self._tau is None:
+            self._tau = float(np.fmax(DEFAULT_TIME_CONSTANT, INTERVALS_PER_TIME_CONSTANT * interval))
+        tau, J, friction = self._tau, self.vehicle.effective_inertia, self.vehicle.effective_viscous_friction
         if self.kind is not Observer.KALMAN:
-            self._observer = FilterObserver.of(self.vehicle, tau, Form(self.kind.value))
-        elif math.isfinite(self.survey.interval):
-            self._observer = self._kalman(tau)
-
-    def _kalman(self, tau: float) -> KalmanObserver:
-        """Damped by 1/sqrt(2) at 1/tau: the gains depend on the ratio of walk and noise alone, so the noise is 1."""
-        J, B, interval = (
-            self.vehicle.effective_inertia,
-            self.vehicle.effective_viscous_friction,
-            self.survey.interval,
-        )
-        return KalmanObserver(J, B, interval, 1.0, 0.0, interval * J**2 / tau**4)
+            self._observer = FilterObserver(J, friction, tau, Form(self.kind.value))
+        else:
+            # damped by 1/sqrt(2) at 1/tau: the gains depend on the ratio of walk and noise alone, so the noise is 1
+            held = tau if math.isnan(interval) else interval
+            self._observer = KalmanObserver(J, friction, held, 1.0, 0.0, held * J**2 / tau**4)
 
     def add(self, rows: Rows) -> Observed:
         """The samples of the next rows."""
-        rows, omega = self._possible(rows)
-        if not len(rows):
+        line, signals = self._possible(rows)
+        time, v, omega, torque, load = signals
+        if not len(time):
             return _joined([])
-        time = rows.columns["time"]
         if len(time) > 1 and math.isnan(self.survey.interval):
             self.survey.interval = float(np.median(np.diff(time)))
         if self._observer is None:
-            least = INTERVALS_PER_TIME_CONSTANT * self.survey.interval if len(time) > 1 else 0.0
-            self._start_with(self._tau or max(DEFAULT_TIME_CONSTANT, least))
-        steps = np.diff(time, prepend=self._last)
-        new = self._gaps(rows, steps)
-        self._record(rows, omega, new)
-        parts = []
-        for start, stop in zip([0, *new], [*new, len(rows)], strict=True):
-            if stop > start:
-                parts.append(self._stretch(rows.part(start, stop), omega[start:stop], fresh=start in new))
-        self.survey.rows += len(rows)
-        return _joined(parts)
+            self._begin()
+        new, apart = self._gaps(line, np.diff(time, prepend=self._last)), np.zeros(len(time), dtype=bool)
+        apart[new] = True
+        rolling = (v > LOWEST_SPEED) & (self.vehicle.wheel.radius * omega > (1.0 - SLIP_RANGE[1]) * v) & (load > 0.0)
+        self.recorder.add(signals, rolling & self._braked(torque, load), apart)
+        self.survey.rows += len(time)
+        pieces = itertools.pairwise([0, *new, len(time)])
+        return _joined([self._stretch(signals[:, a:b], fresh=bool(apart[a])) for a, b in pieces if b > a])
 
     def check(self, name: str) -> None:
         """Raise InputError where too many rows were impossible: then it is not noise but the columns or units."""
@@ -374,13 +365,13 @@ class AdhesionStream:
         radius, angular = self.vehicle.wheel.radius, rows.columns.get("wheel_angular_speed")
         self.wheel_column = "wheel_speed" if angular is None else "wheel_angular_speed"
         omega = rows.columns["wheel_speed"] / radius if angular is None else angular
-        torque = rows.columns["brake_torque"]
-        return np.stack([*(rows.columns[n] for n in ("time", "train_speed")), omega, torque, self._load(rows)])
+        load = rows.columns.get("wheel_load", np.full(len(rows), self.vehicle.wheel_load))
+        return np.stack([rows.columns["time"], rows.columns["train_speed"], omega, rows.columns["brake_torque"], load])
 
-    def _possible(self, rows: Rows) -> tuple[Rows, Floats]:
-        """The rows a train can have been in, and the wheel's angular speed in them, rad/s."""
-        radius = self.vehicle.wheel.radius
-        _, v, omega, torque, load = self.signals(rows)
+    def _possible(self, rows: Rows) -> tuple[Lines, Floats]:
+        """The lines of the rows that a train can have been in, and their signals."""
+        signals, radius = self.signals(rows), self.vehicle.wheel.radius
+        _, v, omega, torque, load = signals
         wheel, pressed = radius * omega, load > 0.0
         pull = np.abs(torque[pressed]) / (radius * load[pressed])
         self.survey.backward += int((v < -LOWEST_SPEED).sum())
@@ -407,23 +398,13 @@ class AdhesionStream:
                 self.survey.first_implausible = f"line {rows.line[at]}: {what} {value[at]:.4g} {why}"
             bad |= wrong
         self.survey.implausible += int(bad.sum())
-        return rows.where(~bad), omega[~bad]
-
-    def _load(self, rows: Rows) -> Floats:
-        return rows.columns.get("wheel_load", np.full(len(rows), self.vehicle.wheel_load))
+        return rows.line[~bad], signals[:, ~bad]
 
     def _braked(self, torque: Floats, load: Floats) -> NDArray[np.bool_]:
         """A released brake counts at once."""
         return torque > LEAST_PULL * self.vehicle.wheel.radius * load
 
-    def _record(self, rows: Rows, omega: Floats, new: NDArray[np.intp]) -> None:
-        time, v, torque = (rows.columns[name] for name in ("time", "train_speed", "brake_torque"))
-        load, apart = self._load(rows), np.zeros(len(time), dtype=bool)
-        apart[new] = True
-        rolling = (v > LOWEST_SPEED) & (self.vehicle.wheel.radius * omega > (1.0 - SLIP_RANGE[1]) * v) & (load > 0.0)
-        self.recorder.add(np.stack([time, v, omega, torque, load]), rolling & self._braked(torque, load), apart)
-
-    def _gaps(self, rows: Rows, steps: Floats) -> NDArray[np.intp]:
+    def _gaps(self, line: Lines, steps: Floats) -> NDArray[np.intp]:
         """The rows before which the observer starts anew: the log's first, and those after a gap."""
         long = steps > _GAP_INTERVALS * self.survey.interval
         new = np.flatnonzero(long & (steps > _BRIDGED * self.time_constant))
@@ -432,13 +413,14 @@ class AdhesionStream:
         self.survey.longest_bridged = max(self.survey.longest_bridged, float(bridged.max(initial=0.0)))
         for i in new:
             if math.isfinite(steps[i]):
-                self.survey.note_gap(int(rows.line[i]), float(steps[i]))
+                self.survey.note_gap(int(line[i]), float(steps[i]))
         return new
 
-    def _stretch(self, rows: Rows, omega: Floats, *, fresh: bool) -> Observed:
+    def _stretch(self, signals: Floats, *, fresh: bool) -> Observed:
         """The samples of rows without a gap in them."""
         assert self._observer is not None
-        time, torque, v = (rows.columns[name] for name in ("time", "brake_torque", "train_speed"))
+        time, v, omega, torque, load = signals
+        radius, survey, (low, high) = self.vehicle.wheel.radius, self.survey, SLIP_RANGE
         if fresh or self._channels is None or self._readhesion is None:
             self._state, self._last_used = None, False
             low_pass = FilterObserver.of(self.vehicle, self.time_constant)
@@ -447,62 +429,34 @@ class AdhesionStream:
             self._settled = time[0] + _SETTLING * self.time_constant
         estimate = self._observer.run(time, torque, omega, self._state)
         self._state = estimate.state
-        load = self._load(rows)
-        slip = 1.0 - self.vehicle.wheel.radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
-        channels = np.stack([slip, slip**2, slip**3, v, slip * v, load])
+        now = 1.0 - radius * omega / np.where(v > LOWEST_SPEED, v, np.inf)
         steps = np.diff(time, prepend=self._last if self._last_used else time[0])
-        filtered = self._channels.run(time, channels)
+        filtered = self._channels.run(time, np.stack([now, now**2, now**3, v, now * v, load]))
         self._last = float(time[-1])
-        braked, readhesion = self._braked(torque, load), self._readhesion.add(time, slip, torque)
-        self._count_unused(time, filtered, braked, self._braked(-torque, load), readhesion)
-        return self._samples(time, steps, filtered, estimate.adhesion_torque, braked & ~readhesion)
-
-    def _count_unused(
-        self,
-        time: Floats,
-        filtered: Floats,
-        braked: NDArray[np.bool_],
-        reverse: NDArray[np.bool_],
-        readhesion: NDArray[np.bool_],
-    ) -> None:
-        """Count what the rows used do not show: braking not used, braking of the wrong sign, readhesion."""
-        settled, sliding = time >= self._settled, _in_range(filtered)
-        self.survey.lost += int((braked & sliding & ~settled).sum())
-        self.survey.reversed += int((reverse & sliding).sum())
-        self.survey.readhesion += int((braked & sliding & settled & readhesion).sum())
-
-    def _samples(
-        self, time: Floats, steps: Floats, filtered: Floats, adhesion_torque: Floats, wanted: NDArray[np.bool_]
-    ) -> Observed:
-        slip, slip2, slip3, speed, slip_speed, load = filtered
-        radius = self.vehicle.wheel.radius
-        used = _in_range(filtered) & (time >= self._settled) & wanted
-        self.survey.initial_speed = max(self.survey.initial_speed, float(speed.max()))
+        braked, reverse = self._braked(torque, load), self._braked(-torque, load)
+        readhesion = self._readhesion.add(time, now, torque)
+        slip, slip2, slip3, speed, slip_speed, pressed = filtered
+        sliding = (slip >= low) & (slip <= high) & (speed > LOWEST_SPEED) & (pressed > 0.0)
+        settled = time >= self._settled
+        used = sliding & settled & braked & ~readhesion
+        survey.lost += int((braked & sliding & ~settled).sum())
+        survey.reversed += int((reverse & sliding).sum())
+        survey.readhesion += int((braked & sliding & settled & readhesion).sum())
+        survey.initial_speed = max(survey.initial_speed, float(speed.max()))
         follows = np.concatenate([[self._last_used], used[:-1]]) & used
         step = np.where(follows, steps, 0.0)
         slip_step = np.where(follows, np.diff(slip, prepend=self._last_slip), 0.0)
         self._last_used, self._last_slip = bool(used[-1]), float(slip[-1])
-        mu = adhesion_torque / (radius * np.where(load > 0.0, load, np.inf))
-        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, load, step, slip_step).where(used)
-        self.survey.load_sum += float(load[used].sum())
-        self._count_runs(found)
-        return found
-
-    def _count_runs(self, found: Observed) -> None:
+        mu = estimate.adhesion_torque / (radius * np.where(pressed > 0.0, pressed, np.inf))
+        found = Observed(time, slip, slip2, slip3, speed, slip_speed, mu, pressed, step, slip_step).where(used)
         if len(found):
             apart = np.diff(found.time, prepend=self._last_run) > _SETTLING * self.time_constant
-            self.survey.runs += int(apart.sum())
-            self.survey.note_starts(found.speed[apart])
-            self.survey.used += len(found)
+            survey.runs += int(apart.sum())
+            survey.note_starts(found.speed[apart])
+            survey.used += len(found)
+            survey.load_sum += float(found.load.sum())
             self._last_run = float(found.time[-1])
-
-
-def _in_range(filtered: Floats) -> NDArray[np.bool_]:
-    """Where filtered slip, speed and load can be used."""
-    slip, speed, load = filtered[0], filtered[3], filtered[5]
-    low, high = SLIP_RANGE
-    inside: NDArray[np.bool_] = (slip >= low) & (slip <= high) & (speed > LOWEST_SPEED) & (load > 0.0)
-    return inside
+        return found
 
 
 def _joined(parts: list[Observed]) -> Observed:
@@ -530,7 +484,7 @@ class TimeHistory:
     slip: Floats
 
 
-def time_history_of(record: Record, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
+def time_history_of(record: BrakedRows, vehicle: Vehicle, time_constant: float) -> TimeHistory | None:
     """The longest run of a record, observed with tau in s; None for an empty record."""
     if not len(record):
         return None

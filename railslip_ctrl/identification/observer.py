@@ -35,8 +35,6 @@ from numpy.typing import ArrayLike, NDArray
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
-from .sensors import Encoder, TorqueSensor, require
-
 __all__ = [
     "Encoder",
     "Estimates",
@@ -59,6 +57,84 @@ __all__ = [
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
+# --- sensors -------------------------------------------------------------------------------------------------------
+
+
+def require(name: str, value: float, unit: str, *, zero_allowed: bool = False) -> None:
+    """InputError where a number is not finite, negative, or 0 though that is not allowed."""
+    if not (math.isfinite(value) and (value > 0 or (zero_allowed and value == 0))):
+        bound = ">= 0" if zero_allowed else "> 0"
+        raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound} ({unit})")
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """An incremental encoder; the speed is the difference of two counts over the interval between them.
+
+    That speed is the mean over the interval, so half an interval late. The error of each angle is taken to be
+    uniform over one count and independent of the others, which holds while many counts pass in an interval. `counts`
+    are those of a turn, every edge used: 4 times the lines of an encoder with two tracks. InputError for fewer than 1.
+    """
+
+    counts: int
+
+    def __post_init__(self) -> None:
+        if self.counts < 1:
+            raise InputError(f"counts: {self.counts} is not allowed; give a value >= 1 (counts a turn)")
+
+    @property
+    def angle_step(self) -> float:
+        """One count, rad."""
+        return 2 * math.pi / self.counts
+
+    @property
+    def angle_variance(self) -> float:
+        """Of the rounding of one angle, rad^2: a count squared over 12."""
+        return self.angle_step**2 / 12
+
+    def speed_step(self, interval: float) -> float:
+        """The smallest change of speed that is seen at an interval in s, rad/s."""
+        return self.angle_step / interval
+
+    def speed_variance(self, interval: float) -> float:
+        """Of the speed at an interval in s, (rad/s)^2: two angles a difference. Neighbours are not independent."""
+        return 2 * self.angle_variance / interval**2
+
+    def speed(self, time: ArrayLike, angle: ArrayLike) -> Floats:
+        """Measured speed (rad/s) at all times but the first, so k - 1 values.
+
+        `time` in s and true `angle` in rad are arrays of one length k, 1-D.
+        """
+        counted = np.floor(np.asarray(angle, dtype=float) / self.angle_step)
+        return np.asarray(np.diff(counted) * self.angle_step / np.diff(np.asarray(time, dtype=float)))
+
+
+@dataclass(frozen=True)
+class TorqueSensor:
+    """White noise on every sample, then rounding; N*m.
+
+    `noise` is the standard deviation of a sample, >= 0: electronics, and the ripple that is not torque on the wheel;
+    `resolution` the step of the digits, >= 0. InputError for a number out of range.
+    """
+
+    noise: float
+    resolution: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("noise", self.noise, "N*m", zero_allowed=True)
+        require("resolution", self.resolution, "N*m", zero_allowed=True)
+
+    @property
+    def variance(self) -> float:
+        """Of one sample, (N*m)^2."""
+        return self.noise**2 + self.resolution**2 / 12
+
+    def measured(self, torque: ArrayLike, generator: np.random.Generator) -> Floats:
+        """Measured torque (N*m) of the true `torque` (N*m), of any shape, with noise from a `generator`."""
+        true = np.asarray(torque, dtype=float)
+        noisy = true + self.noise * generator.standard_normal(true.shape)
+        return np.asarray(np.round(noisy / self.resolution) * self.resolution if self.resolution else noisy)
+
 
 State = TypeVar("State", "FilterState", "KalmanState")
 
@@ -67,29 +143,14 @@ State = TypeVar("State", "FilterState", "KalmanState")
 
 @dataclass(frozen=True)
 class Estimates(Generic[State]):
-    """The estimate after each sample.
-
-    Attributes
-    ----------
-    adhesion_torque : array, (k,)
-        Ta_hat, N*m.
-    state : FilterState or KalmanState
-        After the last sample, from which the next rows go on.
-    """
+    """The `adhesion_torque` Ta_hat after each sample, N*m, 1-D, and the `state` after the last, to go on from."""
 
     adhesion_torque: Floats
     state: State
 
 
 def adhesion_coefficient(adhesion_torque: ArrayLike, vehicle: Vehicle) -> NDArray[np.float64] | np.float64:
-    """mu_hat = Ta_hat/(N r), with the wheel load and radius of the `vehicle`. [Park2008] (29).
-
-    Parameters
-    ----------
-    adhesion_torque : array of any shape
-        Ta_hat, N*m.
-    vehicle : Vehicle
-    """
+    """mu_hat = Ta_hat/(N r), of an `adhesion_torque` in N*m, of any shape, on a `vehicle`'s wheel. [Park2008] (29)."""
     return np.asarray(np.asarray(adhesion_torque, dtype=float) / (vehicle.wheel_load * vehicle.wheel.radius))[()]
 
 
@@ -157,18 +218,10 @@ class TorqueObserver(ABC, Generic[State]):
         return float(found.adhesion_torque[0]), found.state
 
     def run(self, time: ArrayLike, torque: ArrayLike, omega: ArrayLike, state: State | None = None) -> Estimates[State]:
-        """Estimates over columns of samples, regular or not.
+        """Estimates over columns of samples, regular or not, arrays of one length.
 
-        Chunks of a long log give the same estimates as the log in one piece, each run from the state before it.
-
-        Parameters
-        ----------
-        time : array, 1-D
-            s, growing.
-        torque, omega : array, 1-D
-            Measured brake torque, N*m, and speed of the wheel, rad/s.
-        state : optional
-            After the sample before, to go on from.
+        `time`, s, 1-D, grows; `torque`, N*m, 1-D, and `omega`, rad/s, 1-D, are as measured. From the `state` after the
+        sample before it goes on: chunks of a long log give the same estimates as the log in one piece.
         """
         t, tb, w = checked_samples(time, torque, omega, after=None if state is None else state.time)
         out, begin = np.empty(t.size), 0
@@ -276,17 +329,7 @@ class SampledForm:
 
 
 def noise_deviation(form: SampledForm, encoder: Encoder, sensor: TorqueSensor) -> float:
-    """Standard deviation of Ta_hat, N*m, that both sensors' noise gives a sampled observer.
-
-    Parameters
-    ----------
-    form : SampledForm
-        The observer's recursion, at the interval of the samples.
-    encoder : Encoder
-        Of the wheel's speed.
-    sensor : TorqueSensor
-        Of the brake torque.
-    """
+    """Standard deviation of Ta_hat, N*m: noise of `encoder` and `sensor` through the `form` of an observer."""
     gains = form.noise_gains()
     return math.sqrt(gains.angle * encoder.angle_variance + gains.torque * sensor.variance)
 
@@ -313,23 +356,11 @@ class FilterState:
 
 @dataclass(frozen=True)
 class FilterObserver(TorqueObserver[FilterState]):
-    """Ta_hat from the measured brake torque (N*m) and the wheel's angular speed (rad/s).
+    """The published observer; Td is not known to it: the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
 
-    Td is not known to it: the corrected estimate is (Ta + Tr - Td)/(tau s + 1).
-
-    Parameters
-    ----------
-    inertia, viscous_friction : float
-        Effective J (kg m^2, > 0) and B (N m s, >= 0) of the wheel.
-    time_constant : float
-        tau of the filter, s, > 0.
-    form : Form
-        Corrected unless asked otherwise.
-
-    Raises
-    ------
-    InputError
-        A number out of range; in `start`, `step` and `run` a sample that is not finite, or not after the one before.
+    Effective `inertia` J (kg m^2, > 0) and `viscous_friction` B (N m s, >= 0) of the wheel, `time_constant` tau (s, >
+    0), as printed or corrected by its `form`. InputError for a number out of range; in `start`, `step` and `run` for a
+    sample that is not finite, or not after the one before.
     """
 
     inertia: float
@@ -344,7 +375,7 @@ class FilterObserver(TorqueObserver[FilterState]):
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
-        """The observer of a vehicle's wheel, with its inertia scale."""
+        """The observer of a `vehicle`'s wheel, with its inertia scale; `time_constant` in s, `form` as of the class."""
         return cls(vehicle.effective_inertia, vehicle.effective_viscous_friction, time_constant, form)
 
     def transfers(self, s: ArrayLike) -> tuple[Complexes, Complexes]:
@@ -465,14 +496,7 @@ _SERIES_TERMS = 14  # 0.5^15/15! is below rounding
 class Vibration:
     """A disturbance torque exp(-decay t) sin(frequency t), set off again and again ([Park2008] p. 55: 4, 10 pi).
 
-    Parameters
-    ----------
-    frequency : float
-        rad/s, > 0.
-    decay : float
-        1/s, > 0.
-    deviation : float
-        Standard deviation of Td in the long run, N*m, > 0.
+    `frequency` in rad/s, `decay` in 1/s, standard `deviation` of Td in the long run in N*m; all > 0.
     """
 
     frequency: float
@@ -495,28 +519,12 @@ class KalmanState:
 
 @dataclass(frozen=True)
 class KalmanObserver(TorqueObserver[KalmanState]):
-    """Ta_hat from the measured brake torque (N*m) and the wheel's angular speed (rad/s).
+    """The Kalman filter for the wheel's effective `inertia` (kg m^2, > 0) and `viscous_friction` (N m s, >= 0).
 
-    Parameters
-    ----------
-    inertia, viscous_friction : float
-        Effective J (kg m^2, > 0) and B (N m s, >= 0) of the wheel.
-    interval : float
-        Nominal interval of the samples, s, > 0.
-    speed_variance : float
-        Of the noise on a measured speed, (rad/s)^2, > 0.
-    torque_variance : float
-        Of the noise on a measured torque, (N*m)^2, >= 0.
-    walk : float
-        Intensity of the white noise that drives Ta, (N*m)^2/s, > 0.
-    vibration : Vibration, optional
-        Td; without it Td = 0, and what there is of it is taken for Ta.
-
-    Raises
-    ------
-    InputError
-        A number out of range; noises so far apart that the gains cannot be computed; in `start`, `step` and `run` a
-        sample that is not finite, or not after the one before.
+    `interval` is the nominal one of the samples, s, > 0. `speed_variance`, (rad/s)^2, > 0, and `torque_variance`,
+    (N*m)^2, >= 0, are those of a sample's noise; `walk`, (N*m)^2/s, > 0, is the intensity of the white noise that
+    drives Ta. Without a `vibration` Td = 0, and what there is of it is taken for Ta. InputError as of `FilterObserver`,
+    and for noises so far apart that the gains cannot be computed.
     """
 
     inertia: float
@@ -704,16 +712,10 @@ class KalmanObserver(TorqueObserver[KalmanState]):
 
 @dataclass(frozen=True)
 class ObserverResponses:
-    """Responses of Ta_hat, complex arrays of one length; the names are those of `statement.WheelTransfers`.
+    """Responses of Ta_hat, complex arrays of one length; the names are those of `observer_study.WheelTransfers`.
 
-    Attributes
-    ----------
-    omega : array
-        Frequencies, rad/s.
-    adhesion, brake, disturbance, torque_noise : array
-        N*m per N*m. A good observer has 1, 0, 0 and little.
-    speed_noise : array
-        N*m per rad/s.
+    At frequencies `omega`, rad/s. The shares `adhesion`, `brake`, `disturbance` and `torque_noise`, N*m per N*m, are 1,
+    0, 0 and small of a good observer; `speed_noise` is in N*m per rad/s.
     """
 
     omega: Floats

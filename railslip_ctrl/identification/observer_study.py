@@ -2,9 +2,9 @@
 
 The statement derives the observer as printed and as corrected from the wheel's equation: [Park2008] (25)-(28). The
 trial is the course of Fig. 12, simulated: free rolling, the brake torque rises until the slip passes a bound (0.5 in
-the source), then it is released and the wheel recovers. Wheel and train are the plant's, integrated by SciPy; nothing
-of an observer is in it. The lag's error is what the observer does to a trial with perfect sensors, the half interval by
-which an encoder's speed is late included; the noise's is the H2 norm. They are independent: their squares add.
+the source), then it is released and the wheel recovers. The lag's error is what the observer does to a trial with
+perfect sensors, the half interval by which an encoder's speed is late included; the noise's is the H2 norm. They are
+independent: their squares add.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike
+from scipy.integrate import cumulative_trapezoid
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw
-from railslip_ctrl.model.numeric import NumericPlant, numeric_plant, plant_parameters
-from railslip_ctrl.model.vehicle import Vehicle
+from railslip_ctrl.model.vehicle import Actuator, Vehicle
+from railslip_ctrl.simulation import Scenario, simulate
 
-from .observer import Floats, TorqueObserver, noise_deviation
-from .sensors import Encoder, TorqueSensor, require
+from .observer import Encoder, Floats, TorqueObserver, TorqueSensor, noise_deviation, require
+from .virtual_rig import RigProcedure
 
 __all__ = [
     "BrakeCourse",
+    "BrakeTrial",
     "Measurements",
     "ObserverErrors",
     "TradeOff",
-    "Trial",
     "brake_trial",
     "measured",
     "observer_errors",
@@ -117,30 +118,16 @@ def _transfers(estimate: sp.Expr) -> Transfers:
 # --- a brake trial ---------------------------------------------------------------------------------------------------
 
 
-# An observer differentiates the angle twice: at a sampling interval of 1 ms an error of 1e-11 rad is 6e-4 N*m.
-_RTOL, _ATOL = 1e-10, 1e-11
 _SLOWEST = 1.0  # m/s: below, the slip ratio says nothing any more
+_STEP = 1e-4  # s, between commands of the torque: 6 N*m of the release
 
 
 @dataclass(frozen=True)
 class BrakeCourse:
-    """The course of the acting brake torque.
+    """The brake torque: none until `start`, s; then its rate is `rise` and, past the slip ratio `release_slip`, `fall`.
 
-    Parameters
-    ----------
-    start : float
-        Time before the brake is applied, s, >= 0.
-    rise, fall : float
-        Rates of the torque when it is applied and released, N*m/s, > 0.
-    release_slip : float
-        Slip ratio that ends the rise, 0 to 1.
-    recovery : float
-        Time that is simulated after the release begins, s, > 0.
-
-    Raises
-    ------
-    InputError
-        A number out of range.
+    Rates in N*m/s. `recovery` is the time that is simulated after the release begins, s. InputError for a number out of
+    range.
     """
 
     start: float = 0.5
@@ -158,17 +145,11 @@ class BrakeCourse:
 
 
 @dataclass(frozen=True)
-class Trial:
-    """What truly happened, at constant intervals; arrays of one length.
+class BrakeTrial:
+    """What truly happened, at constant intervals; SI, arrays of one length.
 
-    Attributes
-    ----------
-    time, speed, rim_speed, omega, angle : array
-        s; v and r omega in m/s; the wheel's speed in rad/s and angle in rad.
-    brake_torque, adhesion_torque : array
-        Tb and Ta, N*m.
-    brake_time, release_time : float
-        When the brake was applied, and when its release began, s.
+    `time`; the train's `speed`, the wheel's `rim_speed` v - sigma, `omega` and `angle`; `brake_torque` and
+    `adhesion_torque`. `brake_time` and `release_time` are when the brake was applied and when its release began.
     """
 
     time: Floats
@@ -189,141 +170,68 @@ class Trial:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What the sensors give, arrays of one length.
-
-    Attributes
-    ----------
-    time : array
-        s, growing.
-    torque : array
-        Brake torque, N*m.
-    omega : array
-        Speed of the wheel, rad/s.
-    """
+    """What the sensors give: `time`, s, brake `torque`, N*m, and the wheel's `omega`, rad/s; arrays of one length."""
 
     time: Floats
     torque: Floats
     omega: Floats
 
 
-def brake_trial(law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse) -> Trial:
-    """Simulate a brake course from free rolling.
+def brake_trial(
+    law: AdhesionLaw, vehicle: Vehicle, speed: float, *, interval: float, course: BrakeCourse
+) -> BrakeTrial:
+    """A brake `course` of a `vehicle` on a `law`, from free rolling at a `speed`, m/s, sampled at an `interval`, s.
 
-    Parameters
-    ----------
-    law : AdhesionLaw
-    vehicle : Vehicle
-    speed : float
-        At the start, m/s, > 0.
-    interval : float
-        Between samples, s, > 0.
-    course : BrakeCourse
-        What the brake does.
-
-    Raises
-    ------
-    InputError
-        A number out of range, or the train stops before the slip reaches the course's bound.
-    DomainError
-        The law ends before that slip.
+    InputError for a number out of range, or where the train stops before the slip reaches the course's bound;
+    DomainError where the law ends before that slip.
     """
     require("speed", speed, "m/s")
     require("interval", interval, "s")
     law.check_domain(speed, course.release_slip * speed)
-    wheel = _Wheel(numeric_plant(type(law)), plant_parameters(law, vehicle), vehicle.wheel.radius)
-    none, rising = _ramp(0.0, 0.0, 0.0), _ramp(course.start, 0.0, course.rise)
-    free = wheel.advance(0.0, course.start, np.array([speed, 0.0, 0.0, 0.0]), none)
+    radius, every = vehicle.wheel.radius, max(round(interval / _STEP), 1)
     # the impulse of the torque that stops train and wheel, whatever the adhesion
-    impulse = (vehicle.effective_inertia / vehicle.wheel.radius + vehicle.effective_mass * vehicle.wheel.radius) * speed
-    latest = course.start + float(np.sqrt(2 * impulse / course.rise))
-    risen = wheel.advance(course.start, latest, free.y[:, -1], rising, release_slip=course.release_slip)
-    if not risen.t_events[0].size:
+    impulse = (vehicle.effective_inertia / radius + vehicle.effective_mass * radius) * speed
+    run = simulate(
+        Scenario(
+            name="brake trial",
+            vehicle=vehicle.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.0)}),
+            adhesion=law,
+            rail=law.rail,
+            initial_speed=speed,
+            final_speed=_SLOWEST,
+            longest_time=course.start + math.sqrt(2 * impulse / course.rise) + course.recovery,
+        ),
+        RigProcedure(course.start, course.rise, course.release_slip, interval / every, radius, course.fall),
+        seed=None,
+    )
+    signals = run.signals
+    assert signals is not None, "the run was recorded"
+    falls = np.diff(signals.command) < 0.0
+    if not falls.any():
         remedy = "the train stops before; give a lower value or a faster rise"
         raise InputError(f"release_slip: {course.release_slip:g} is not reached, {remedy}")
-    released = float(risen.t[-1])
-    falling = _ramp(released, rising(released), -course.fall)
-    end = released + rising(released) / course.fall
-    fallen = wheel.advance(released, end, risen.y[:, -1], falling)
-    rolling = wheel.advance(end, max(end, released + course.recovery), fallen.y[:, -1], none)
-    return wheel.sampled(
-        (free, risen, fallen, rolling), (none, rising, falling, none), interval, (course.start, released)
+    released = float(signals.time[1:][np.argmax(falls)])
+    angle = np.concatenate([[0.0], cumulative_trapezoid(signals.wheel_speed, signals.time)])
+    end = int(np.searchsorted(signals.time, released + course.recovery))
+    at = slice(0, end, every)
+    omega = signals.wheel_speed[at]
+    return BrakeTrial(
+        time=signals.time[at],
+        speed=signals.speed[at],
+        rim_speed=radius * omega,
+        omega=omega,
+        angle=angle[at],
+        brake_torque=signals.torque[at],
+        adhesion_torque=radius * signals.adhesion_force[at],
+        brake_time=course.start,
+        release_time=released,
     )
 
 
-def measured(trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
-    """A trial through its sensors; one sample fewer, as the encoder's speed needs two angles.
-
-    Parameters
-    ----------
-    trial : Trial
-        The truth.
-    encoder, sensor : Encoder, TorqueSensor
-        What measures the wheel's speed and the brake torque.
-    seed : int
-        Of the torque's noise; the same seed gives the same noise.
-    """
+def measured(trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int) -> Measurements:
+    """A `trial` through `encoder` and `sensor`; a sample fewer, as a speed needs two angles; `seed` of the noise."""
     torque = sensor.measured(trial.brake_torque[1:], np.random.default_rng(seed))
     return Measurements(trial.time[1:], torque, encoder.speed(trial.time, trial.angle))
-
-
-def _ramp(begin: float, value: float, rate: float) -> Callable[[Any], Any]:
-    return lambda t: value + rate * (t - begin)
-
-
-@dataclass(frozen=True)
-class _Wheel:
-    """The plant with the wheel's angle as a fourth state: v, sigma, z, angle."""
-
-    plant: NumericPlant
-    p: tuple[float, ...]
-    radius: float
-
-    def advance(
-        self, begin: float, end: float, state: Floats, torque: Callable[[Any], Any], release_slip: float | None = None
-    ) -> Any:
-        from scipy.integrate import solve_ivp
-
-        def rates(t: float, x: Floats) -> tuple[float, ...]:
-            v, sigma, z, _ = x
-            return (*self.plant.rates(v, sigma, z, torque(t), 0.0, 0.0, self.p), (v - sigma) / self.radius)
-
-        def passed(_: float, x: Floats) -> float:
-            return float(x[1] - (release_slip or 1.0) * x[0])
-
-        def stopped(_: float, x: Floats) -> float:
-            return float(x[0] - _SLOWEST)
-
-        passed.terminal = stopped.terminal = True  # type: ignore[attr-defined]
-        return solve_ivp(
-            rates,
-            (begin, end),
-            state,
-            method="DOP853",
-            rtol=_RTOL,
-            atol=_ATOL,
-            dense_output=True,
-            events=None if release_slip is None else (passed, stopped),
-        )
-
-    def sampled(
-        self,
-        parts: tuple[Any, ...],
-        torques: tuple[Callable[[Any], Any], ...],
-        interval: float,
-        events: tuple[float, float],
-    ) -> Trial:
-        time = np.asarray(np.arange(int(parts[-1].t[-1] / interval) + 1) * interval, dtype=float)
-        ends = [part.t[-1] for part in parts[:-1]]
-        which = np.searchsorted(ends, time, side="right")
-        x, torque = np.empty((4, time.size)), np.empty(time.size)
-        for i, part in enumerate(parts):
-            mine = which == i
-            x[:, mine], torque[mine] = part.sol(time[mine]), torques[i](time[mine])
-        v, sigma, z, angle = x
-        force = self.plant.force(v, sigma, z, torque, 0.0, 0.0, self.p)
-        return Trial(
-            time, v, v - sigma, (v - sigma) / self.radius, angle, torque, np.asarray(self.radius * force), *events
-        )
 
 
 # --- lag against noise -----------------------------------------------------------------------------------------------
@@ -336,16 +244,9 @@ _LOG_TOLERANCE = 1e-4  # of the setting's logarithm; the error is flat at its mi
 class ObserverErrors:
     """Root mean square errors of Ta_hat over a trial from the time the brake is applied, N*m.
 
-    Before that an observer settles from its first sample.
-
-    Attributes
-    ----------
-    lag : float
-        With perfect sensors.
-    noise : float
-        Standard deviation that the sensors' noise gives the estimate, from the H2 norm.
-    simulated : float
-        On counts of the encoder and noise drawn for the torque: an independent check of `total`.
+    Before that an observer settles from its first sample. `lag` is that with perfect sensors, `noise` what the sensors
+    add, from the H2 norm; `simulated` is on counts of the encoder and noise drawn for the torque, an independent check
+    of `total`.
     """
 
     lag: float
@@ -362,14 +263,7 @@ class ObserverErrors:
 class TradeOff:
     """Errors over a setting: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
 
-    Attributes
-    ----------
-    settings : array, 1-D
-    errors : tuple of ObserverErrors
-        At the settings.
-    best : float
-        The setting with the least total error, between the first and last of `settings`, in their unit.
-    at_best : ObserverErrors
+    `errors` are those at the `settings`, 1-D, `at_best` that at the setting `best`, which has the least total error.
     """
 
     settings: Floats
@@ -378,27 +272,16 @@ class TradeOff:
     at_best: ObserverErrors
 
 
-def estimated(observer: TorqueObserver[Any], trial: Trial) -> Floats:
+def estimated(observer: TorqueObserver[Any], trial: BrakeTrial) -> Floats:
     """Ta_hat (N*m) with perfect sensors, at all times of a trial but the first; speed by difference of the angle."""
     speed = np.diff(trial.angle) / np.diff(trial.time)
     return observer.run(trial.time[1:], trial.brake_torque[1:], speed).adhesion_torque
 
 
 def observer_errors(
-    observer: TorqueObserver[Any], trial: Trial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
+    observer: TorqueObserver[Any], trial: BrakeTrial, encoder: Encoder, sensor: TorqueSensor, *, seed: int
 ) -> ObserverErrors:
-    """Errors of one observer over a trial.
-
-    Parameters
-    ----------
-    observer : TorqueObserver[Any]
-    trial : Trial
-        The truth.
-    encoder, sensor : Encoder, TorqueSensor
-        What measures the wheel's speed and the brake torque.
-    seed : int
-        Of the torque's noise.
-    """
+    """Errors of one `observer` over a `trial`, seen by `encoder` and `sensor`; `seed` of the torque's noise."""
     braked = trial.time[1:] >= trial.brake_time
     truth = trial.adhesion_torque[1:]
     seen = measured(trial, encoder, sensor, seed=seed)
@@ -413,7 +296,7 @@ def observer_errors(
 def trade_off(
     make: Callable[[float], TorqueObserver[Any]],
     settings: ArrayLike,
-    trial: Trial,
+    trial: BrakeTrial,
     encoder: Encoder,
     sensor: TorqueSensor,
     *,
@@ -421,14 +304,8 @@ def trade_off(
 ) -> TradeOff:
     """Errors over a setting of the observer, and the best setting between its first and last value.
 
-    Parameters
-    ----------
-    make : callable
-        The observer for a setting.
-    settings : array, 1-D
-        > 0, growing: tau (s) of the filter, or the walk ((N*m)^2/s) of the Kalman filter.
-    trial, encoder, sensor, seed
-        As of `observer_errors`.
+    `make` gives the observer for a setting; `settings`, s or (N*m)^2/s, 1-D, are > 0 and grow. `trial`, `encoder`,
+    `sensor` and `seed` as of `observer_errors`.
     """
     from scipy.optimize import minimize_scalar
 

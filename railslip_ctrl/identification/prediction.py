@@ -37,7 +37,7 @@ from railslip_ctrl.model.vehicle import Vehicle
 from .curves import Cells, Stretches
 from .fits import PULL, Fit, estimate, fit_of, long_run_variance, search, slopes_of, whole_tests
 from .models import FitModel, Setting
-from .observed import Record
+from .observed import BrakedRows
 from .observer import linear_recursion
 
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ class Intervals:
     speed_bend: Floats
 
     @classmethod
-    def of(cls, record: Record) -> Intervals:
+    def of(cls, record: BrakedRows) -> Intervals:
         """Of a record."""
         same = np.diff(record.run) == 0
         v0, omega0, torque0 = (x[:-1][same] for x in (record.speed, record.omega, record.torque))
@@ -135,7 +135,7 @@ class Intervals:
         return np.asarray(np.diff(self.run, prepend=-1) != 0)
 
 
-def enough(record: Record) -> bool:
+def enough(record: BrakedRows) -> bool:
     """Whether a record has intervals enough."""
     return int(np.sum(np.diff(record.run) == 0)) >= _LEAST_INTERVALS
 
@@ -143,7 +143,7 @@ def enough(record: Record) -> bool:
 class PredictionErrors:
     """The whitened errors of a model along a record."""
 
-    def __init__(self, model: FitModel, record: Record, vehicle: Vehicle, wheel_load: float) -> None:
+    def __init__(self, model: FitModel, record: BrakedRows, vehicle: Vehicle, wheel_load: float) -> None:
         self.model, self.coordinates, self.wheel_load = model, model.coordinates, wheel_load
         self.radius, self.J = vehicle.wheel.radius, vehicle.effective_inertia
         self.B = vehicle.effective_viscous_friction
@@ -210,7 +210,7 @@ class PredictionErrors:
         return self._bristles(values)[0]
 
     def followed(self, values: Floats) -> Floats:
-        """mu over slip as the bristles had it along the motion, means in cells of the slip's root: (2, cells)."""
+        """mu over slip as the bristles had it in the runs, means in cells of the slip's root: (2, cells)."""
         found, sigma, mean, left = self._bristles(values)
         assert found.start is not None
         assert self._factor is not None, "set_variances comes first"
@@ -348,10 +348,9 @@ class PredictionErrors:
     def discretisation(self, x: Floats, slopes: Floats) -> list[Floats]:
         """By how much the coordinates are shifted by what happens between the rows, cause by cause.
 
-        The bends of torque and train speed, of which parabolas take out most, are counted as if none of it were taken
-        out, and once more as if each interval had the steeper of its two parabolas, as where the brake is released
-        between rows. The steps inside an interval shift them by Richardson's estimate, of order 2; the bristles' state
-        has none, as it is integrated exactly along the measured slip.
+        The bends of torque and train speed count as if parabolas took out none of them, and once more with the steeper
+        of the two parabolas in each interval, as where the brake is released between rows. The steps inside an interval
+        count by Richardson's estimate, of order 2; the bristles' state is integrated exactly along the measured slip.
         """
         values, inverse = self.coordinates.values(x), np.linalg.pinv(slopes)
         here, bent = self.residuals(values), self.intervals
@@ -402,13 +401,13 @@ _FAR_BELOW = 1 / 3  # of the slip that a ramp is looked at up to
 _RAMP_RANGE = 2.0  # the peak is told for ramps slower and steeper by this factor
 
 
-def is_followed(model: FitModel, record: Record) -> bool:
+def is_followed(model: FitModel, record: BrakedRows) -> bool:
     """Whether a model has a prediction-error fit: not every one has, and none to a short record."""
     return model.name in (*STATIC, *DYNAMIC) and enough(record)
 
 
 def prediction_error_fit(
-    found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
+    found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, *, profiles: bool = True
 ) -> Fit:
     """A fit to the cells, fitted again to the prediction errors; as it was where `is_followed` says no.
 
@@ -426,7 +425,7 @@ def prediction_error_fit(
         ) from error
 
 
-def _refitted(found: Fit, record: Record, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
+def _refitted(found: Fit, record: BrakedRows, vehicle: Vehicle, cells: Cells, setting: Setting, profiles: bool) -> Fit:
     model = found.model
     problem = PredictionErrors(model, record, vehicle, setting.wheel_load)
     factors = _ALPHA_FACTORS if model.name in DYNAMIC and "alpha" in model.names else (1.0,)
@@ -454,12 +453,12 @@ def _inflation(intervals: Intervals, errors: Floats, parameters: int) -> tuple[f
     return long_run_variance(np.zeros(1), np.ones(1, dtype=bool), sums, parameters, 0.0)
 
 
-def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
+def slip_ramp(record: BrakedRows, radius: float, top: float, initial_speed: float) -> tuple[float, float | None]:
     """Mean slip acceleration R, m/s^2, on the way up to a slip ratio, and its standard deviation from test to test.
 
     Of the tests that come to it from below, each until it does, by their time; of all, as far as they go, where none
     does. Tests that begin far below go before those that are cut off there, as slip rises the faster the nearer the
-    peak. Nought for an empty record; no deviation where fewer than two tests come there.
+    peak. 0 for an empty record; no deviation where fewer than two tests come there.
     """
     slip = 1.0 - radius * record.omega / record.speed
     test = whole_tests(record.time, np.zeros(len(record)), record.run.astype(np.int64))
@@ -485,10 +484,7 @@ def slip_ramp(record: Record, radius: float, top: float, initial_speed: float) -
 
 
 def _with_ramp(model: FitModel, values: Floats, setting: Setting) -> tuple[FitModel, float | None]:
-    """The model whose curve over slip, and so whose peak, is that of a build-up by a ramp, said in its note.
-
-    With it the scatter of the ramp, where the log shows it.
-    """
+    """The model with the ramp whose build-up its peak is of, said in its note; and the ramp's scatter, if shown."""
     R, source, spread = setting.given_acceleration, "as given", None
     if R is None:
         R, source, spread = setting.slip_acceleration, "the log's mean up to its peak", setting.acceleration_spread

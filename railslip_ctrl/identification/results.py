@@ -15,7 +15,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Rail
 
 from .curves import BINS, Cells, peak_slip
-from .fits import NORMAL_QUANTILE, Fit, Parameter
+from .fits import NORMAL_QUANTILE, Fit, Parameter, differences
 from .models import FitModel
 
 Floats = NDArray[np.float64]
@@ -252,26 +252,16 @@ def _is_of_slip_alone(fit: Fit, speeds: Sequence[float], wheel_load: float) -> b
 
 
 def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit) -> tuple[float, float]:
-    """Delta method: the gradient of slip and height of the peak, by differences over a tenth of a standard error.
-
-    Of the coordinates of the search, in which the parameters are not bound to each other, and of what else is known but
-    not exactly.
-    """
+    """Delta method in the coordinates of the search, over a tenth of a standard error: slip and height of the peak."""
     if fit.model.name == "table":
         return _stderrs_of_table(fit)
     coordinates, covariance = fit.known.coordinates, fit.known.coordinate_covariance
-    known = [i for i, variance in enumerate(np.diag(covariance)) if math.isfinite(variance)]
-    if not known:
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    if not len(known):
         return math.nan, math.nan
     x = coordinates.at(fit.values)
-    sizes = coordinates.sizes(x)
-    gradient = np.empty((2, len(known)))
-    for column, i in enumerate(known):
-        step = max(_STEP * min(math.sqrt(covariance[i, i]), sizes[i]), _LEAST_STEP * abs(x[i]))
-        high, low = x.copy(), x.copy()
-        high[i], low[i] = min(x[i] + step, coordinates.upper[i]), max(x[i] - step, coordinates.lower[i])
-        ends = [np.array(at(fit.model, coordinates.values(each))) for each in (high, low)]
-        gradient[:, column] = (ends[0] - ends[1]) / (high[i] - low[i])
+    steps = np.maximum(_STEP * np.minimum(np.sqrt(np.diag(covariance)), coordinates.sizes(x)), _LEAST_STEP * np.abs(x))
+    gradient = differences(lambda values: np.array(at(fit.model, values)), coordinates, x, steps, known)
     variance = np.diag(gradient @ covariance[np.ix_(known, known)] @ gradient.T).copy()
     for name, stderr in fit.known_stderrs.items():
         step = _STEP * stderr
@@ -282,10 +272,7 @@ def _stderrs(at: Callable[[FitModel, np.ndarray], tuple[float, float]], fit: Fit
 
 
 def _stderrs_of_table(fit: Fit) -> tuple[float, float]:
-    """Of a table's peak, which lies on a knot whatever the values: it may be at any knot as high within 99 %.
-
-    And up to the knots next to these, as between knots a table knows nothing.
-    """
+    """A table's peak is on a knot: any knot as high within 99 %, and up to the knots next to these."""
     knots = fit.model.known["slip"]
     assert isinstance(knots, tuple)
     slips, mu, deviation = np.array(knots), fit.values, np.sqrt(np.diag(fit.covariance))

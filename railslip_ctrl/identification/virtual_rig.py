@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +19,10 @@ from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail, Vehicle
-from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Run, Scenario, Simulator
-from railslip_ctrl.simulation.controllers import Situation
-from railslip_ctrl.simulation.steps import step_text
+from railslip_ctrl.simulation import Disturbances, Measurement, Outcome, Scenario, simulate
 
-from .sensors import Encoder
+from .logs import Rows
+from .observer import Encoder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,72 +39,44 @@ RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
 """The rig's own brake, this project's assumption: fast enough that the wheel does not lock after half slip."""
 
 _RECORDS = ("vehicle", "law", "brake", "encoder", "torque_offset")  # of a test: no sizes, and so without a bound
-_HALF_SLIP = ReferenceSlip(dry=0.5, wet=0.5)  # no slip is held on a rig; the record asks for one
 
 
-@dataclass(frozen=True)
 class RigProcedure:
-    """The controller of a test: the ramp from `begin`, s, at `rate`, N*m/s, released past `release_slip`."""
+    """The controller of a test: from `begin`, s, the torque rises at `rate`, N*m/s, until the slip passes a limit.
 
-    begin: float
-    rate: float
-    release_slip: float
-    period: float
-    reference: ReferenceSlip = _HALF_SLIP
-    name: str = "rig-procedure"
-    knows_rail: bool = True
-    model_law: None = None
+    From then on it falls at `fall`, N*m/s. `period` of the samples in s, `radius` of the wheel in m.
+    """
 
-    states: ClassVar[tuple[str, ...]] = ("released",)
+    name = "rig-procedure"
+    reference = ReferenceSlip(dry=0.5, wet=0.5)  # no slip is held on a rig; a run asks for one
 
-    def source(self) -> str:
-        """Text of its `command`."""
-        return step_text("rig_procedure")
+    def __init__(
+        self, begin: float, rate: float, release_slip: float, period: float, radius: float, fall: float = math.inf
+    ) -> None:
+        self.begin, self.rate, self.release_slip, self.period = begin, rate, release_slip, period
+        self.radius, self.fall = radius, fall
 
-    def row(self, situation: Situation) -> tuple[float, ...]:
-        """Begin, rate, slip."""
-        return (self.begin, self.rate, self.release_slip)
+    def reset(self, t: float, v: float, omega: float) -> None:
+        """Before the first sample."""
+        self.torque, self.released = 0.0, False
 
-    def start(self, speed: float) -> tuple[float, ...]:
-        """Not released."""
-        return (0.0,)
+    def step(self, t: float, v: float, omega: float) -> float:
+        """The torque to command, N*m, at t in s, v in m/s and omega in rad/s."""
+        self.released = self.released or v - self.radius * omega > self.release_slip * v
+        ramp = self.rate * max(t - self.begin, 0.0)
+        self.torque = max(self.torque - self.fall * self.period, 0.0) if self.released else ramp
+        return self.torque
 
 
 @dataclass(frozen=True)
 class RigTest:
     """One test condition and how it is measured; SI.
 
-    Attributes
-    ----------
-    vehicle : Vehicle
-        Wheel, mass, wheel load; not its actuator, as the rig has its own brake.
-    law : AdhesionLaw
-        What is to be found out.
-    initial_speed : float
-        v0, m/s.
-    rate : float
-        Of the torque ramp, N*m/s.
-    release_slip : float
-        Slip ratio past which the brake is released.
-    interval : float
-        Of the log, s.
-    random_force : float
-        Standard deviation of the random adhesion force, N, drawn anew every interval.
-    wheel_noise, speed_noise, torque_noise : float
-        Standard deviations of a sample, rad/s, m/s, N*m.
-    encoder : Encoder or None
-        Of the wheel's speed, which is then the mean over the interval before, in counts, with no other noise.
-    torque_offset : float
-        What the torque sensor reads without torque, N*m.
-    spread : float
-        Standard deviation of the logarithm of the adhesion from test to test.
-    brake : Actuator
-        Of the rig.
-
-    Raises
-    ------
-    InputError
-        A value out of its range.
+    `vehicle` gives wheel, mass and wheel load, `brake` is the rig's own. The brake torque rises from free rolling at
+    `initial_speed` at a `rate`, N*m/s, and is released past `release_slip`. `interval` is that of the log, in which a
+    random adhesion force, N, is drawn anew. Noises are standard deviations of a sample, rad/s, m/s, N*m; with an
+    `encoder` the wheel's speed is the mean over the interval before, in counts, with no other noise. `spread` is the
+    standard deviation of the logarithm of the adhesion from test to test. InputError for a value out of its range.
     """
 
     vehicle: Vehicle
@@ -133,25 +104,15 @@ class RigTest:
             raise InputError(f"release_slip: {self.release_slip:g} is not allowed; give a value < 1")
 
 
-@dataclass(frozen=True)
-class RigLog:
-    """What the rig recorded, arrays of one length: s, m/s, rad/s, N*m, N. A gap lies between tests."""
-
-    time: Floats
-    train_speed: Floats
-    wheel_angular_speed: Floats
-    brake_torque: Floats
-    wheel_load: Floats
-
-
+_QUANTITIES = ("time", "train_speed", "wheel_angular_speed", "brake_torque", "wheel_load")
 _BEGIN = 0.5  # s of free rolling before the ramp
 _AFTER = 1.0  # s recorded after the release
 _PAUSE = 30.0  # s to run up again between tests
 _STEP = 1e-3  # s of the integration
 
 
-def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> RigLog:
-    """Tests at one condition, one after the other in a log.
+def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> Rows:
+    """Tests at one condition, one after the other in a log, with a pause between them.
 
     Each ends `_AFTER` seconds after the release. InputError where a test does not get to the release at all, because
     the ramp is too slow for the flywheels.
@@ -166,7 +127,8 @@ def run_tests(test: RigTest, *, tests: int = 6, seed: int = 0) -> RigLog:
         part = _one_test(test, factor, of_run, np.random.default_rng(of_sensors))
         parts.append([part[0] + start, *part[1:]])
         start += float(part[0][-1]) + _PAUSE
-    return RigLog(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Rows(np.arange(columns[0].size) + 2, dict(zip(_QUANTITIES, columns, strict=True)))
 
 
 def _one_test(
@@ -186,12 +148,21 @@ def _one_test(
         measurement=Measurement(speed_noise=test.speed_noise, wheel_noise=test.wheel_noise),
         step=_STEP,
     )
-    procedure = RigProcedure(_BEGIN, test.rate, test.release_slip, test.interval)
-    run = Simulator(scenario, procedure).run(of_run, record_every=1)
-    released = run.controller_signals["released"] > 0
-    _check_release(test, run, bool(released.any()))
+    procedure = RigProcedure(_BEGIN, test.rate, test.release_slip, test.interval, vehicle.wheel.radius)
+    run = simulate(scenario, procedure, seed=of_run)
     signals = run.signals
     assert signals is not None, "the run was recorded"
+    released = (signals.command == 0.0) & (signals.time > _BEGIN + test.interval / 2.0)
+    if run.outcome is Outcome.OUTSIDE_DOMAIN:
+        raise InputError(
+            f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
+            "a lower one, or a lower initial_speed"
+        )
+    if not released.any():
+        raise InputError(
+            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
+            "stopped; give a steeper ramp (N*m/s)"
+        )
     end = int(np.searchsorted(signals.time, signals.time[int(np.argmax(released))] + _AFTER))
     torque = signals.torque[:end] + test.torque_offset + test.torque_noise * generator.standard_normal(end)
     load = np.full(end, vehicle.wheel_load)
@@ -201,20 +172,6 @@ def _one_test(
     true = signals.wheel_speed[:end]
     angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (true[1:] + true[:-1]) / 2)])
     return [time[1:], speed[1:], test.encoder.speed(time, angle), torque[1:], load[1:]]
-
-
-def _check_release(test: RigTest, run: Run, released: bool) -> None:
-    """InputError where the run ended before the release, or in it."""
-    if run.outcome is Outcome.OUTSIDE_DOMAIN:
-        raise InputError(
-            f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
-            "a lower one, or a lower initial_speed"
-        )
-    if not released:
-        raise InputError(
-            f"rate: with {test.rate:g} N*m/s the slip does not come to {test.release_slip:g} before the flywheels have "
-            "stopped; give a steeper ramp (N*m/s)"
-        )
 
 
 def published_tests(
@@ -227,9 +184,9 @@ def published_tests(
     )
 
 
-def write_log(log: RigLog, path: Path) -> None:
+def write_log(log: Rows, path: Path) -> None:
     """Write a log as CSV with the header `COLUMNS`, whole or not at all."""
-    columns = (log.time, log.train_speed / KMH, log.wheel_angular_speed, log.brake_torque / 1e3, log.wheel_load / 1e3)
+    columns = [log.columns[name] / unit for name, unit in zip(_QUANTITIES, (1.0, KMH, 1.0, 1e3, 1e3), strict=True)]
     header = ",".join(COLUMNS)
     with staged(path.parent) as new:
         np.savetxt(new / path.name, np.column_stack(columns), fmt="%.10g", delimiter=",", header=header, comments="")

@@ -1,22 +1,32 @@
-"""What `railslip identify` found, as text and as the model's file."""
+"""What `railslip identify` found: as text, as the model's file, as JSON, and the observed adhesion as CSV."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit
-from railslip_ctrl.identification.identify import Campaign, Identification
-from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Score, of_known, too_few
+from railslip_ctrl.identification.identify import Identification, LogSeries
+from railslip_ctrl.identification.log_checks import Rolling
+from railslip_ctrl.identification.observed import Observed
+from railslip_ctrl.identification.results import ParameterPolynomial, PeakSlip, Regimes, Score, of_known, too_few
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
 from railslip_ctrl.model.vehicle import Rail
 
 from .document import counted, facts, fixed, heading, render, table
+from .export import exported, number, plain
 
 # --- text ----------------------------------------------------------------------------------------------------------
 
@@ -26,13 +36,13 @@ def identification_text(found: Identification) -> str:
     return render(_log_parts(found))
 
 
-def campaign_text(found: Campaign) -> str:
+def series_text(found: LogSeries) -> str:
     """Several logs as a report: each, then the parameters over the initial speed."""
     parts = [part for each in found.logs for part in (*_log_parts(each), Text())]
     parts.append(heading("Parameters over the initial speed v0 in km/h"))
     parts += [Text(f"Warning: {text}") for text in found.warnings]
     rows = [
-        (p.name, found.logs[0].chosen.fit.model.unit(p.name), *(_pair(c, e) for c, e in zip(*_padded(p), strict=True)))
+        (p.name, found.logs[0].chosen.fit.model.unit(p.name), *map(_pair, p.coefficients, p.stderrs))
         for p in found.polynomials
     ]
     columns = ("Parameter", "Unit", *(("constant", "v0", "v0^2")[: max(len(row) for row in rows) - 2]))
@@ -42,16 +52,12 @@ def campaign_text(found: Campaign) -> str:
     return render([*parts, _error_table(found)])
 
 
-def _error_table(found: Campaign) -> RenderableType:
+def _error_table(found: LogSeries) -> RenderableType:
     """As [Park2008] Table 3."""
     errors = [{score.fit.model.name: score.mean_abs_error for score in each.scores} for each in found.logs]
     names = [name for name in errors[0] if all(name in each for each in errors)]
     speeds = (f"{each.setting.initial_speed / KMH:.4g}" for each in found.logs)
     return table(("Model", *speeds), [(name, *(f"{each[name]:.4f}" for each in errors)) for name in names])
-
-
-def _padded(p: ParameterPolynomial) -> tuple[list[float], list[float]]:
-    return list(p.coefficients), list(p.stderrs)
 
 
 def _pair(value: float, stderr: float) -> str:
@@ -72,7 +78,9 @@ def _log_parts(found: Identification) -> list[RenderableType]:
     parts += [Text(f"Warning: {doubt}") for doubt in found.doubts]
     parts += [Text(f"Note: {note}") for note in fit.notes]
     parts += [_correlation(fit), heading("Models compared, the best first", "-"), _score_table(found)]
-    parts.append(Text(f"{_weight(found.scores)}\n"))
+    samples = f"{found.scores[0].independent:.3g} independent samples"
+    weight = f"AIC and BIC are of {samples}, and compare these models with each other alone"
+    parts.append(Text(f"{too_few(found.scores) or weight}\n"))
     parts += [Text(f"Not fitted: {reason}") for reason in found.not_fitted]
     parts += [heading("Adhesion coefficient over slip", "-"), _bin_table(found)]
     parts += [heading("Peak and reference slip", "-"), _peak_table(found.peaks)]
@@ -149,11 +157,6 @@ def _score_table(found: Identification) -> RenderableType:
         for score in found.scores
     ]
     return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
-
-
-def _weight(scores: tuple[Score, ...]) -> str:
-    samples = f"{scores[0].independent:.3g} independent samples"
-    return too_few(scores) or f"AIC and BIC are of {samples}, and compare these models with each other alone"
 
 
 def _bin_table(found: Identification) -> RenderableType:
@@ -236,7 +239,7 @@ def model_toml(found: Identification) -> str:
     )
 
 
-def campaign_toml(found: Campaign) -> str | None:
+def series_toml(found: LogSeries) -> str | None:
     """The law over the initial speed for `--adhesion FILE --initial-speed KMH`; None for tables, whose knots differ."""
     fits, speeds = [each.chosen.fit for each in found.logs], [each.setting.initial_speed for each in found.logs]
     if fits[0].model.name == "table":
@@ -271,7 +274,7 @@ def _errors_of(p: ParameterPolynomial) -> tuple[str, ...]:
     return (told, p.misses) if p.misses else (told,)
 
 
-def _references(found: Campaign) -> dict[float, ReferenceSlip]:
+def _references(found: LogSeries) -> dict[float, ReferenceSlip]:
     """The slips to hold by v0 in km/h, of logs at one speed the lowest; none unless every log has them."""
     held: dict[float, ReferenceSlip] = {}
     for each in found.logs:
@@ -359,3 +362,191 @@ def _number(value: object) -> str:
     number = float(value)  # type: ignore[arg-type]
     assert math.isfinite(number), "records refuse other numbers"
     return repr(number)
+
+
+# --- what `railslip identify` found, as JSON -------------------------------------------------------------------------
+
+
+def identification_json(found: Identification) -> dict[str, Any]:
+    """One log: the model chosen first, then the comparison, the curve, the peaks and the log."""
+    fit, curve = found.chosen.fit, found.curve
+    return {
+        **_errors_json(found.chosen, found.regimes),
+        "parameters": {
+            p.name: {**exported(p, "value", "stderr", "status", interval_99="interval"), "unit": fit.model.unit(p.name)}
+            for p in fit.parameters
+        },
+        "points": curve.survey.used,
+        **exported(fit, "correlation", known="model.known"),
+        "notes": [*fit.notes, *curve.notes, *found.peak_notes],
+        **exported(found, "not_fitted", reference_slip="reference", reference_slip_reason="no_reference"),
+        "peaks": [_peak_json(peak) for peak in found.peaks],
+        "models": [
+            {
+                **_errors_json(score, found.regimes),
+                **exported(score, "aic", "bic", independent_samples="independent", notes="fit.notes"),
+                "parameters": {p.name: p.value for p in score.fit.parameters},
+            }
+            for score in found.scores
+        ],
+        "models_note": too_few(found.scores) or None,
+        "curve": _bins_json(found),
+        "log": _log_json(found),
+    }
+
+
+def series_json(found: LogSeries) -> dict[str, Any]:
+    """Several logs: the parameters over the initial speed, `value` being that at the logs' mean, then each log."""
+    first = found.logs[0].chosen.fit
+    return {
+        "model": first.model.name,
+        "parameters": {p.name: _polynomial_json(p, first) for p in found.polynomials},
+        "mean_abs_error": sum(each.chosen.mean_abs_error for each in found.logs) / len(found.logs),
+        "points": sum(each.curve.survey.used for each in found.logs),
+        "warnings": list(found.warnings),
+        "logs": [identification_json(each) for each in found.logs],
+    }
+
+
+def _errors_json(score: Score, regimes: Regimes) -> dict[str, Any]:
+    adhesion, sliding = regimes.errors(score)
+    return {
+        **exported(score, "mean_abs_error", model="fit.model.name"),
+        "mean_abs_error_adhesion": number(adhesion),
+        "mean_abs_error_sliding": number(sliding),
+    }
+
+
+def _polynomial_json(p: ParameterPolynomial, fit: Fit) -> dict[str, Any]:
+    mean = float(p.speeds_kmh.mean())
+    return {
+        "value": p.at(mean),
+        "stderr": number(p.stderr_at(mean)),
+        "at_initial_speed_kmh": mean,
+        "unit": fit.model.unit(p.name),
+        "of": "initial speed in km/h",
+        **exported(p, "coefficients", "stderrs", "covariance", "values", "misfit_probability"),
+        "initial_speeds_kmh": plain(p.speeds_kmh),
+    }
+
+
+def _peak_json(peak: PeakSlip) -> dict[str, Any]:
+    return {
+        "from": "rule" if peak.by_rule else "log",
+        "speed_kmh": peak.speed / KMH,
+        **exported(
+            peak, "rail", "extrapolated", "slip", "slip_stderr", mu="coefficient", mu_stderr="coefficient_stderr"
+        ),
+        **exported(peak, reference_slip="reference", mu_at_reference="reference_coefficient"),
+    }
+
+
+def _bins_json(found: Identification) -> list[dict[str, Any]]:
+    bins = found.curve.bins
+    columns = exported(bins, "slip", "count", "mean", slip_from="low", slip_to="high", max="most", min="least")
+    columns |= {"standard_deviation": plain(bins.deviation), "regime": found.regimes.of(bins.slip).tolist()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _log_json(found: Identification) -> dict[str, Any]:
+    curve = found.curve
+    adhesion, sliding = curve.parted_at(found.regimes.boundary)
+    named = {"gaps": "gap_count", "regripping_rows": "readhesion"}
+    lag, rolling = found.train_lag, curve.rolling
+    return {
+        **exported(curve, "outliers", "broken_lines", "deceleration_ratio", file="name", tau_s="time_constant"),
+        **exported(curve.survey, "rows", "runs", **named),
+        **exported(found.setting, "rail", "slip_acceleration", wheel_load_n="wheel_load"),
+        **exported(found.regimes, sliding_from_slip="boundary", sliding_from="source"),
+        "vehicle": found.vehicle.name,
+        "initial_speed_kmh": found.setting.initial_speed / KMH,
+        "observer": found.options.observer.value,
+        "rows_followed": len(curve.record),
+        "rows_followed_note": curve.followed_note or None,
+        "adhesion_regime_points": adhesion,
+        "sliding_regime_points": sliding,
+        "data_peak_slip": curve.peak_slip,
+        "free_rolling": None if rolling is None else _rolling_json(rolling),
+        "steps": [
+            {"column": step.label, "step": step.step, "as_mu" if step.is_torque else "as_slip": step.share}
+            for step in curve.steps
+        ],
+        "train_speed_lag": None
+        if lag is None
+        else {
+            **exported(lag, "slip_shift", "peak_slip", "deceleration", lag_s="lag"),
+            "speed_kmh": lag.speed / KMH,
+            "note": str(lag),
+        },
+        "warnings": [*found.warnings, *found.doubts],
+    }
+
+
+def _rolling_json(rolling: Rolling) -> dict[str, Any]:
+    names = {"slip_stderr": "slip_error", "brake_torque_nm": "torque", "brake_torque_stderr_nm": "torque_error"}
+    return {**exported(rolling, "slip", **names), "speed_kmh": rolling.speed / KMH}
+
+
+# --- the observed adhesion of a log as a CSV, row by row with the regime each belongs to, whole or not at all --------
+
+
+COLUMNS = (
+    *("time [s]", "filtered train speed [km/h]", "filtered slip [1]", "filtered wheel load [N]"),
+    *("adhesion torque [N*m]", "mu [1]", "regime"),
+)
+"""Header of the file. The observed torque is late by the observer's filter; what stands beside it is as late."""
+
+_SLIP = COLUMNS.index("filtered slip [1]")
+_NUMBERS = len(COLUMNS) - 1
+_BLOCK = 1 << 16  # rows in memory at a time
+
+
+class ObservedRows:
+    """Rows that wait in a scratch file, as bytes, until the regimes are known.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV to be.
+    radius : float
+        Of the wheel, m.
+    rows : binary file
+        Where they wait.
+    """
+
+    def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:
+        self._path, self._radius, self._rows = path, radius, rows
+
+    def __call__(self, samples: Observed) -> None:
+        """Take samples in, in the order they come."""
+        torque = samples.mu * self._radius * samples.load
+        columns = (samples.time, samples.speed / KMH, samples.slip, samples.load, torque, samples.mu)
+        self._rows.write(np.column_stack(columns).tobytes())
+
+    def finish(self, regimes: Regimes) -> None:
+        """Write the file."""
+        import pandas as pd
+
+        self._rows.seek(0)
+        with self._path.open("w", encoding="utf-8") as file:
+            file.write(",".join(COLUMNS) + "\n")
+            while content := self._rows.read(8 * _BLOCK * _NUMBERS):
+                block = np.frombuffer(content).reshape(-1, _NUMBERS)
+                table = pd.DataFrame(block).assign(regime=regimes.of(block[:, _SLIP]))
+                table.to_csv(file, float_format="%.10g", header=False, index=False)
+
+
+@contextmanager
+def observed_rows(path: Path | None, radius: float) -> Iterator[ObservedRows | None]:
+    """What writes observed samples to the file at `path`, once it is finished; None without one.
+
+    `radius` is the wheel's, m. InputError where it cannot be written.
+    """
+    if path is None:
+        yield None
+        return
+    try:
+        with tempfile.TemporaryFile(dir=path.parent) as rows, staged(path.parent) as new:
+            yield ObservedRows(new / path.name, radius, rows)
+    except OSError as error:
+        raise InputError(f"--observed: {str(path)!r} cannot be written ({error.strerror or error})") from None

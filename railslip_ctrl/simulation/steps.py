@@ -151,20 +151,6 @@ def torque_profile(x, t, v, omega, applied, c, table):
 
 
 @compiled
-def rig_procedure(x, t, v, omega, applied, c, table):
-    """The adhesion test on a brake rig: free rolling, a torque ramp, release when the slip has grown past a limit.
-
-    x: whether it was released.
-    """
-    radius, ramp_start, ramp_rate, release_slip = c[1], c[2], c[3], c[4]
-    if v - radius * omega > release_slip * v:
-        x[0] = 1.0
-    if x[0] > 0.0:
-        return 0.0
-    return ramp_rate * max(t - ramp_start, 0.0)
-
-
-@compiled
 def called(x, t, v, omega, applied, c, table):
     """A user's Python object or Numba function, called at its address; x: the function's own numbers."""
     address = c[2]

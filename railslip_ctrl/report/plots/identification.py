@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE
-from railslip_ctrl.identification.identify import Campaign, Identification
+from railslip_ctrl.identification.identify import Identification, LogSeries
 from railslip_ctrl.identification.models import parameter_unit
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.identification.results import PeakSlip
@@ -147,7 +147,7 @@ def braking_figure(found: Identification) -> Figure:
 
 
 def coefficients_figure(
-    found: Campaign, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
+    found: LogSeries, *, beside: tuple[str, Callable[[float], Sequence[float]]] | None = None
 ) -> Figure:
     """Each parameter over the initial speed: the fits with their 99 % intervals, and the polynomial.
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from railslip_ctrl.identification.observer import ObserverResponses
-from railslip_ctrl.identification.observer_study import TradeOff, Trial
+from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
 
 from .style import PAGE_WIDTH, TEXT, folded, legend_beside, legend_of_figure, line_style, new_figure, panels
 
@@ -41,7 +41,7 @@ def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *
 
 
 def estimates_figure(
-    trial: Trial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
+    trial: BrakeTrial, time: Floats, estimates: Mapping[str, Floats], errors: Mapping[str, Floats], *, title: str
 ) -> Figure:
     """A brake trial: speeds and torques as they were, the estimates at `time` (s), and the error (N*m) of each."""
     figure = new_figure(4.2 + 1.1 * len(estimates), title)
