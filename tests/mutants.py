@@ -84,7 +84,7 @@ ROOMS = {
     "identification/observer_study": "observer_noise observer_kalman",
     "identification/prediction": "observed log_checks virtual_rig",
     "identification/results": "identification log_judgement",
-    "identification/virtual_rig": "virtual_rig",
+    "identification/virtual_rig": "virtual_rig alignment",
     "paper/": "reproduction",
     "paper/errata": "derivation",
     "paper/printed": "derivation",

@@ -211,7 +211,7 @@ def brake_trial(
         remedy = "the train stops before; give a lower value or a faster rise"
         raise InputError(f"release_slip: {course.release_slip:g} is not reached, {remedy}")
     released = float(signals.time[1:][np.argmax(falls)])
-    angle = np.concatenate([[0.0], cumulative_trapezoid(signals.wheel_speed, signals.time)])
+    angle = cumulative_trapezoid(signals.wheel_speed, signals.time, initial=0.0)
     end = int(np.searchsorted(signals.time, released + course.recovery))
     at = slice(0, end, every)
     omega = signals.wheel_speed[at]

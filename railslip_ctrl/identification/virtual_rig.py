@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
@@ -152,7 +153,7 @@ def _one_test(
     run = simulate(scenario, procedure, seed=of_run)
     signals = run.signals
     assert signals is not None, "the run was recorded"
-    released = (signals.command == 0.0) & (signals.time > _BEGIN + test.interval / 2.0)
+    released = (signals.command == 0.0) & (signals.time > _BEGIN)
     if run.outcome is Outcome.OUTSIDE_DOMAIN:
         raise InputError(
             f"release_slip: at {test.release_slip:g} the slip runs on to where {test.law.name!r} is not defined; give "
@@ -169,8 +170,7 @@ def _one_test(
     time, speed, omega = signals.time[:end], signals.measured_speed[:end], signals.measured_wheel_speed[:end]
     if test.encoder is None:
         return [time, speed, omega, torque, load]
-    true = signals.wheel_speed[:end]
-    angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (true[1:] + true[:-1]) / 2)])
+    angle = cumulative_trapezoid(signals.wheel_speed[:end], time, initial=0.0)
     return [time[1:], speed[1:], test.encoder.speed(time, angle), torque[1:], load[1:]]
 
 
