@@ -329,11 +329,6 @@ class Response:
     system: Rational
     dead_time: float
 
-    @property
-    def is_rational(self) -> bool:
-        """Whether L is a ratio of polynomials, which `exact` has."""
-        return self.dead_time == 0
-
     @cached_property
     def exact(self) -> ExactLoop:
         """Its polynomials."""

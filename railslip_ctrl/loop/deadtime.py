@@ -97,16 +97,6 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def open_loop_unstable_poles(self) -> int:
-        """Poles of L beyond the boundary of stability."""
-
-    @property
-    @abstractmethod
-    def integrators(self) -> int:
-        """Poles of L at frequency 0."""
-
-    @property
-    @abstractmethod
     def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
 
@@ -273,10 +263,12 @@ class DeadTimeLoop(Loop):
 
     @property
     def open_loop_unstable_poles(self) -> int:
+        """Poles of G right of the imaginary axis."""
         return int(np.count_nonzero(self._system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
+        """Poles of G at 0."""
         return int(np.count_nonzero(self._system.poles == 0))
 
     def poles(self) -> Complexes:

@@ -219,7 +219,7 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[flo
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
-    if response.is_rational:
+    if response.dead_time == 0:
         with ctx.workprec(REFINED_BITS):
             return [(float(peak.mid()), omega) for peak, omega in response.exact.peaks()]
     points = _first_points(response, cut, crossings)

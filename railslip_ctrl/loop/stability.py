@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import GAIN, MOST_BITS, Response
-from .rational import Complexes, Floats, Rational, realise
+from .rational import Complexes, Floats, Rational, realise, rounded_roots
 
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
@@ -140,8 +140,9 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
     Newton's method on the quasi-polynomial takes each to rounding, and the root count right of a line confirms that
     none is missing.
     """
+    num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
-        return _ordered(_rational_poles(system))[:count]
+        return _ordered(rounded_roots(num + den))[:count]
     for attempt, points in enumerate(_POINTS):
         start = np.concatenate(
             [
@@ -169,14 +170,6 @@ def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
             s = (np.log(-system(s)) + 2j * np.pi * turns) / dead_time
     s = s[np.isfinite(s)]
     return np.concatenate([s, s.real.astype(complex)[:2]])
-
-
-def _rational_poles(system: Rational) -> Complexes:
-    """Closed-loop poles without dead time."""
-    open_loop = realise(system)
-    closed = open_loop.a - np.outer(open_loop.b, open_loop.c) / (1 + open_loop.d)
-    start = np.linalg.eigvals(closed).astype(np.complex128)
-    return _symmetric(_newton(system, 0.0, start)[0])
 
 
 def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
@@ -233,7 +226,7 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Distinct zeros of Q near the start values; a double zero stays double."""
+    """Distinct zeros of Q near the start values, pairs exactly conjugate; a double zero stays double."""
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
     features = np.abs(np.concatenate([system.zeros, system.poles, [1.0 / dead_time]]))
@@ -247,7 +240,10 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
         if not same or (len(same) == 1 and s0 != starts[same[0]] and _is_double(system, dead_time, s)):
             kept.append(s)
             starts.append(s0)
-    return _symmetric(np.array(kept, dtype=complex))
+    poles = np.array(kept, dtype=complex)
+    off_axis = np.abs(poles.imag) > 1e-9 * np.abs(poles)
+    upper = poles[off_axis & (poles.imag > 0)]
+    return np.concatenate([poles[~off_axis].real, upper, upper.conj()])
 
 
 def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
@@ -260,14 +256,6 @@ def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
     nearest = float(np.min(np.abs(roots - s), initial=np.inf))
     scale = 1 / nearest if 1e-300 < nearest < np.inf else 0.0
     return bool(np.abs(slope[0]) <= 1e-6 * size[0] * (scale + dead_time))
-
-
-def _symmetric(poles: Complexes) -> Complexes:
-    """Real ones made real; of each pair the upper one, with its exact conjugate."""
-    scale = np.abs(poles)
-    real = poles[np.abs(poles.imag) <= 1e-9 * scale].real.astype(complex)
-    upper = poles[poles.imag > 1e-9 * scale]
-    return np.concatenate([real, upper, upper.conj()])
 
 
 def _ordered(poles: Complexes) -> Complexes:
