@@ -10,7 +10,6 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from railslip_ctrl.core.arguments import numbers
 
 from .crossings import bracketed_roots
 from .deadtime import Loop, unstable_error
-from .margins import Margins, responses, smallest_of, top_of
+from .margins import Margins, Peaks, by_distance, responses, smallest_of, top_of
 from .rational import Complexes, Floats
 
 ROUNDING = 1e-12  # of ln L, many times what is seen
@@ -29,7 +28,6 @@ _SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: les
 _PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
 _NARROWEST = 1e-7  # half of an interval over its frequency: no further into a zero or pole of L on the axis
 _ENDS = np.array([0.0, np.inf])
-_GAINS_EQUAL = 1e-9  # two gain limits that agree this well are one
 
 
 class Expansion(NamedTuple):
@@ -97,15 +95,10 @@ class BoundedLoop(Loop):
         """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
         the nearest to 1 in ratio; None if there is none."""
         nodes = self._nodes(peaks=False)
-        edges = [0.0, *sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes))), math.inf]
-
-        def distance(interval: tuple[float, float]) -> float:
-            low, high = interval
-            return 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
-
-        for low, high in sorted(pairwise(edges), key=distance):
+        factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
+        for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
             inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
-            if high > low * (1 + _GAINS_EQUAL) and self.scaled(1.0 if math.isinf(inside) else inside).is_stable():
+            if self.scaled(1.0 if math.isinf(inside) else inside).is_stable():
                 return low, high
         return None
 
@@ -189,7 +182,7 @@ class BoundedLoop(Loop):
         limits = list(zip((1 / np.abs(self.response(found))).tolist(), found.tolist(), strict=True))
         return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
 
-    def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> list[tuple[float, float]]:
+    def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> Peaks:
         """Largest |S|, |T| and |S - 1/2| from frequency 0 to the last node, and where, rad/s."""
         sizes, rises = responses(response, slope)
         inner = sizes[:, 1:-1]

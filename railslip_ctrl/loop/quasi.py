@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
@@ -54,12 +55,10 @@ class QuasiPolynomial:
     def __init__(self, terms: Sequence[ArrayLike], delay: float) -> None:
         arrays = tuple(np.atleast_1d(np.trim_zeros(np.atleast_1d(np.asarray(c, dtype=float)), "f")) for c in terms)
         arrays = tuple(c if c.size else np.zeros(1) for c in arrays)
-        if not (math.isfinite(delay) and delay >= 0):
-            raise InputError(f"delay: {delay} s is not allowed; give a finite value >= 0")
         if not all(np.isfinite(c).all() for c in arrays):
             raise InputError("quasi-polynomial has a coefficient that is not finite; give finite numbers")
         object.__setattr__(self, "terms", arrays)
-        object.__setattr__(self, "delay", float(delay))
+        object.__setattr__(self, "delay", number("delay", delay, "s", ge=0))
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """F at complex s (1/s), any shape."""

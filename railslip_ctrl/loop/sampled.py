@@ -71,6 +71,7 @@ class HeldPlant:
         return np.asarray(expm(driven * lengths[:, None, None]))
 
 
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class SampledLoop(BoundedLoop):
     """The loop of a discrete controller and a sampled continuous plant, unity negative feedback.
 
@@ -88,12 +89,15 @@ class SampledLoop(BoundedLoop):
     InputError: a system of another kind, a plant that is not strictly proper, or a time out of range.
     """
 
+    controller: Rational
+    plant: Rational
+    dead_time: float
+    period: float
+
     def __init__(self, controller: Any, plant: Any, dead_time: float, period: float) -> None:
-        check_period(period)
+        period, dead_time = check_period(period), number("dead time", dead_time, "s", ge=0)
         c = Rational.from_control(controller, "controller", period=period)
         p = Rational.from_control(plant, "plant")
-        if not (math.isfinite(dead_time) and dead_time >= 0):
-            raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
         if p.relative_degree < 1:
             raise InputError(
                 f"sampled plant: {p.zeros.size} zeros and {p.poles.size} poles are not strictly proper; add "
@@ -101,51 +105,31 @@ class SampledLoop(BoundedLoop):
             )
         if c.gain == 0:
             raise InputError("sampled loop: a controller with gain 0 closes no loop; give one that is not 0")
-        self._controller, self._plant = c, p
-        self._dead_time, self._period = float(dead_time), float(period)
-        self._dt = self._period
-
-    @property
-    def controller(self) -> Rational:
-        """C, in z."""
-        return self._controller
-
-    @property
-    def plant(self) -> Rational:
-        """P, in s, without its dead time."""
-        return self._plant
-
-    @property
-    def dead_time(self) -> float:
-        """Dead time, s, the hold not included."""
-        return self._dead_time
-
-    @property
-    def period(self) -> float:
-        """h, s."""
-        return self._period
+        given = {"controller": c, "plant": p, "dead_time": dead_time, "period": period, "_dt": period}
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
 
     @property
     def nyquist_frequency(self) -> float:
         """pi/h, rad/s, where the frequency response ends."""
-        return math.pi / self._period
+        return math.pi / self.period
 
     def __repr__(self) -> str:
-        order = self._controller.poles.size + self._plant.poles.size
-        return f"SampledLoop(order {order}, {self._dead_time:g} s, period {self._period:g} s)"
+        order = self.controller.poles.size + self.plant.poles.size
+        return f"SampledLoop(order {order}, {self.dead_time:g} s, period {self.period:g} s)"
 
     def scaled(self, factor: float) -> SampledLoop:
-        return SampledLoop(self._controller * number("gain factor", factor), self._plant, self._dead_time, self._period)
+        return SampledLoop(self.controller * number("gain factor", factor), self.plant, self.dead_time, self.period)
 
     def __mul__(self, other: Any) -> SampledLoop:
         if isinstance(other, Loop):
             raise InputError("factor: a loop is not accepted beside a sampled loop; multiply its controller")
-        factor = Rational.from_control(other, "factor", period=self._period)
-        return SampledLoop(factor * self._controller, self._plant, self._dead_time, self._period)
+        factor = Rational.from_control(other, "factor", period=self.period)
+        return SampledLoop(factor * self.controller, self.plant, self.dead_time, self.period)
 
     def delayed(self, extra: float) -> SampledLoop:
         """The loop with `extra` seconds more continuous dead time."""
-        return SampledLoop(self._controller, self._plant, self._dead_time + extra, self._period)
+        return SampledLoop(self.controller, self.plant, self.dead_time + extra, self.period)
 
     # -- stability ----------------------------------------------------------------------------------------
 
@@ -155,12 +139,12 @@ class SampledLoop(BoundedLoop):
 
         Raises InputError with more than 500 periods in the dead time: the matrix would have as many rows.
         """
-        if self._dead_time > MOST_PERIODS * self._period:
+        if self.dead_time > MOST_PERIODS * self.period:
             raise InputError(
-                f"period: {self._period:g} s is not allowed with {self._dead_time:g} s of dead time; give a value >= "
-                f"{self._dead_time / MOST_PERIODS:.3g} (s), or use the continuous equivalent"
+                f"period: {self.period:g} s is not allowed with {self.dead_time:g} s of dead time; give a value >= "
+                f"{self.dead_time / MOST_PERIODS:.3g} (s), or use the continuous equivalent"
             )
-        held, k = self.held, realise(self._controller)
+        held, k = self.held, realise(self.controller)
         n, chain = held.c.size, held.chain
         matrix = np.zeros((n + chain + k.order,) * 2)
         of_x, of_k = slice(0, n), slice(n + chain, None)
@@ -203,17 +187,17 @@ class SampledLoop(BoundedLoop):
     @property
     def open_loop_unstable_poles(self) -> int:
         """Poles of L outside the unit circle."""
-        return int(np.count_nonzero(np.abs(self._controller.poles) > 1) + np.count_nonzero(self._plant.poles.real > 0))
+        return int(np.count_nonzero(np.abs(self.controller.poles) > 1) + np.count_nonzero(self.plant.poles.real > 0))
 
     @property
     def integrators(self) -> int:
         """Poles of L at z = 1."""
-        return int(np.count_nonzero(self._controller.poles == 1) + np.count_nonzero(self._plant.poles == 0))
+        return int(np.count_nonzero(self.controller.poles == 1) + np.count_nonzero(self.plant.poles == 0))
 
     def poles(self) -> Complexes:
         """Poles of L in z, open loop, as python-control has them of a system: those at 0 are the dead time's."""
-        plant = np.exp(self._plant.poles * self._period)
-        return np.concatenate([self._controller.poles, plant, np.zeros(self.held.chain)])
+        plant = np.exp(self.plant.poles * self.period)
+        return np.concatenate([self.controller.poles, plant, np.zeros(self.held.chain)])
 
     # -- responses ----------------------------------------------------------------------------------------
 
@@ -224,7 +208,7 @@ class SampledLoop(BoundedLoop):
         at_pole = (z == 1) & (self.integrators > 0)
         elsewhere = np.where(at_pole, 2.0, z)
         with np.errstate(all="ignore"):
-            value = self._controller(elsewhere) * self._plant_response(elsewhere, elsewhere - 1)[0]
+            value = self.controller(elsewhere) * self._plant_response(elsewhere, elsewhere - 1)[0]
         return np.asarray(np.where(at_pole, np.inf, value))
 
     def feature_band(self) -> tuple[float, float]:
@@ -242,7 +226,7 @@ class SampledLoop(BoundedLoop):
             s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times = given_times(*((None, time) if np.ndim(time) == 0 else (time, None)))
-        at, inside = pieces_at(times, self._period)
+        at, inside = pieces_at(times, self.period)
         states, commands = self._run(int(at[-1]) + 1)
         held, age = self.held, at + 1  # of a command, in `commands`: none acts before its time
         parts = np.stack([np.minimum(inside, held.fraction), np.maximum(inside - held.fraction, 0)])
@@ -253,20 +237,20 @@ class SampledLoop(BoundedLoop):
                 x = (held.flow(length) @ np.concatenate([x, command[:, None]], axis=1)[..., None])[:, :-1, 0]
         with np.errstate(over="ignore", invalid="ignore"):
             output, control = x @ held.c, commands[age]
-        acting = commands[np.maximum(pieces_at(times - self._dead_time, self._period)[0] + 1, 0)]
+        acting = commands[np.maximum(pieces_at(times - self.dead_time, self.period)[0] + 1, 0)]
         if not np.isfinite(output).all():
             raise InputError(f"time: {times[-1]:g} s is not allowed; the response overflows before it; give less")
         return TimeResponse(
-            times, output, control, acting, 1 - output, np.zeros_like(output), self._dead_time, 1.0, 0.0, 0.0
+            times, output, control, acting, 1 - output, np.zeros_like(output), self.dead_time, 1.0, 0.0, 0.0
         )
 
     def _run(self, count: int) -> tuple[Floats, Floats]:
         """The plant's states at some number of samples, and the commands, behind a 0 for those before."""
         if count > MOST_SAMPLES:
             raise InputError(
-                f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self._period:.3g} s"
+                f"time: {count} samples are not allowed; give a time <= {MOST_SAMPLES * self.period:.3g} s"
             )
-        held, k = self.held, realise(self._controller)
+        held, k = self.held, realise(self.controller)
         states, commands = np.zeros((count, held.c.size)), np.zeros(count + 1)
         inner = np.zeros(k.order)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -282,29 +266,29 @@ class SampledLoop(BoundedLoop):
     # -- the functions behind -----------------------------------------------------------------------------
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
-        z = np.exp(1j * omega * self._period)
+        z = np.exp(1j * omega * self.period)
         # z - 1 apart from z: a short period puts every feature of the plant next to 1
-        plant, plant_slope = self._plant_response(z, np.expm1(1j * omega * self._period))
-        k = self._controller
+        plant, plant_slope = self._plant_response(z, np.expm1(1j * omega * self.period))
+        k = self.controller
         slope = (1 / (z[..., None] - k.zeros)).sum(axis=-1) - (1 / (z[..., None] - k.poles)).sum(axis=-1) + plant_slope
-        return np.asarray(k(z) * plant), np.asarray(1j * self._period * z * slope)
+        return np.asarray(k(z) * plant), np.asarray(1j * self.period * z * slope)
 
     @cached_property
     def _boxed(self) -> BoxedResponse:
         return BoxedResponse(self)
 
     def _edges(self) -> Floats:
-        return self._boxed.first_edges() / self._period
+        return self._boxed.first_edges() / self.period
 
     def _expand(self, omega: Floats) -> Expansion:
-        h, turns = self._period, self.held.periods + 1
+        h, turns = self.period, self.held.periods + 1
         box = self._boxed.expand(omega * h, np.full(omega.size, self.held.fraction))
         value, slope = box.value - 1j * turns * omega * h, h * (box.slope - 1j * turns)
         return Expansion(value, slope, lambda half: box.bounds(half * h)[1:])
 
     def _first_phase(self, omega: Floats) -> Floats:
-        return Response(self._plant, 0.0).angle(omega) + Response(self._controller.shifted(1.0), 0.0).angle(
-            omega * self._period  # where z - 1 is j omega h
+        return Response(self.plant, 0.0).angle(omega) + Response(self.controller.shifted(1.0), 0.0).angle(
+            omega * self.period  # where z - 1 is j omega h
         )
 
     def _added_delay(self) -> tuple[float, float]:
@@ -319,20 +303,20 @@ class SampledLoop(BoundedLoop):
     def _unstable_words(self) -> tuple[str, str]:
         count = int(self.root_count.right)
         poles = f"{count} pole{'' if count == 1 else 's'} on or outside the unit circle"
-        return f"sampled loop (period {self._period:g} s)", poles
+        return f"sampled loop (period {self.period:g} s)", poles
 
     @cached_property
     def dc_gain(self) -> float:
-        if np.any(self._plant.poles == 0) or np.any(self._controller.poles == 1):
+        if np.any(self.plant.poles == 0) or np.any(self.controller.poles == 1):
             return math.inf
         plant, _ = self._plant_response(np.array([1.0 + 0j]), np.array([0j]))
-        return float((self._controller(1.0) * plant[0]).real)
+        return float((self.controller(1.0) * plant[0]).real)
 
     @cached_property
     def feature_frequencies(self) -> Floats:
         """Sizes of the poles and zeros of plant and controller, those at frequency 0 left out, rad/s."""
-        in_z = np.concatenate([self._controller.zeros, self._controller.poles])
-        sizes = [self._plant.zeros, self._plant.poles, np.log(in_z[in_z != 0]) / self._period]
+        in_z = np.concatenate([self.controller.zeros, self.controller.poles])
+        sizes = [self.plant.zeros, self.plant.poles, np.log(in_z[in_z != 0]) / self.period]
         found = np.abs(np.concatenate(sizes))
         return np.asarray(found[found > 0])
 
@@ -352,9 +336,9 @@ class SampledLoop(BoundedLoop):
     def held(self) -> HeldPlant:
         from scipy.linalg import expm
 
-        p, h = realise(self._plant), self._period
-        periods = math.floor(self._dead_time / h)
-        late = max(0.0, self._dead_time - periods * h)
+        p, h = realise(self.plant), self.period
+        periods = math.floor(self.dead_time / h)
+        late = max(0.0, self.dead_time - periods * h)
 
         def integral(time: float) -> Floats:
             """Integral of exp(a s) over [0, time]."""
@@ -449,7 +433,7 @@ class BoxedResponse:
     """The response of a `SampledLoop` as its expansions need it; time is counted in periods."""
 
     def __init__(self, loop: SampledLoop) -> None:
-        self._held, self._controller = loop.held, loop.controller
+        self._held, self.controller = loop.held, loop.controller
         held = self._held
         self._a, self._b, self._c, self._growth = held.a, held.b, held.c, held.growth
         n = held.c.size
@@ -513,7 +497,7 @@ class BoxedResponse:
                 of=self,
                 fraction=fraction,
                 turn=1j * np.exp(1j * theta),
-                value=np.log(self._controller(np.exp(1j * theta)) * numerator[:, 0]),
+                value=np.log(self.controller(np.exp(1j * theta)) * numerator[:, 0]),
                 slope=1j * np.exp(1j * theta) * (relative[:, 1] + near @ self._signs),
                 drift=-drifts[:, 0],
                 near=np.abs(near),
@@ -546,7 +530,7 @@ def added_delay(loop: SampledLoop) -> tuple[float, float]:
     Never: |L| < 1 at all fractions but for frequencies below 1e-5 of the slowest pole or zero; or not within the dead
     time that turns those by a quarter. Where 20 000 boxes decide nothing, the dead time up to which no loss is certain.
     """
-    response, begin = BoxedResponse(loop), loop.dead_time / loop.period
+    response, begin = loop._boxed, loop.dead_time / loop.period
     edges = response.first_edges()
     boxes, last = _first_boxes(edges, loop.held.periods, loop.held.fraction), math.pi / 2 / edges[0]
     found, looked_at = (math.inf, math.nan), 0
