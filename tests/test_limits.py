@@ -288,6 +288,18 @@ def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
     assert loop.sensitivity(0.7) + loop.complementary_sensitivity(0.7) == pytest.approx(1.0)
 
 
+def test_a_delayed_loop_is_multiplied_and_drawn_as_its_dead_time_loop():
+    loop = DeadTimeLoop(Rational(np.array([-3.0]), np.array([0.0, -0.5, -8.0]), 2.0), 0.4)
+    lead = Rational(np.array([-1.0]), np.array([-10.0]), 10.0)
+    product, expected = delayed(loop) * lead, loop * lead
+    omega = np.geomspace(0.01, 30.0, 50)  # the phase turns nearly twice
+    assert product.response(omega) == pytest.approx(expected.response(omega), rel=1e-12)
+    assert product.phase(omega) == pytest.approx(expected.phase(omega), rel=1e-12)
+    low, high = product.feature_band()
+    assert low < expected.feature_band()[0]
+    assert high > expected.gain_crossovers[-1]
+
+
 def test_poles_on_the_axis_are_not_stable():
     # s + pi/2 exp(-s) has the pair +-j pi/2
     loop = delayed(DeadTimeLoop(Rational(np.array([]), np.array([0.0]), np.pi / 2), 1.0))

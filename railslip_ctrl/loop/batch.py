@@ -466,7 +466,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
         slope = loops.at_origin(-1) - loops.at_origin(1)
         inverse = np.where(finite, 1.0 / (real + 1j * imag), 0.0)
         curvature = 0.5 * (sign @ (inverse * inverse).real)
-        # where the asymptotes of |G| at high and at low frequency cross 1; see crossings._asymptotic_crossovers
+        # where the asymptotes of |G| at high and at low frequency cross 1
         top = np.exp(np.log(np.abs(gain)) / -sign.sum())
         bottom = np.where(slope != 0, np.exp(level / slope), np.sqrt(np.maximum(-level / curvature, 0.0)))
         scales = np.array([*sizes, top, bottom, 1.0 / loops.dead_time])

@@ -32,7 +32,6 @@ _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at wh
 _MOST_PARTS = 50_000
 _FARTHEST = arb(2) ** 1000  # rad/s
 _STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
-_NEWTON_STEPS = 12  # with a slope good to double precision each step adds fifty bits or more
 
 
 class CertificateError(RailslipError, ArithmeticError):
@@ -217,12 +216,9 @@ def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> ar
     turns = [-np.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end)]
     piece = Pieces(ends[0], ends[1], np.zeros((2, 1)), np.array(turns)[:, None])
     found = located(response, piece, np.array([0]), np.array([float(odd)]))
-    slope, omega = float(response.phase(found)[1][0]), arb(float(found[0]))
-    target = odd * arb.pi()
-    for _ in range(_NEWTON_STEPS):
-        omega = (omega - (response.exact.argument(omega) - target) / slope).mid()
+    omega = response.exact.phase_crossover(float(found[0]), float(response.phase(found)[1][0]), odd)
     away = omega * arb(2) ** (-ctx.prec // 2)
-    below, above = (response.exact.argument(omega + step) - target for step in (-away, away))
+    below, above = (response.exact.argument(omega + step) - odd * arb.pi() for step in (-away, away))
     if not (below * above < 0):
         raise _TooWideError
     return (omega - away).union(omega + away)

@@ -138,6 +138,7 @@ def monotone_roots(
 # time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
 
 _NEWTON_STEPS = 4  # from a double
+_BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
 _NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
@@ -214,14 +215,12 @@ class ExactLoop:
         delay = arb(self._dead_time)
         return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
 
-    def phase_crossover(self, omega: float, slope: float) -> tuple[float, float]:
-        """A phase crossover near `omega`, rad/s, and 1/|L| there, refined; `slope` is d(arg L)/d omega."""
-        with ctx.workprec(REFINED_BITS):
-            refined, found = arb(omega), self.argument(arb(omega)) / arb.pi()
-            odd = 2 * round((float(found) - 1) / 2) + 1
-            for _ in range(2):
-                refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
-            return float(refined), float((1 / abs(self.value(refined)[0])).mid())
+    def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
+        """The frequency near `omega`, rad/s, where arg L is `odd` times pi, refined; `slope` is d(arg L)/d omega."""
+        refined = arb(omega)
+        for _ in range(ctx.prec // _BITS_OF_A_STEP + 1):
+            refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
+        return refined
 
     def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
         """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
@@ -314,8 +313,7 @@ def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
 SMALLEST_LISTED = 1e-2
 _LISTED_ALWAYS = 20
 _MOST_LISTED = 5_000
-# Of a phase over pi, for each root's angle and for tau omega; nearer to an odd number balls decide the side.
-_ROUNDING = 1e-15
+_ROUNDING = 1e-15  # for each root and radian of the dead time; a phase nearer to an odd number of pi balls decide
 
 
 @dataclass(frozen=True)
@@ -351,10 +349,9 @@ class Response:
         """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
         return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())], certain)
 
-    def phase_error(self, omega: Floats) -> Floats:
-        """Bound on the rounding of `angle` over pi: of each angle and of tau omega."""
-        half_turns = self.dead_time * omega + self.system.poles.size
-        return np.asarray(_ROUNDING * (8 + self.system.poles.size + half_turns))
+    def rounding(self, omega: Floats | float) -> Floats:
+        """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
+        return np.asarray(_ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega))
 
     def log_size(self, omega: Floats) -> Floats:
         """ln|L|."""
@@ -405,6 +402,12 @@ class Response:
         offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
+
+    def __call__(self, omega: Floats) -> Complexes:
+        """L(j omega), infinite at a pole."""
+        value = self.system(1j * omega)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isinf(value), value, value * np.exp(-1j * self.dead_time * omega))
 
 
 @dataclass(frozen=True)
@@ -493,7 +496,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
     half = response.angle(omega) / np.pi
     odd = 2 * np.floor(half / 2) + 1
     rest = half - odd
-    for i in np.flatnonzero((np.abs(rest) <= response.phase_error(omega)) | certain).tolist():
+    for i in np.flatnonzero((np.abs(rest) <= response.rounding(omega)) | certain).tolist():
         odd[i], rest[i] = response.exact.offset(*found[i][1:])
     return odd, rest
 

@@ -224,7 +224,7 @@ class DeadTimeLoop(Loop):
             return np.where(np.isinf(value), value, value * np.exp(-s * self.dead_time))
 
     def response(self, omega: ArrayLike) -> Complexes:
-        return self(1j * numbers("omega", omega, "rad/s"))
+        return self._response(numbers("omega", omega, "rad/s"))
 
     def phase(self, omega: ArrayLike) -> Floats:
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[0]
@@ -334,7 +334,7 @@ class DeadTimeLoop(Loop):
         response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
         rest = response.crossover_phases[1].copy()
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
-            if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
+            if response.rounding(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
         found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
         frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
@@ -410,12 +410,15 @@ class DeadTimeLoop(Loop):
         omega, response = np.array([limit.frequency for limit in limits]), self._response
         rate = response.log_slope(omega)
         slope = rate.imag
-        error = np.abs(rate.real) * np.pi * response.phase_error(omega)
+        error = np.abs(rate.real) * np.pi * response.rounding(omega)
         found = {}
         for i in np.flatnonzero(error > _SHARP * np.abs(slope)).tolist():
             if slope[i] != 0:
-                frequency, factor = response.exact.phase_crossover(float(omega[i]), float(slope[i]))
-                found[limits[i]] = replace(limits[i], factor=factor, frequency=frequency)
+                odd = 2 * round((float(response.angle(omega[i])) / np.pi - 1) / 2) + 1
+                with ctx.workprec(REFINED_BITS):
+                    frequency = response.exact.phase_crossover(float(omega[i]), float(slope[i]), odd)
+                    factor = float((1 / abs(response.exact.value(frequency)[0])).mid())
+                found[limits[i]] = replace(limits[i], factor=factor, frequency=float(frequency))
         return found
 
     def _decided(self, limit: GainLimit) -> GainLimit:

@@ -19,7 +19,6 @@ _STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S -
 _SMALL = 0.02  # |L| below which the phase does not matter there
 _PER_DECADE, _BEYOND = 8, 100.0  # of these points, and how far they reach beyond the features
 _PEAK = 1e-11  # relative: no peak exceeds the one reported by more
-_ROUNDING = 1e-15  # relative, of L: for each root and for the phase of the dead time
 # Around a peak the axis is cut at distances from it that grow by this factor: a bound good to second order shows each
 # part to be lower if it is short against its distance.
 _NEAR_PEAK = 1.5
@@ -236,7 +235,7 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> Peaks:
 
 
 def _higher(first: Peaks, second: Peaks) -> Peaks:
-    return [max(pair) for pair in zip(first, second, strict=True)]
+    return [max(pair, key=lambda peak: peak[0]) for pair in zip(first, second, strict=True)]
 
 
 def _around(response: Response, best: Peaks) -> Floats:
@@ -317,14 +316,9 @@ def _may_exceed(response: Response, cut: Pieces, low: Floats, high: Floats, best
         at = np.flatnonzero(exceed)
         boxes = box_bounds(*cut.ends(response, low[at], high[at]))
         # less the rounding of L, which |S| and |T| amplify
-        boxes -= np.minimum(boxes, _rounding(response, 0.0) * boxes[:2].prod(axis=0))
+        boxes -= np.minimum(boxes, response.rounding(0.0) * boxes[:2].prod(axis=0))
     exceed[at] = ~np.all(boxes <= most, axis=0)
     return np.asarray(exceed)
-
-
-def _rounding(response: Response, omega: Floats | float) -> Floats:
-    """Relative, of L at `omega`, rad/s."""
-    return np.asarray(_ROUNDING * (8 + response.system.roots.size + response.dead_time * omega))
 
 
 def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Floats:
@@ -341,7 +335,7 @@ def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Float
     rate = half * slope * loop * s * s
     middles = np.array([s, loop * s, s - 0.5])
     most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
-    most -= _rounding(response, high) * s_most * t_most
+    most -= response.rounding(high) * s_most * t_most
     return np.where((least > 0) & np.isfinite(most).all(axis=0), most, np.inf)
 
 

@@ -173,11 +173,6 @@ class SampledLoop(BoundedLoop):
         """Eigenvalues of `closed_loop_matrix`, the plane of z, the `count` largest, largest first."""
         return self._closed_loop_poles[: int(number("count", count, ge=1))]
 
-    @property
-    def spectral_radius(self) -> float:
-        """Size of the largest closed-loop pole; below 1 the loop is stable."""
-        return float(np.abs(self._closed_loop_poles[0]))
-
     @cached_property
     def root_count(self) -> RootCount:
         """Closed-loop poles on or outside the unit circle, as far as eigenvalues in doubles tell."""
