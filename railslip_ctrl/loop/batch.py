@@ -30,7 +30,7 @@ Spans = tuple[Floats, Floats]
 DELICATE = 1e-9
 """A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
 
-_NODES_PER_DECADE = 8  # extrema that show are located exactly, and bounds tell what does not show
+_NODES_PER_DECADE = 5  # extrema that show are located exactly, and bounds tell what does not show
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
 _FAR, _NODES_FAR_OUT = 1e3, 2  # of which the outer part, where L is all but its asymptote, has fewer

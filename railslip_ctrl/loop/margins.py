@@ -259,7 +259,7 @@ def _first_points(response: Response, cut: Pieces, crossings: Floats) -> Floats:
     """Frequencies, rad/s, that separate the peaks of most loops."""
     inner = np.concatenate([cut.low[1:], crossings, response.scales])
     low, high = inner.min() / _BEYOND, inner.max() * _BEYOND
-    wide = np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)
+    wide = np.exp(np.linspace(np.log(low), np.log(high), int(_PER_DECADE * np.log10(high / low)) + 2))
     points = np.unique(np.concatenate([inner, wide]))
     phase, size = response.angle(points), response.log_size(points)
     matters = np.maximum(size[:-1], size[1:]) > np.log(_SMALL)
@@ -287,7 +287,9 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
     at = np.repeat(np.arange(parts.size), parts + 1)
     share = (np.arange(at.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[at]
     ratio = high[at] / low[at]
-    omega = np.where(share == 1, high[at], low[at] * np.where(ratio > 4, ratio**share, 1 + (ratio - 1) * share))
+    factor, wide = 1 + (ratio - 1) * share, ratio > 4
+    factor[wide] = ratio[wide] ** share[wide]
+    omega = np.where(share == 1, high[at], low[at] * factor)
     inside = at[1:] == at[:-1]
     return omega[:-1][inside], omega[1:][inside]
 
