@@ -178,7 +178,7 @@ class BoundedLoop(Loop):
     def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
         """Loop-gain factors that put a pole on the boundary of stability, each with its frequency, by frequency."""
         sideways = np.where(response.real < 0, response.imag, np.nan)
-        found = self._roots(nodes, sideways, lambda value: value.imag / np.abs(value))
+        found = self._roots(nodes, sideways, lambda value: value.imag)
         limits = list(zip((1 / np.abs(self.response(found))).tolist(), found.tolist(), strict=True))
         return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
 
