@@ -45,6 +45,10 @@ class Loop:
             value = value * ((s - a) if b is None else 1 / (s - b) if a is None else 1 + (b - a) / (s - b))
         return value * (s * (self.tau if inverse else -self.tau)).exp() if delayed else value
 
+    def rate(self, omega):
+        """d ln G/ds at j omega."""
+        return sum(1 / (J * omega - z) for z in self.zeros) - sum(1 / (J * omega - p) for p in self.poles)
+
     def cover(self, test, decided):
         """Part the axis until `test` holds on each part, up to a radius; that, and a ball of G beyond, `decided`."""
         radius, value = max([abs(r).upper() for r in self.zeros + self.poles] + [1 / (1 + self.tau)]), None
@@ -85,6 +89,36 @@ class Loop:
         ending = sum((J * top - r).arg() for r in (self.zeros if large else self.poles))
         return (ending + (1 + self.at(J * top, large)).arg() - turned) / (2 * arb.pi())
 
+    def avoids(self, least, most, lag, delay):
+        """Whether k L exp(-j (phi + omega x)) is not -1 anywhere on the axis: for no k from `least` to `most`, |phi| up
+        to `lag` and x from 0 to `delay`."""
+
+        def outside(size, angle, omega):
+            if not angle.is_finite():
+                return False
+            away, half = angle - omega * delay / 2 - arb.pi(), lag + omega * delay / 2
+            away = abs(away - 2 * arb.pi() * round(float(away.mid()) / (2 * math.pi)))
+            return size * most < 1 or size * least > 1 or half < away < 2 * arb.pi() - half
+
+        def test(low, high):
+            omega, middle = low.union(high), ((low + high) / 2).mid()
+            x, here = omega * omega, self.at(J * middle)
+            gap = self.gap[0](arb(x.mid())) + self.gap[1](x) * (x - x.mid())
+            bare, inverse = (abs(self.at(J * omega, turned, delayed=False)) for turned in (False, True))
+            if (least == most == 1 and not gap.contains(0)) or bare * most < 1 or inverse < least:
+                return True
+            change = (self.rate(omega) - self.tau) * J * (omega - middle)  # of ln L from the middle
+            return outside(abs(here) * change.real.exp(), here.arg() + change.imag, omega)
+
+        def far(g):
+            return abs(g) * most < 1 or (self.tau == delay == 0 and outside(abs(g), g.arg(), arb(0)))
+
+        try:
+            self.cover(test, far)
+        except ArithmeticError:
+            return False
+        return True
+
     def exceeds(self, a, b, most):
         """Whether |a + b L|/|1 + L| comes above `most` on the axis, or tends to what is."""
         through = (-abs(self.gain) if self.tau > 0 else self.gain.real) * (len(self.zeros) == len(self.poles))
@@ -97,8 +131,7 @@ class Loop:
             omega, middle = low.union(high), ((low + high) / 2).mid()
             for inverse, c, d in ((False, a, b), (True, b, a)):
                 here, value = self.at(J * middle, inverse), self.at(J * omega, inverse)
-                rate = sum(1 / (J * omega - z) for z in self.zeros) - sum(1 / (J * omega - p) for p in self.poles)
-                slope = value * (rate - self.tau) * (-J if inverse else J)
+                slope = value * (self.rate(omega) - self.tau) * (-J if inverse else J)
                 gap = most**2 * abs(1 + here) ** 2 - abs(c + d * here) ** 2
                 found[0] = found[0] or gap < 0
                 rise = 2 * (most**2 * (1 + value).conjugate() * slope - (c + d * value).conjugate() * d * slope).real
@@ -131,19 +164,22 @@ def refused(zeros, poles, gain, tau, c):
             tried = ends[0] * (1 - OUTSIDE), ends[1] * (1 + OUTSIDE)
             return [loop.exceeds(a, b, arb(one)) for one in tried] == [True, False]
 
-    def limit(ends, begin, most, changed):
-        """Stable from where a change begins to the near end of its enclosure, at some steps, and not at the far one."""
-        near, far = min(ends[0] * (1 - OUTSIDE), most), ends[1] * (1 + OUTSIDE)
-        steps = [begin + (near - begin) * share for share in (0.0, 0.3, 0.7, 1.0)] if near > begin else [begin]
-        right = [poles_right(zeros, poles, *changed(x)) for x in (*steps, far) if x < math.inf]
-        return not any(right[: len(steps)]) and all(right[len(steps) :])
+    def limit(ends, most, changed, region):
+        """Stable, no pole on the axis in the region up to the near end of an enclosure, and unstable at the far one."""
+        near, far = exact(min(ends[0] * (1 - OUTSIDE), most)), ends[1] * (1 + OUTSIDE)
+        with ctx.workprec(BITS):
+            clear = Loop(zeros, poles, gain, tau).avoids(*map(arb, region(near)))
+        return clear and (far == math.inf or poles_right(zeros, poles, *changed(far)) > 0)
 
     down = [1 / x if x else math.inf for x in reversed(c.gain_decrease)]
     checks = {
-        "gain_increase": limit(c.gain_increase, 1.0, 1e6, lambda x: (exact(gain) * exact(x), tau)),
-        "gain_decrease": limit(down, 1.0, 1e6, lambda x: (exact(gain) * exact(1 / x), tau)),
-        "phase_deg": limit(c.phase_deg, 0.0, 180.0, lambda x: (gain, tau, math.radians(x))),
-        "delay_s": limit(c.delay_s, 0.0, 1e3 * (tau + 1), lambda x: (gain, exact(tau) + exact(x))),
+        "stable": poles_right(zeros, poles, gain, tau) == 0,
+        "gain_increase": limit(c.gain_increase, 1e6, lambda x: (exact(gain) * exact(x), tau), lambda x: (1, x, 0, 0)),
+        "gain_decrease": limit(down, 1e6, lambda x: (exact(gain) * exact(1 / x), tau), lambda x: (1 / x, 1, 0, 0)),
+        "phase_deg": limit(
+            c.phase_deg, 180.0, lambda x: (gain, tau, math.radians(x)), lambda x: (1, 1, arb.pi() * arb(x) / 180, 0)
+        ),
+        "delay_s": limit(c.delay_s, 1e3 * (tau + 1), lambda x: (gain, exact(tau) + exact(x)), lambda x: (1, 1, 0, x)),
         "ms": peak(1, 0, c.ms),
         "mt": peak(0, 1, c.mt),
     }

@@ -69,6 +69,7 @@ ROOMS = {
     "model/linearization": "linearization numeric",
     "loop/": "loop_bounds loop_oracles certificate loop_properties",
     "loop/batch": "loop_batch",
+    "loop/bounded": "sampled_margins sampled limits",
     "loop/quasi": "limits",
     "loop/responses": "responses",
     "loop/rational": "systems responses loop_oracles loop_properties",

@@ -65,6 +65,19 @@ def test_the_checker_refuses_a_certificate_with_a_margin_moved(certified):
             assert refused(*one, moved), (name, factor)
 
 
+def test_the_checker_refuses_a_margin_beyond_a_short_range_of_instability():
+    # a resonance just above |L| = 1: it is lost for a few hundredths of a second in each period that is added
+    poles, gain = [-0.05 + 1j, -0.05 - 1j], 0.1003
+    loop, certificate = made([], poles, gain, 0.0), made([], poles, gain, 0.0).certificate()
+    assert refused([], poles, gain, 0.0, certificate) == []
+    first, crossover = loop.margins().delay_s, loop.gain_crossovers[-1]
+    later = first + 2 * np.pi / crossover
+    for stable in (0.3 * later, 0.7 * later, later * (1 - 1e-9)):
+        assert loop.delayed(stable).is_stable()
+    forged = replace(certificate, delay_s=(later * (1 - 1e-11), later * (1 + 1e-11)))
+    assert refused([], poles, gain, 0.0, forged) == ["delay_s"]
+
+
 def test_enclosures_are_narrow_and_hold_the_margins(certified):
     for kind, one, loop, certificate in certified:
         margins = loop.margins()

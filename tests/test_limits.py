@@ -240,6 +240,13 @@ def assert_same_margins(one, other, tolerance):
         assert b[:size] == pytest.approx(a[:size], rel=tolerance, abs=tolerance, nan_ok=True), field.name
 
 
+def delayed(loop):
+    """A dead-time loop as a ratio of quasi-polynomials."""
+    system, tau = loop.system, loop.dead_time
+    num, den = system.gain * np.atleast_1d(np.poly(system.zeros).real), np.atleast_1d(np.poly(system.poles).real)
+    return DelayedLoop(DelayedRatio(QuasiPolynomial([[0.0], num], tau), QuasiPolynomial([den], tau)))
+
+
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
@@ -249,7 +256,7 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assume(not loop.root_count.marginal)
     m = loop.stabilizing_gain_range
     assume(m is None or (abs(m[0] - 1) > 1e-6 and abs(m[1] - 1) > 1e-6))
-    assert DelayedLoop.from_dead_time_loop(loop).root_count.right == loop.root_count.right
+    assert delayed(loop).root_count.right == loop.root_count.right
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
@@ -264,13 +271,13 @@ def test_margins_equal_those_of_the_dead_time_loop(loop):
     m = loop.margins()
     assume(np.all(np.abs(loop.system.log_slope(m.gain_crossovers).real) > 1e-3))  # a touch is for rounding to decide
     assume(m.gain_decrease < 0.999 and m.gain_increase > 1.001)
-    assert_same_margins(m, DelayedLoop.from_dead_time_loop(loop).margins(), 1e-8)
+    assert_same_margins(m, delayed(loop).margins(), 1e-8)
 
 
 def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
     # oracles: 1.2 (8 s + 1)/(8 s) 1/(s - 0.25) exp(-0.15 s)/(0.6 s + 1)
     system = Rational(np.array([-1 / 8]), np.array([0.0, 0.25, -1 / 0.6]), 1.2 / 0.6)
-    loop = DelayedLoop.from_dead_time_loop(DeadTimeLoop(system, 0.15))
+    loop = delayed(DeadTimeLoop(system, 0.15))
     m = loop.margins()
     assert (m.gain_decrease, m.gain_increase) == pytest.approx((0.234619891262, 4.39578339078), rel=1e-11)
     assert (m.phase_deg, m.delay_s) == pytest.approx((29.2144640746, 0.507384161643), rel=1e-11)
@@ -281,12 +288,24 @@ def test_oracle_loop_with_an_integrator_and_an_unstable_pole():
     assert loop.sensitivity(0.7) + loop.complementary_sensitivity(0.7) == pytest.approx(1.0)
 
 
+def test_a_delayed_loop_is_multiplied_and_drawn_as_its_dead_time_loop():
+    loop = DeadTimeLoop(Rational(np.array([-3.0]), np.array([0.0, -0.5, -8.0]), 2.0), 0.4)
+    lead = Rational(np.array([-1.0]), np.array([-10.0]), 10.0)
+    product, expected = delayed(loop) * lead, loop * lead
+    omega = np.geomspace(0.01, 30.0, 50)  # the phase turns nearly twice
+    assert product.response(omega) == pytest.approx(expected.response(omega), rel=1e-12)
+    assert product.phase(omega) == pytest.approx(expected.phase(omega), rel=1e-12)
+    low, high = product.feature_band()
+    assert low < expected.feature_band()[0]
+    assert high > expected.gain_crossovers[-1]
+
+
 def test_poles_on_the_axis_are_not_stable():
     # s + pi/2 exp(-s) has the pair +-j pi/2
-    loop = DelayedLoop.from_dead_time_loop(DeadTimeLoop(Rational(np.array([]), np.array([0.0]), np.pi / 2), 1.0))
+    loop = delayed(DeadTimeLoop(Rational(np.array([]), np.array([0.0]), np.pi / 2), 1.0))
     assert loop.root_count.marginal
     assert not loop.is_stable()
-    assert loop.stabilizing_gain_range is None
+    assert loop.stabilizing_gain_range == pytest.approx((0.0, 1.0))
     with pytest.raises(UnstableLoopError, match="imaginary axis"):
         loop.margins()
 
@@ -342,7 +361,7 @@ def test_classic_smith_predictor_keeps_the_unstable_pole_as_a_hidden_mode(rail):
     c = PI_LEAD(1j * omega)
     g = plant(1j * omega)
     q = np.exp(-1j * omega * TAU)
-    assert design.loop.frequency_response(omega) == pytest.approx(c * g * q / (1 + c * g * (1 - q)), rel=1e-9)
+    assert design.loop.response(omega) == pytest.approx(c * g * q / (1 + c * g * (1 - q)), rel=1e-9)
 
 
 def test_smith_predictor_of_a_stable_plant_has_the_delay_free_poles():

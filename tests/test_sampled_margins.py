@@ -12,9 +12,8 @@ from scipy.optimize import brentq
 from railslip_ctrl.core.errors import UnstableLoopError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.controllers import SampledController
-from railslip_ctrl.loop import Rational, sampled_delay
-from railslip_ctrl.loop.sampled import SampledLoop
-from railslip_ctrl.loop.sampled_delay import BoxedResponse
+from railslip_ctrl.loop import Rational, sampled
+from railslip_ctrl.loop.sampled import BoxedResponse, SampledLoop
 from railslip_ctrl.model.vehicle import PIGains
 
 
@@ -89,8 +88,8 @@ def test_delay_margin_of_the_reproduced_case():
 
 
 def test_delay_margin_is_the_first_loss_of_stability_that_a_scan_of_eigenvalues_finds(monkeypatch):
-    looked_at, part = [], sampled_delay._part
-    monkeypatch.setattr(sampled_delay, "_part", lambda *given: looked_at.append(given[1].least.size) or part(*given))
+    looked_at, part = [], sampled._part
+    monkeypatch.setattr(sampled, "_part", lambda *given: looked_at.append(given[1].least.size) or part(*given))
     rng, beyond, checked = np.random.default_rng(15), 0, 0
     while checked < 32:
         zero, lag = 10 ** rng.uniform(-0.5, 0.7), 10 ** rng.uniform(-1, 0.3)

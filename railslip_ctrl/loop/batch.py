@@ -30,10 +30,10 @@ Spans = tuple[Floats, Floats]
 DELICATE = 1e-9
 """A quantity this close to its threshold is left to the scalar engine; rounding is 1e-6 of it."""
 
-_NODES_PER_DECADE = 16  # as in `crossings`: extrema are located exactly, so nodes only have to separate them
+_NODES_PER_DECADE = 5  # extrema that show are located exactly, and bounds tell what does not show
 _NODES_PER_RESONANCE = 8  # per decade of distance from a complex root's own frequency, as in `crossings`
 _REACH = 1e4  # the nodes reach this factor beyond the lowest and highest feature
-_FAR, _NODES_FAR_OUT = 1e3, 4  # of which the outer part, where L is all but its asymptote, has fewer
+_FAR, _NODES_FAR_OUT = 1e3, 2  # of which the outer part, where L is all but its asymptote, has fewer
 _WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
 _EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
@@ -276,24 +276,30 @@ def _gain_margins(loops: Loops, points: Points, bent: Floats, spans: Spans, n: i
         found[f"{name}_frequency"] = np.where(closer, 0.0, frequency)
         delicate |= limit < DELICATE
         limits.append(limit)
-    return found, delicate | _may_hide(loops, points, bent, spans, np.array(limits))
+    nearest = np.array(limits)
 
-
-def _may_hide(loops: Loops, points: Points, bent: Floats, spans: Spans, limits: Floats) -> Flags:
-    """The loops in which a piece may hold phase crossovers that its ends do not show, nearer than the `limits` found
-    below and above |L| = 1, (2, n): parts of it are looked at until bounds exclude that, or do not in some rounds."""
-    pieces = points
-    for rounds in range(_MOST_ROUNDS + 1):
+    def may_hide(points: Points, pieces: Points, _: Floats, spans: Spans) -> Indices:
+        """Pieces that may hold phase crossovers that their ends do not show, nearer to |L| = 1 than those found."""
         first, last = levels(pieces)
         turns, rows = (spans[1] - np.pi) / (2 * np.pi), points.row[:-1]
         hidden = (pieces.row[:-1] == pieces.row[1:]) & ((np.ceil(turns[0]) < first) | (np.floor(turns[1]) > last))
-        left = np.flatnonzero(hidden & ((spans[0][0] > -limits[0, rows]) & (spans[0][1] < limits[1, rows])))
-        if left.size == 0 or rounds == _MOST_ROUNDS:
+        return np.flatnonzero(hidden & ((spans[0][0] > -nearest[0, rows]) & (spans[0][1] < nearest[1, rows])))
+
+    return found, delicate | _undecided(loops, points, bent, may_hide(points, points, bent, spans), may_hide)
+
+
+def _undecided(
+    loops: Loops, points: Points, bent: Floats, left: Indices, may: Callable[[Points, Points, Floats, Spans], Indices]
+) -> Flags:
+    """The loops with a piece, of those `left`, of which bounds do not exclude what it `may` hold after some rounds of
+    parting it; `may` has the points, those of each piece, bends and ranges."""
+    for _ in range(_MOST_ROUNDS):
+        if left.size == 0:
             break
         points, pieces, bent = parted(loops, points, bent, left, np.full(left.size, _PARTS))
-        spans = ranges(pieces, bent)
-    doubtful = np.zeros(limits.shape[1], dtype=bool)
-    doubtful[rows[left]] = True
+        left = may(points, pieces, bent, ranges(pieces, bent))
+    doubtful = np.zeros(loops.gain.size, dtype=bool)
+    doubtful[points.row[left]] = True
     return doubtful
 
 
@@ -334,34 +340,24 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     fine, pieces, bent = parted(loops, points, bent, at, np.minimum(parts, _MOST_PARTS))
     values, slopes = fine.responses()
     _raise(peak, omega, values, fine.row, fine.omega)
-    boxes = bounds(pieces, ranges(pieces, bent))
-    may_rise = boxes > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
+    spans = ranges(pieces, bent)
+    may_rise = bounds(pieces, spans) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
     top = located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
     own = np.where(kind == np.arange(3)[:, None], top.responses()[0], 0.0)
     _raise(peak, omega, own, top.row, top.omega)
-    left = exceeding(pieces, bent[0], boxes, values, (peak * (1 + _PEAK_SURE))[:, fine.row[:-1]])
-    twisted |= _may_be_higher(loops, fine, bent, np.flatnonzero(left), peak * (1 + _PEAK_SURE))
+    most = peak * (1 + _PEAK_SURE)
+
+    def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
+        """Pieces that may hold a higher one."""
+        boxes = bounds(pieces, spans)
+        return np.flatnonzero(exceeding(pieces, bent[0], boxes, points.responses()[0], most[:, points.row[:-1]]))
+
+    twisted |= _undecided(loops, fine, bent, may_exceed(fine, pieces, bent, spans), may_exceed)
     peak[2] = 1 / peak[2]
     names = ("ms", "mt", "disk")
     found = dict(zip(names, peak, strict=True))
     return found | {f"{name}_frequency": where for name, where in zip(names, omega, strict=True)}, twisted
-
-
-def _may_be_higher(loops: Loops, fine: Points, bent: Floats, left: Indices, most: Floats) -> Flags:
-    """The loops in which a piece, of those `left`, may hold more than `most`, (3, n): parts of it are looked at until
-    bounds on each exclude that, or do not in some rounds."""
-    doubtful = np.zeros(most.shape[1], dtype=bool)
-    for _ in range(_MOST_ROUNDS):
-        if left.size == 0:
-            return doubtful
-        fine, pieces, bent = parted(loops, fine, bent, left, np.full(left.size, _PARTS))
-        values = fine.responses()[0]
-        doubtful[fine.row[(values > most[:, fine.row]).any(axis=0)]] = True
-        boxes = bounds(pieces, ranges(pieces, bent))
-        left = np.flatnonzero(exceeding(pieces, bent[0], boxes, values, most[:, fine.row[:-1]]))
-    doubtful[fine.row[left]] = True
-    return doubtful
 
 
 def _raise(peak: Floats, omega: Floats, values: Floats, rows: Indices, frequencies: Floats) -> None:
@@ -470,7 +466,7 @@ def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
         slope = loops.at_origin(-1) - loops.at_origin(1)
         inverse = np.where(finite, 1.0 / (real + 1j * imag), 0.0)
         curvature = 0.5 * (sign @ (inverse * inverse).real)
-        # where the asymptotes of |G| at high and at low frequency cross 1; see crossings._asymptotic_crossovers
+        # where the asymptotes of |G| at high and at low frequency cross 1
         top = np.exp(np.log(np.abs(gain)) / -sign.sum())
         bottom = np.where(slope != 0, np.exp(level / slope), np.sqrt(np.maximum(-level / curvature, 0.0)))
         scales = np.array([*sizes, top, bottom, 1.0 / loops.dead_time])

@@ -7,8 +7,9 @@ axis is covered by parts, on each of which a bound lies below the upper end of t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +32,6 @@ _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at wh
 _MOST_PARTS = 50_000
 _FARTHEST = arb(2) ** 1000  # rad/s
 _STEP_OUT = 256.0  # factor towards 0 or infinity at which an end part is divided
-_NEWTON_STEPS = 12  # with a slope good to double precision each step adds fifty bits or more
 
 
 class CertificateError(RailslipError, ArithmeticError):
@@ -133,14 +133,9 @@ def _narrow(ball: arb) -> Enclosure:
     return low, high
 
 
-def _least(balls: Sequence[arb]) -> arb:
+def _least(balls: Iterable[arb]) -> arb:
     """A ball that holds the least of numbers, each in one of the balls; infinity for none."""
-    if not balls:
-        return arb.pos_inf()
-    found = balls[0]
-    for ball in balls[1:]:
-        found = found.min(ball)
-    return found
+    return reduce(arb.min, balls, arb.pos_inf())
 
 
 # -- gain, phase and delay ----------------------------------------------------------------------------------------
@@ -148,9 +143,9 @@ def _least(balls: Sequence[arb]) -> arb:
 
 @dataclass(frozen=True)
 class _End:
-    """An end of a piece: frequency (None at 0 and infinity), ln|L| as a double, arg L/pi (None: minus infinity)."""
+    """An end of a piece: frequency, 0 and infinity included, ln|L| as a double, arg L/pi (None: minus infinity)."""
 
-    omega: arb | None
+    omega: arb
     size: float
     half_turns: arb | None
 
@@ -162,7 +157,7 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
     nodes = [(w, kind, i, n % 2) for kind in kinds for i, (w, n) in enumerate(exact.frequencies(kind, bits))]
     nodes.sort(key=lambda node: node[0].mid())
     (first_size, first), (last_size, last) = limits(response)
-    start, large = _End(None, first_size, arb(first)), exact.large_at_zero
+    start, large = _End(arb(0), first_size, arb(first)), exact.large_at_zero
     for omega, kind, i, odd in nodes:
         below, above = (exact.argument(omega, side * (kind == AXIS)) / arb.pi() for side in (-1, 1))
         if response.dead_time == 0 and kind != AXIS and ((below - 1) / 2).contains_integer():
@@ -171,18 +166,16 @@ def _pieces(response: Response, bits: int) -> Iterator[tuple[_End, _End, bool]]:
         size = float(response.log_size(np.array([float(omega.mid())]))[0])
         yield start, _End(omega, size, below), large
         start, large = _End(omega, size, above), large != (kind == GAIN and odd == 1)
-    yield start, _End(None, last_size, None if math.isinf(last) else arb(last)), large
+    yield start, _End(arb.pos_inf(), last_size, None if math.isinf(last) else arb(last)), large
 
 
 def _gain_margins(response: Response, bits: int) -> tuple[arb, arb]:
     """The least factor > 1 and the largest < 1 on the gain that put a pole on the axis. Of each piece the phase
     crossover nearest to |L| = 1 counts, as |L| is monotone there."""
-    if response.system.gain == 0:
-        return arb.pos_inf(), arb(0)
     up: list[arb] = []  # 1/|L|, and |L| below: all > 1
     down: list[arb] = []
     for start, end, large in _pieces(response, bits):
-        if start.half_turns is not None and ((start.half_turns - 1) / 2).is_integer() and start.omega is not None:
+        if start.half_turns is not None and ((start.half_turns - 1) / 2).is_integer() and start.omega > 0:
             size = abs(response.exact.value(start.omega)[0])
             (down if size > 1 else up).append(size if size > 1 else 1 / size)
         near, far = (start, end) if abs(start.size) <= abs(end.size) else (end, start)
@@ -219,19 +212,13 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
     """The frequency inside a piece at which arg L is `odd` times pi: Newton's method, then the signs on either side."""
-    ends = [
-        np.array([default if one.omega is None else float(one.omega.mid())])
-        for one, default in ((start, 0.0), (end, np.inf))
-    ]
+    ends = [np.array([float(one.omega.mid())]) for one in (start, end)]
     turns = [-np.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end)]
     piece = Pieces(ends[0], ends[1], np.zeros((2, 1)), np.array(turns)[:, None])
     found = located(response, piece, np.array([0]), np.array([float(odd)]))
-    slope, omega = float(response.angle_slope(found)[0]), arb(float(found[0]))
-    target = odd * arb.pi()
-    for _ in range(_NEWTON_STEPS):
-        omega = (omega - (response.exact.argument(omega) - target) / slope).mid()
+    omega = response.exact.phase_crossover(float(found[0]), float(response.phase(found)[1][0]), odd)
     away = omega * arb(2) ** (-ctx.prec // 2)
-    below, above = (response.exact.argument(omega + step) - target for step in (-away, away))
+    below, above = (response.exact.argument(omega + step) - odd * arb.pi() for step in (-away, away))
     if not (below * above < 0):
         raise _TooWideError
     return (omega - away).union(omega + away)
@@ -307,8 +294,7 @@ class _Cover:
 
     def _cover(self, start: _End, end: _End) -> None:
         """See that |S| and |T| stay below on a piece, dividing it until they do."""
-        low, high = start.omega or arb(0), end.omega or arb.pos_inf()
-        inside = sorted((w.mid() for w in self._near if low < w < high), key=float)
+        inside = sorted((w.mid() for w in self._near if start.omega < w < end.omega), key=float)
         edges = [start, *(self._end(w) for w in inside), end]
         left = list(pairwise(edges))
         while left:
@@ -323,9 +309,9 @@ class _Cover:
     def _end(self, omega: arb) -> _End:
         return _End(omega, math.nan, self._response.exact.argument(omega) / arb.pi())
 
-    def _below_to_second_order(self, low: arb | None, high: arb | None) -> bool:
+    def _below_to_second_order(self, low: arb, high: arb) -> bool:
         """As `margins` bounds it, in balls: value and slope in the middle, and the most of the second derivative."""
-        if low is None or high is None:
+        if not (low > 0 and high.is_finite()):
             return False
         middle = ((low + high) / 2).mid()
         half = (high - middle).max(middle - low)
@@ -353,18 +339,18 @@ class _Cover:
 
     def _below_in_box(self, low: _End, high: _End) -> bool:
         """With |L| from m1 to m2 and cos(arg L) >= -c: |1 + L|^2 >= 1 + m^2 - 2 m c, and the same of 1/L."""
-        sizes = [self._size_at(low, 0.0), self._size_at(high, math.inf)]
+        sizes = [self._size_at(one.omega) for one in (low, high)]
         c = _towards_minus_one(low.half_turns, high.half_turns)
         inverses = [arb.pos_inf() if size.is_zero() else 1 / size if size.is_finite() else arb(0) for size in sizes]
         squares = _least_square(sizes, c), _least_square(inverses, c)
         return all(square > 0 and 1 / square.sqrt() < most for square, most in zip(squares, self._most, strict=True))
 
-    def _size_at(self, end: _End, default: float) -> arb:
+    def _size_at(self, omega: arb) -> arb:
         """|L| at an end of a part, or in the limit to 0 or infinity."""
-        if end.omega is not None:
-            at = next((size for omega, size in self._on_axis if end.omega.overlaps(omega)), None)
-            return abs(self._response.exact.value(end.omega)[0]) if at is None else at
-        num, den = self._fraction_at(default)
+        if omega > 0 and omega.is_finite():
+            at = next((size for one, size in self._on_axis if omega.overlaps(one)), None)
+            return abs(self._response.exact.value(omega)[0]) if at is None else at
+        num, den = self._fraction_at(float(omega))
         return arb.pos_inf() if den.is_zero() else abs(num / den)
 
 
@@ -387,9 +373,9 @@ def _least_square(sizes: Sequence[arb], c: arb) -> arb:
 
 def _between(low: _End, high: _End) -> arb:
     """A frequency, rad/s, that divides a part."""
-    if low.omega is None:
-        found = arb(1) if high.omega is None else high.omega.mid() / _STEP_OUT
-    elif high.omega is None:
+    if not low.omega > 0:
+        found = high.omega.mid() / _STEP_OUT if high.omega.is_finite() else arb(1)
+    elif not high.omega.is_finite():
         found = low.omega.mid() * _STEP_OUT
     else:
         found = (low.omega * high.omega).sqrt().mid()

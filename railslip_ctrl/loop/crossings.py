@@ -94,6 +94,7 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
     return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))
 
 
+@np.errstate(all="ignore")
 def monotone_roots(
     function: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]],
     start: Floats,
@@ -110,24 +111,24 @@ def monotone_roots(
     index = np.arange(root.size)
     x, width = root, np.full(root.size, np.inf)
     for _ in range(_MOST_STEPS):
-        if index.size == 0:
-            break
-        with np.errstate(all="ignore"):
-            f, slope = function(x, index)
-            below = f * side > 0
-            low, high = np.where(below, x, low), np.where(below, high, x)
-            new = x - f / slope
-            inside = (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
+        f, slope = function(x, index)
+        below = f * side > 0
+        low, high = np.where(below, x, low), np.where(below, high, x)
+        new = x - f / slope
+        zero, inside = f == 0, (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
+        if not inside.all():
             wide = high > 4 * low
             middle = np.where(wide, np.sqrt(np.maximum(low, x / 64) * np.minimum(high, x * 64)), 0.5 * (low + high))
-            new = np.where(f == 0, x, np.where(inside, new, middle))
-            width = np.abs(new - x)
-            # Newton's method doubles the digits, so that half of them before the step are all after it
-            done = (f == 0) | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x)
+            new = np.where(zero, x, np.where(inside, new, middle))
+        width = np.abs(new - x)
+        # Newton's method doubles the digits, so that half of them before the step are all after it
+        left = ~(zero | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x))
         root[index] = new
-        left = ~done
-        x, index, width = new[left], index[left], width[left]
-        low, high, side = low[left], high[left], side[left]
+        if not left.any():
+            break
+        if not left.all():
+            new, index, width, low, high, side = (one[left] for one in (new, index, width, low, high, side))
+        x = new
     return root
 
 
@@ -137,6 +138,7 @@ def monotone_roots(
 # time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
 
 _NEWTON_STEPS = 4  # from a double
+_BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
 _NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
@@ -182,11 +184,6 @@ class ExactLoop:
         return bool(positive_square_roots(common))
 
     @property
-    def pole_at_origin(self) -> bool:
-        """Whether s = 0 is a closed-loop pole."""
-        return bool(self.numerator[0] + self.denominator[0] == 0)
-
-    @property
     def all_pass(self) -> bool:
         """Whether |L| = 1 at every frequency."""
         return bool(self._polynomials[GAIN].degree() < 0)
@@ -218,14 +215,12 @@ class ExactLoop:
         delay = arb(self._dead_time)
         return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
 
-    def phase_crossover(self, omega: float, slope: float) -> tuple[float, float]:
-        """A phase crossover near `omega`, rad/s, and 1/|L| there, refined; `slope` is d(arg L)/d omega."""
-        with ctx.workprec(REFINED_BITS):
-            refined, found = arb(omega), self.argument(arb(omega)) / arb.pi()
-            odd = 2 * round((float(found) - 1) / 2) + 1
-            for _ in range(2):
-                refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
-            return float(refined), float((1 / abs(self.value(refined)[0])).mid())
+    def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
+        """The frequency near `omega`, rad/s, where arg L is `odd` times pi, refined; `slope` is d(arg L)/d omega."""
+        refined = arb(omega)
+        for _ in range(ctx.prec // _BITS_OF_A_STEP + 1):
+            refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
+        return refined
 
     def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
         """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
@@ -318,8 +313,7 @@ def _angle(roots: Iterable[acb], omega: arb, side: int) -> arb:
 SMALLEST_LISTED = 1e-2
 _LISTED_ALWAYS = 20
 _MOST_LISTED = 5_000
-# Of a phase over pi, for each root's angle and for tau omega; nearer to an odd number balls decide the side.
-_ROUNDING = 1e-15
+_ROUNDING = 1e-15  # for each root and radian of the dead time; a phase nearer to an odd number of pi balls decide
 
 
 @dataclass(frozen=True)
@@ -328,11 +322,6 @@ class Response:
 
     system: Rational
     dead_time: float
-
-    @property
-    def is_rational(self) -> bool:
-        """Whether L is a ratio of polynomials, which `exact` has."""
-        return self.dead_time == 0
 
     @cached_property
     def exact(self) -> ExactLoop:
@@ -345,6 +334,12 @@ class Response:
         return np.array([float(omega.mid()) for omega, _ in self.exact.frequencies(GAIN)])
 
     @cached_property
+    def scales(self) -> Floats:
+        """Sizes of zeros, poles and gain crossovers, and 1/dead time, rad/s, where not 0; 1 without any."""
+        found = np.concatenate([np.abs(self.system.roots), self.gain_crossovers, [1 / (self.dead_time or np.inf)]])
+        return found[found > 0] if np.any(found > 0) else np.ones(1)
+
+    @cached_property
     def crossover_phases(self) -> tuple[Floats, Floats]:
         """arg L/pi at each of `gain_crossovers`, as an odd number and a signed rest in [-1, 1] that is 0 on L = -1
         alone; balls decide where rounding could matter."""
@@ -354,43 +349,35 @@ class Response:
         """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
         return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())], certain)
 
-    def phase_error(self, omega: Floats) -> Floats:
-        """Bound on the rounding of `angle` over pi: of each angle and of tau omega."""
-        half_turns = self.dead_time * omega + self.system.poles.size
-        return np.asarray(_ROUNDING * (8 + self.system.poles.size + half_turns))
-
-    def phase(self, omega: Floats) -> tuple[Floats, Floats]:
-        """Continuous phase of L, rad, and its derivative."""
-        return self.angle(omega), self.angle_slope(omega)
+    def rounding(self, omega: Floats | float) -> Floats:
+        """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
+        return np.asarray(_ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega))
 
     def log_size(self, omega: Floats) -> Floats:
         """ln|L|."""
         return self.system.log_size(omega)
 
-    def log_size_slope(self, omega: Floats) -> Floats:
-        """d ln|L|/d omega."""
-        return self.system.log_size_slope(omega)
-
     def angle(self, omega: Floats) -> Floats:
         """Continuous phase of L, rad."""
-        _, size, imag, turns, at_zero = self._angles
+        size, imag, turns, at_zero = self._angles
         return np.asarray(np.arctan2(omega[..., None] - imag, size) @ turns + (at_zero - self.dead_time * omega))
 
-    def angle_slope(self, omega: Floats) -> Floats:
-        """Its derivative."""
-        weight, size, imag, _, _ = self._angles
-        distance = np.hypot(size, omega[..., None] - imag)
-        return np.asarray((weight / distance / distance).sum(axis=-1) - self.dead_time)
+    def phase(self, omega: Floats) -> tuple[Floats, Floats]:
+        """`angle` and its derivative."""
+        size, imag, turns, at_zero = self._angles
+        offset = omega[..., None] - imag
+        distance = np.hypot(size, offset)
+        angle = np.arctan2(offset, size) @ turns + (at_zero - self.dead_time * omega)
+        return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
 
     @cached_property
-    def _angles(self) -> tuple[Floats, Floats, Floats, Floats, float]:
-        """Of each root off the axis or on it what `angle` and `angle_slope` sum up; a right one turns the other way."""
-        real, imag = self._both.real, self._both.imag
-        right = real > 0
-        turned = float(self.system.gain < 0) + float(self._signs[right].sum())
-        size = np.abs(real)
-        turns = np.where(right, -self._signs, self._signs)
-        return size * turns, size, imag.copy(), turns, np.pi * turned
+    def _angles(self) -> tuple[Floats, Floats, Floats, float]:
+        """What `angle` sums up: of each root its distance from the axis, its height and the way that it turns L, the
+        other way if it lies right of the axis; and the phase in which all begin, rad."""
+        right = self.system.roots.real > 0
+        turned = float(self.system.gain < 0) + float(self.system.signs[right].sum())
+        turns = np.where(right, -self.system.signs, self.system.signs)
+        return np.abs(self.system.roots.real), self.system.roots.imag.copy(), turns, np.pi * turned
 
     def log_slope(self, omega: Floats) -> Complexes:
         """d ln L(j omega)/d omega, complex."""
@@ -401,36 +388,26 @@ class Response:
         zeros = self.system.zeros.size
         with np.errstate(all="ignore"):
             s = 1j * omega
-            away = s[:, None] - self._both
+            away = s[:, None] - self.system.roots
             inverse = 1 / away
             value = np.exp(-self.dead_time * s) * self.system.gain
             paired = away[:, :zeros] * inverse[:, zeros : 2 * zeros]
             value *= paired.prod(axis=1) * inverse[:, 2 * zeros :].prod(axis=1)
-            slope = 1j * (inverse @ self._signs - self.dead_time)
-            return value, slope, (inverse * inverse) @ self._signs
-
-    @cached_property
-    def _both(self) -> Complexes:
-        """Zeros and then poles."""
-        return np.concatenate([self.system.zeros, self.system.poles])
-
-    @cached_property
-    def _signs(self) -> Floats:
-        return np.repeat([1.0, -1.0], [self.system.zeros.size, self.system.poles.size])
+            slope = 1j * (inverse @ self.system.signs - self.dead_time)
+            return value, slope, (inverse * inverse) @ self.system.signs
 
     def bend(self, low: Floats, high: Floats) -> Floats:
         """A bound on |d^2 ln L/d omega^2| between two frequencies."""
-        roots = self._both
+        roots = self.system.roots
         offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
     def __call__(self, omega: Floats) -> Complexes:
-        """L(j omega)."""
+        """L(j omega), infinite at a pole."""
         value = self.system(1j * omega)
         with np.errstate(invalid="ignore"):
-            turned = value * np.exp(-1j * self.dead_time * omega)
-        return np.asarray(np.where(np.isinf(value), value, turned))
+            return np.where(np.isinf(value), value, value * np.exp(-1j * self.dead_time * omega))
 
 
 @dataclass(frozen=True)
@@ -461,7 +438,7 @@ def pieces(response: Response) -> Pieces:
     exact, system = response.exact, response.system
     if system.gain == 0:
         return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
-    roots = np.concatenate([system.zeros, system.poles])
+    roots = system.roots
     on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
     kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
     found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
@@ -502,10 +479,8 @@ def _turned_at_infinity(response: Response) -> float:
 
 def frequency_nodes(response: Response) -> Floats:
     """Frequencies, rad/s, ascending, that follow every feature of L; for curves and searches, not for decisions."""
-    roots = np.concatenate([response.system.zeros, response.system.poles])
-    scales = np.concatenate([np.abs(roots), response.gain_crossovers, [1 / (response.dead_time or np.inf)]])
-    scales = scales[scales > 0] if np.any(scales > 0) else np.ones(1)
-    low, high = 1e-4 * scales.min(), 1e4 * scales.max()
+    roots = response.system.roots
+    low, high = 1e-4 * response.scales.min(), 1e4 * response.scales.max()
     parts = [np.geomspace(low, high, int(16 * np.log10(high / low)) + 2)]
     for root in roots[roots.imag > 0]:
         width = max(abs(root.real), 1e-8 * root.imag)
@@ -521,7 +496,7 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
     half = response.angle(omega) / np.pi
     odd = 2 * np.floor(half / 2) + 1
     rest = half - odd
-    for i in np.flatnonzero((np.abs(rest) <= response.phase_error(omega)) | certain).tolist():
+    for i in np.flatnonzero((np.abs(rest) <= response.rounding(omega)) | certain).tolist():
         odd[i], rest[i] = response.exact.offset(*found[i][1:])
     return odd, rest
 

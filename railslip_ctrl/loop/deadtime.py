@@ -97,16 +97,6 @@ class Loop(ABC):
 
     @property
     @abstractmethod
-    def open_loop_unstable_poles(self) -> int:
-        """Poles of L beyond the boundary of stability."""
-
-    @property
-    @abstractmethod
-    def integrators(self) -> int:
-        """Poles of L at frequency 0."""
-
-    @property
-    @abstractmethod
     def gain_crossovers(self) -> Floats:
         """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
 
@@ -165,6 +155,7 @@ def unstable_error(kind: str, poles: str, count: float, usable: tuple[float, flo
     )
 
 
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class DeadTimeLoop(Loop):
     """The loop transfer function L(s) = G(s) exp(-dead_time s) under unity negative feedback.
 
@@ -185,44 +176,37 @@ class DeadTimeLoop(Loop):
     frequency tends to infinity.
     """
 
+    system: Rational
+    dead_time: float
+
     def __init__(self, system: Any, dead_time: float = 0.0) -> None:
-        self._dead_time = number("dead time", dead_time, "s", ge=0)
-        self._system = Rational.from_control(system)
-
-    @property
-    def system(self) -> Rational:
-        """G in factored form."""
-        return self._system
-
-    @property
-    def dead_time(self) -> float:
-        """Dead time, s."""
-        return self._dead_time
+        object.__setattr__(self, "dead_time", number("dead time", dead_time, "s", ge=0))
+        object.__setattr__(self, "system", Rational.from_control(system))
 
     def __repr__(self) -> str:
-        order = self._system.poles.size
-        return f"DeadTimeLoop(order {order}, relative degree {self._system.relative_degree}, {self._dead_time:g} s)"
+        order = self.system.poles.size
+        return f"DeadTimeLoop(order {order}, relative degree {self.system.relative_degree}, {self.dead_time:g} s)"
 
     def scaled(self, factor: float) -> DeadTimeLoop:
-        return DeadTimeLoop(self._system * number("gain factor", factor), self._dead_time)
+        return DeadTimeLoop(self.system * number("gain factor", factor), self.dead_time)
 
     def __mul__(self, other: Any) -> DeadTimeLoop:
         if isinstance(other, DeadTimeLoop):
-            if other._dead_time:
+            if other.dead_time:
                 raise InputError(
-                    f"factor: a loop with a dead time of its own, {other._dead_time:g} s, is not accepted; "
+                    f"factor: a loop with a dead time of its own, {other.dead_time:g} s, is not accepted; "
                     "multiply the systems, and give DeadTimeLoop the sum of the dead times"
                 )
-            other = other._system
-        return DeadTimeLoop(Rational.from_control(other, "factor") * self._system, self._dead_time)
+            other = other.system
+        return DeadTimeLoop(Rational.from_control(other, "factor") * self.system, self.dead_time)
 
     def delayed(self, extra: float) -> DeadTimeLoop:
         """The loop with `extra` more dead time, s. InputError for one that is not finite, or a sum below 0."""
-        return DeadTimeLoop(self._system, self._dead_time + number("extra dead time", extra, "s"))
+        return DeadTimeLoop(self.system, self.dead_time + number("extra dead time", extra, "s"))
 
     def pade(self, order: int) -> DeadTimeLoop:
         """The loop with a diagonal Pade approximation of an `order`, 1 to 100, in place of its dead time."""
-        return DeadTimeLoop(self._system * pade(self._dead_time, order), 0.0)
+        return DeadTimeLoop(self.system * pade(self.dead_time, order), 0.0)
 
     # -- frequency response -------------------------------------------------------------------------------
 
@@ -235,10 +219,9 @@ class DeadTimeLoop(Loop):
         s = complexes("s", s)
         if not np.isfinite(s).all():
             raise InputError("s: a value is not finite; give finite numbers")
-        if not s.real.any():
-            return self._response(s.imag)
-        value = self._system(s)
-        return np.where(np.isinf(value), value, value * np.exp(-s * self._dead_time))
+        value = self.system(s)
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isinf(value), value, value * np.exp(-s * self.dead_time))
 
     def response(self, omega: ArrayLike) -> Complexes:
         return self._response(numbers("omega", omega, "rad/s"))
@@ -251,12 +234,7 @@ class DeadTimeLoop(Loop):
         return self._response.phase(numbers("omega", omega, "rad/s", gt=0))[1]
 
     def feature_band(self) -> tuple[float, float]:
-        roots = np.abs(np.concatenate([self._system.zeros, self._system.poles]))
-        scales = np.concatenate(
-            [roots[roots > 0], self.gain_crossovers, [1 / self._dead_time] if self._dead_time else []]
-        )
-        if scales.size == 0:
-            return 0.1, 10.0
+        scales = self._response.scales
         return float(scales.min() / 10), float(scales.max() * 10)
 
     # -- stability ----------------------------------------------------------------------------------------
@@ -269,19 +247,21 @@ class DeadTimeLoop(Loop):
     @property
     def is_well_posed(self) -> bool:
         """False if 1 + L(inf) = 0 without dead time: then the feedback has no solution."""
-        return self._dead_time > 0 or self._response.exact.through != -1
+        return self.dead_time > 0 or self._response.exact.through != -1
 
     @property
     def open_loop_unstable_poles(self) -> int:
-        return int(np.count_nonzero(self._system.poles.real > 0))
+        """Poles of G right of the imaginary axis."""
+        return int(np.count_nonzero(self.system.poles.real > 0))
 
     @property
     def integrators(self) -> int:
-        return int(np.count_nonzero(self._system.poles == 0))
+        """Poles of G at 0."""
+        return int(np.count_nonzero(self.system.poles == 0))
 
     def poles(self) -> Complexes:
         """Poles of G, open loop, as python-control has them of a system, 1/s; see also `closed_loop_poles`."""
-        return self._system.poles.copy()
+        return self.system.poles.copy()
 
     @checked
     def closed_loop_poles(self, count: int = 6) -> Complexes:
@@ -294,12 +274,12 @@ class DeadTimeLoop(Loop):
         number("count", count, ge=1, le=MOST_POLES)
         if not self.is_well_posed:
             raise InputError(f"closed-loop poles: {_ILL_POSED}")
-        if self._dead_time > 0 and abs(self._system.feedthrough) >= 1:
+        if self.dead_time > 0 and abs(self.system.feedthrough) >= 1:
             raise InputError(
-                f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self._system.feedthrough):g} >= 1 has a "
+                f"closed-loop poles: a neutral loop with |G(inf)| = {abs(self.system.feedthrough):g} >= 1 has a "
                 "chain of poles without a rightmost one; make G strictly proper"
             )
-        return rightmost_poles(self._system, self._dead_time, count)
+        return rightmost_poles(self.system, self.dead_time, count)
 
     # -- responses and figures ----------------------------------------------------------------------------
 
@@ -314,7 +294,7 @@ class DeadTimeLoop(Loop):
             s, >= 0, ascending; of one number, the end of 1001 times from 0.
         """
         times: Any = (None, time) if np.ndim(time) == 0 else (time, None)
-        return step_response(1.0, self._system, self._dead_time, time=times[0], final_time=times[1])
+        return step_response(1.0, self.system, self.dead_time, time=times[0], final_time=times[1])
 
     # -- margins ------------------------------------------------------------------------------------------
 
@@ -340,7 +320,7 @@ class DeadTimeLoop(Loop):
             return stabilizing_range(limits, count.right)
         # on a limit, beyond the neutral one, or beyond more limits than are listed: count from below the smallest one
         low = 0.5 * min((limit.factor for limit in limits), default=1.0)
-        at_low = count_right_of(self._system * low, self._dead_time)
+        at_low = count_right_of(self.system * low, self.dead_time)
         found = stabilizing_range([replace(g, factor=g.factor / low) for g in limits], at_low.right)
         return None if found is None or at_low.marginal else (found[0] * low, found[1] * low)
 
@@ -354,11 +334,11 @@ class DeadTimeLoop(Loop):
         response, crossovers, crossings = self._response, self.gain_crossovers, self._phase_crossings
         rest = response.crossover_phases[1].copy()
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
-            if response.phase_error(crossovers[i]) > _SHARP * abs(rest[i]):
+            if response.rounding(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
         found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
         frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
-        if self._dead_time == 0 or found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
+        if self.dead_time == 0 or found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
             return found
         with ctx.workprec(REFINED_BITS):
             peaks = [response.exact.peak(*ab, omega)[1] for ab, omega in zip(SHAPES, frequencies, strict=True)]
@@ -384,7 +364,7 @@ class DeadTimeLoop(Loop):
 
     @cached_property
     def _response(self) -> Response:
-        return Response(self._system, self._dead_time)
+        return Response(self.system, self.dead_time)
 
     @cached_property
     def _pieces(self) -> Pieces:
@@ -409,8 +389,8 @@ class DeadTimeLoop(Loop):
 
     def _size_at_unstable_poles(self) -> float:
         """Largest |L| from the slowest unstable open-loop pole on: what a stabilising gain has to bring to 1."""
-        sizes = np.abs(self._system.poles[self._system.poles.real > 0])
-        if sizes.size == 0 or self._system.gain == 0:
+        sizes = np.abs(self.system.poles[self.system.poles.real > 0])
+        if sizes.size == 0 or self.system.gain == 0:
             return 1.0
         slowest = np.array([0.3 * sizes.min()])
         beyond = self._pieces.size[:, self._pieces.low >= slowest]
@@ -428,13 +408,17 @@ class DeadTimeLoop(Loop):
     def _sharpened(self, limits: list[GainLimit]) -> dict[GainLimit, GainLimit]:
         """Those of some limits that rounding of the phase blurs, refined in balls."""
         omega, response = np.array([limit.frequency for limit in limits]), self._response
-        slope = response.angle_slope(omega)
-        error = np.abs(response.log_size_slope(omega)) * np.pi * response.phase_error(omega)
+        rate = response.log_slope(omega)
+        slope = rate.imag
+        error = np.abs(rate.real) * np.pi * response.rounding(omega)
         found = {}
         for i in np.flatnonzero(error > _SHARP * np.abs(slope)).tolist():
             if slope[i] != 0:
-                frequency, factor = response.exact.phase_crossover(float(omega[i]), float(slope[i]))
-                found[limits[i]] = replace(limits[i], factor=factor, frequency=frequency)
+                odd = 2 * round((float(response.angle(omega[i])) / np.pi - 1) / 2) + 1
+                with ctx.workprec(REFINED_BITS):
+                    frequency = response.exact.phase_crossover(float(omega[i]), float(slope[i]), odd)
+                    factor = float((1 / abs(response.exact.value(frequency)[0])).mid())
+                found[limits[i]] = replace(limits[i], factor=factor, frequency=float(frequency))
         return found
 
     def _decided(self, limit: GainLimit) -> GainLimit:
@@ -442,7 +426,7 @@ class DeadTimeLoop(Loop):
         away = abs(limit.factor - 1)
         if away > _NEAR_ONE or self.root_count.right > _ALL_LISTED:  # then no side of 1 is stable
             return limit
-        below = count_right_of(self._system * (1 - 2 * _NEAR_ONE), self._dead_time)
+        below = count_right_of(self.system * (1 - 2 * _NEAR_ONE), self.dead_time)
         return replace(limit, factor=float(np.nextafter(1.0, 2.0 if below == self.root_count else 0.0)))
 
 

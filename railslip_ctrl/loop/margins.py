@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from flint import ctx, fmpq
@@ -17,7 +19,6 @@ _STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S -
 _SMALL = 0.02  # |L| below which the phase does not matter there
 _PER_DECADE, _BEYOND = 8, 100.0  # of these points, and how far they reach beyond the features
 _PEAK = 1e-11  # relative: no peak exceeds the one reported by more
-_ROUNDING = 1e-15  # relative, of L: for each root and for the phase of the dead time
 # Around a peak the axis is cut at distances from it that grow by this factor: a bound good to second order shows each
 # part to be lower if it is short against its distance.
 _NEAR_PEAK = 1.5
@@ -117,10 +118,10 @@ def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
     dc = system.dc_gain
     if np.isfinite(dc) and dc < 0:
         # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
-        slope = float(response.angle_slope(np.array([1e-12 * _smallest(response)]))[0])
+        slope = float(response.phase(1e-12 * response.scales.min(keepdims=True))[1][0])
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
     log_size = response.log_size(phase_crossings)
-    slopes = response.angle_slope(phase_crossings)
+    slopes = response.phase(phase_crossings)[1]
     limits += [
         GainLimit(float(np.exp(-size)), float(w), 2 if slope < 0 else -2)
         for w, size, slope in zip(phase_crossings, log_size, slopes, strict=True)
@@ -129,12 +130,6 @@ def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
     if at_infinity is not None:
         limits.append(at_infinity)
     return sorted(limits, key=lambda limit: limit.factor)
-
-
-def _smallest(response: Response) -> float:
-    sizes = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
-    sizes = sizes[sizes > 0]
-    return float(sizes.min()) if sizes.size else 1.0
 
 
 def _gain_limit_at_infinity(response: Response) -> GainLimit | None:
@@ -210,8 +205,12 @@ def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     return np.abs(above / below), ((_B - _A) * slope * (loop / below) / above).real
 
 
-def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[float, float]]:
-    """Suprema over omega >= 0 of |S|, |T| and |S - 1/2|, and where they are attained, rad/s.
+Peaks = list[tuple[float, float]]
+"""Of |S|, |T| and |S - 1/2| the size and where, rad/s."""
+
+
+def _peaks(response: Response, cut: Pieces, crossings: Floats) -> Peaks:
+    """Suprema over omega >= 0.
 
     Local peaks between some points are refined. Then the axis is divided until a bound on every part shows that it has
     nothing higher.
@@ -219,23 +218,27 @@ def _peaks(response: Response, cut: Pieces, crossings: Floats) -> list[tuple[flo
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
-    if response.is_rational:
+    if response.dead_time == 0:
         with ctx.workprec(REFINED_BITS):
             return [(float(peak.mid()), omega) for peak, omega in response.exact.peaks()]
     points = _first_points(response, cut, crossings)
     if points.size:
-        _raise(best, _local_peaks(response, points))
+        best = _higher(best, _local_peaks(response, points))
     edges = np.unique(np.concatenate([cut.low, cut.high, points, _around(response, best)]))
     edges = edges[(edges >= cut.low[0]) & (edges <= cut.high[-1])]
     low, high = edges[:-1], edges[1:]
     while (open_ones := _may_exceed(response, cut, low, high, best)).any():
         low, high = _divided(response, low[open_ones], high[open_ones])
-        if _raise(best, _highest(response, low)):
-            _raise(best, _local_peaks(response, np.unique(np.concatenate([low, high[np.isfinite(high)]]))))
+        if any(one > other for one, other in zip(_highest(response, low), best, strict=True)):
+            best = _higher(best, _local_peaks(response, np.unique(np.concatenate([low, high[np.isfinite(high)]]))))
     return best
 
 
-def _around(response: Response, best: list[tuple[float, float]]) -> Floats:
+def _higher(first: Peaks, second: Peaks) -> Peaks:
+    return [max(pair, key=lambda peak: peak[0]) for pair in zip(first, second, strict=True)]
+
+
+def _around(response: Response, best: Peaks) -> Floats:
     """Frequencies, rad/s, on either side of the peaks: from so near that the curvature is below `_PEAK`."""
     peaks = np.array([w for _, w in best if 0 < w < np.inf])
     if peaks.size == 0:
@@ -252,23 +255,11 @@ def _around(response: Response, best: list[tuple[float, float]]) -> Floats:
     return np.concatenate([centre - away, centre + away])
 
 
-def _raise(best: list[tuple[float, float]], others: list[tuple[float, float]]) -> bool:
-    """Put the higher ones of `others` into `best`; whether there are any."""
-    higher = [number for number, (one, other) in enumerate(zip(best, others, strict=True)) if other[0] > one[0]]
-    for number in higher:
-        best[number] = others[number]
-    return bool(higher)
-
-
 def _first_points(response: Response, cut: Pieces, crossings: Floats) -> Floats:
     """Frequencies, rad/s, that separate the peaks of most loops."""
-    inner = np.concatenate([cut.low[1:], crossings, [1 / response.dead_time] if response.dead_time > 0 else []])
-    roots = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
-    inner = np.concatenate([inner, roots[roots > 0]])
-    if inner.size == 0:
-        return inner
+    inner = np.concatenate([cut.low[1:], crossings, response.scales])
     low, high = inner.min() / _BEYOND, inner.max() * _BEYOND
-    wide = np.geomspace(low, high, int(_PER_DECADE * np.log10(high / low)) + 2)
+    wide = np.exp(np.linspace(np.log(low), np.log(high), int(_PER_DECADE * np.log10(high / low)) + 2))
     points = np.unique(np.concatenate([inner, wide]))
     phase, size = response.angle(points), response.log_size(points)
     matters = np.maximum(size[:-1], size[1:]) > np.log(_SMALL)
@@ -296,17 +287,19 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
     at = np.repeat(np.arange(parts.size), parts + 1)
     share = (np.arange(at.size) - np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)) / parts[at]
     ratio = high[at] / low[at]
-    omega = np.where(share == 1, high[at], low[at] * np.where(ratio > 4, ratio**share, 1 + (ratio - 1) * share))
+    factor, wide = 1 + (ratio - 1) * share, ratio > 4
+    factor[wide] = ratio[wide] ** share[wide]
+    omega = np.where(share == 1, high[at], low[at] * factor)
     inside = at[1:] == at[:-1]
     return omega[:-1][inside], omega[1:][inside]
 
 
-def _highest(response: Response, points: Floats) -> list[tuple[float, float]]:
-    """The largest |S|, |T| and |S - 1/2| at the points, and where."""
+def _highest(response: Response, points: Floats) -> Peaks:
+    """The largest at the points."""
     return top_of(_sizes(response.value_and_slopes(points)[0]), points)
 
 
-def top_of(sizes: Floats, points: Floats) -> list[tuple[float, float]]:
+def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
@@ -316,10 +309,8 @@ def _sizes(loop: Complexes) -> Floats:
         return np.asarray(np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0))
 
 
-def _may_exceed(
-    response: Response, cut: Pieces, low: Floats, high: Floats, best: list[tuple[float, float]]
-) -> NDArray[np.bool_]:
-    """Which parts may hold a value of |S|, |T| or |S - 1/2| above the best: no bound excludes it."""
+def _may_exceed(response: Response, cut: Pieces, low: Floats, high: Floats, best: Peaks) -> NDArray[np.bool_]:
+    """Which parts may hold a value above the best: no bound excludes it."""
     most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best])
     with np.errstate(all="ignore"):
         exceed = ~np.all(_second_order_bounds(response, low, high) <= most, axis=0)
@@ -327,15 +318,9 @@ def _may_exceed(
         at = np.flatnonzero(exceed)
         boxes = box_bounds(*cut.ends(response, low[at], high[at]))
         # less the rounding of L, which |S| and |T| amplify
-        boxes -= np.minimum(boxes, _rounding(response, 0.0) * boxes[:2].prod(axis=0))
+        boxes -= np.minimum(boxes, response.rounding(0.0) * boxes[:2].prod(axis=0))
     exceed[at] = ~np.all(boxes <= most, axis=0)
     return np.asarray(exceed)
-
-
-def _rounding(response: Response, omega: Floats | float) -> Floats:
-    """Relative, of L at `omega`, rad/s."""
-    roots = response.system.zeros.size + response.system.poles.size
-    return np.asarray(_ROUNDING * (8 + roots + response.dead_time * omega))
 
 
 def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Floats:
@@ -352,7 +337,7 @@ def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Float
     rate = half * slope * loop * s * s
     middles = np.array([s, loop * s, s - 0.5])
     most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
-    most -= _rounding(response, high) * s_most * t_most
+    most -= response.rounding(high) * s_most * t_most
     return np.where((least > 0) & np.isfinite(most).all(axis=0), most, np.inf)
 
 
@@ -379,8 +364,8 @@ def box_bounds(size: Floats, half_turns: Floats) -> Floats:
         return np.asarray(np.sqrt(top / (near**2 + 2 * m * e)))
 
 
-def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]]:
-    """The highest of |S|, |T| and |S - 1/2| at the points and at the peaks between them, and where, rad/s."""
+def _local_peaks(response: Response, points: Floats) -> Peaks:
+    """The highest at the points and at the peaks between them."""
     loop, slope, _ = response.value_and_slopes(points)
     sizes = _sizes(loop)
     inner = sizes[:, 1:-1]
@@ -405,10 +390,10 @@ def _local_peaks(response: Response, points: Floats) -> list[tuple[float, float]
     low = np.where(rising, points[top], points[top - 1])  # the peak lies where the response still rises
     high = np.where(rising, points[top + 1], points[top])
     refined = monotone_roots(slopes, points[top], low, high, np.ones(top.size))
-    return [max(pair) for pair in zip(top_of(sizes, points), _highest(response, refined), strict=True)]
+    return _higher(top_of(sizes, points), _highest(response, refined))
 
 
-def _end_values(response: Response) -> list[list[tuple[float, float]]]:
+def _end_values(response: Response) -> list[Peaks]:
     """Each response at omega = 0 and its supremum as omega tends to infinity."""
     n, d = response.exact.numerator[0], response.exact.denominator[0]
     through = response.exact.through
@@ -424,21 +409,19 @@ def stabilizing_range(limits: list[GainLimit], unstable_at_one: float) -> tuple[
 
     `unstable_at_one` is the exact number of unstable poles at factor 1; each limit tells how it changes.
     """
-    edges = [0.0, *(limit.factor for limit in limits), float("inf")]
-    # pair counts with intervals (edges[i], edges[i+1]); start from the one that holds 1
-    home = int(np.searchsorted([limit.factor for limit in limits], 1.0, side="right"))
-    counts = np.zeros(len(edges) - 1)
-    counts[home] = unstable_at_one
-    for i in range(home + 1, counts.size):
-        counts[i] = counts[i - 1] + limits[i - 1].crossing
-    for i in range(home - 1, -1, -1):
-        counts[i] = counts[i + 1] - limits[i].crossing
-    best: tuple[float, tuple[float, float]] | None = None
-    for i in np.flatnonzero(counts == 0).tolist():
-        low, high = edges[i], edges[i + 1]
-        if high <= low * (1 + _GAINS_EQUAL):
-            continue
-        distance = 0.0 if low <= 1 <= high else min(abs(np.log(low)) if low > 0 else np.inf, abs(np.log(high)))
-        if best is None or distance < best[0]:
-            best = float(distance), (low, high)
-    return None if best is None else best[1]
+    factors = [limit.factor for limit in limits]
+    counts = np.cumsum([0, *(limit.crossing for limit in limits)], dtype=float)
+    counts += unstable_at_one - counts[np.searchsorted(factors, 1.0, side="right")]
+    return next((one for one, count in by_distance(factors, counts) if count == 0), None)
+
+
+def by_distance(factors: Iterable[float], counts: Iterable[float]) -> list[tuple[tuple[float, float], float]]:
+    """The intervals between 0, ascending `factors` of gain and infinity that have a width, each with its count: the
+    one that holds 1, and then the nearest to it in ratio."""
+
+    def distance(found: tuple[tuple[float, float], float]) -> float:
+        low, high = found[0]
+        return 0.0 if low <= 1 <= high else abs(math.log(high if high < 1 else low))
+
+    intervals = zip(pairwise([0.0, *factors, math.inf]), counts, strict=False)
+    return sorted((one for one in intervals if one[0][1] > one[0][0] * (1 + _GAINS_EQUAL)), key=distance)

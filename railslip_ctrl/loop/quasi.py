@@ -2,35 +2,37 @@
 
 A dead-time compensator carries a model of the dead time, so that its loop is L(s) = N(s, q)/D(s, q) with polynomials
 in s and q = exp(-delay s). Closed-loop poles are the zeros of N + D, counted exactly by the argument principle;
-margins come from the same code as those of `DeadTimeLoop`, so that both stand side by side.
+margins by bounds on ln L between frequencies (`bounded`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from railslip_ctrl.core.errors import InputError, UnstableLoopError
+from railslip_ctrl.core.arguments import number
+from railslip_ctrl.core.errors import InputError
 
-from .crossings import Pieces, Response, bracketed_roots, phase_crossovers
-from .deadtime import DeadTimeLoop
-from .margins import Margins, compute_margins, gain_limits, stabilizing_range
+from .bounded import BoundedLoop, Expansion
+from .margins import smallest_of
 from .rational import Complexes, Floats, Rational
 from .stability import RootCount
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
 _NARROWEST = 1e-12
 _MOST_INTERVALS = 2_000_000
-_LOG_STEP = 0.4  # change of ln L between frequency nodes; extrema between nodes are then located exactly
-_SMALL = 5e-3  # nodes reach to where |L| is for certain below this
+_SMALL = 5e-3  # frequencies reach to where |L| is for certain below this
 _TURNS = 22  # and over as many turns of the dead time, so that the first 20 phase crossovers are listed
-_MOST_NODES = 400_000
+_BELOW_FEATURES = 1e-4
+_CELL_RATIO = 1.5
+_ROUNDING = 1e-13  # of F over the sizes of its terms
 
 
 @dataclass(frozen=True)
@@ -53,32 +55,27 @@ class QuasiPolynomial:
     def __init__(self, terms: Sequence[ArrayLike], delay: float) -> None:
         arrays = tuple(np.atleast_1d(np.trim_zeros(np.atleast_1d(np.asarray(c, dtype=float)), "f")) for c in terms)
         arrays = tuple(c if c.size else np.zeros(1) for c in arrays)
-        if not (math.isfinite(delay) and delay >= 0):
-            raise InputError(f"delay: {delay} s is not allowed; give a finite value >= 0")
         if not all(np.isfinite(c).all() for c in arrays):
             raise InputError("quasi-polynomial has a coefficient that is not finite; give finite numbers")
         object.__setattr__(self, "terms", arrays)
-        object.__setattr__(self, "delay", float(delay))
+        object.__setattr__(self, "delay", number("delay", delay, "s", ge=0))
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """F at complex s (1/s), any shape."""
-        return self._weighted(np.asarray(s, dtype=complex), self.terms)
-
-    def slope(self, s: ArrayLike) -> Complexes:
-        """dF/ds at complex s, any shape."""
-        return self._weighted(np.asarray(s, dtype=complex), self._slopes)
+        s = np.asarray(s, dtype=complex)
+        q = np.exp(-self.delay * s)
+        return np.asarray(sum(np.polyval(c, s) * q**k for k, c in enumerate(self.terms)))
 
     @cached_property
-    def _slopes(self) -> tuple[Floats, ...]:
-        return tuple(np.polysub(np.polyder(c), k * self.delay * c) for k, c in enumerate(self.terms))
+    def slope(self) -> QuasiPolynomial:
+        """dF/ds."""
+        terms = enumerate(self.terms)
+        return QuasiPolynomial([np.polysub(np.polyder(c), k * self.delay * c) for k, c in terms], self.delay)
 
-    def _weighted(self, s: Complexes, terms: tuple[Floats, ...]) -> Complexes:
-        q, power = np.exp(-self.delay * s), np.ones_like(s)
-        total = np.zeros_like(s)
-        for c in terms:
-            total = total + np.polyval(c, s) * power
-            power = power * q
-        return np.asarray(total)
+    def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
+        """Bound on |F| where |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
+        growth = np.exp(self.delay * left)
+        return np.asarray(sum(np.polyval(np.abs(c), radius) * growth**k for k, c in enumerate(self.terms)))
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
         """Sum of two with the same delay."""
@@ -90,6 +87,11 @@ class QuasiPolynomial:
         factor = np.asarray(polynomial, dtype=float)
         shifted = [np.zeros(1)] * power + [np.polymul(c, factor) for c in self.terms]
         return QuasiPolynomial(shifted, self.delay)
+
+    @property
+    def undelayed(self) -> Floats:
+        """Coefficients of F without the delay."""
+        return reduce(lambda a, b: np.asarray(np.polyadd(a, b), dtype=float), self.terms)
 
     @property
     def degree(self) -> int:
@@ -123,12 +125,13 @@ class QuasiPolynomial:
 
     def _dominant_frequency(self) -> float:
         """omega beyond which the highest power exceeds twice the sum of all others."""
-        sizes = 2 * _sum_of_sizes(self.terms) / abs(self.terms[0][0])
+        sizes = np.zeros(self.degree + 1)
+        for c in self.terms:
+            sizes[-c.size :] += 2 * np.abs(c / self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
 
     def _axis_nodes(self, top: float) -> tuple[Floats, bool]:
         """Frequencies 0 to `top` between which F cannot turn by 90 deg, and whether F vanishes on the way."""
-        bound = _sum_of_sizes(self._slopes)
         edges = np.concatenate([[0.0], np.geomspace(1e-6 * top, top, 120)])
         low, high = edges[:-1], edges[1:]
         done: list[Floats] = [np.array([0.0])]
@@ -136,7 +139,7 @@ class QuasiPolynomial:
         while low.size:
             half = (high - low) / 2
             middle = low + half
-            safe = np.abs(self(1j * middle)) > 1.01 * half * np.polyval(bound, high)
+            safe = np.abs(self(1j * middle)) > 1.01 * half * self.slope.size(high)
             if np.any(~safe & (half <= _NARROWEST * high)) or held + low.size > _MOST_INTERVALS:
                 return np.array([]), True
             done += [middle[safe], high[safe]]
@@ -144,11 +147,6 @@ class QuasiPolynomial:
             low, middle, high = low[~safe], middle[~safe], high[~safe]
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         return np.unique(np.concatenate(done)), False
-
-
-def _sum_of_sizes(terms: Sequence[Floats]) -> Floats:
-    """Sum over k of |c_k|, coefficient by coefficient: bounds |F| on the axis."""
-    return np.asarray(reduce(np.polyadd, map(np.abs, terms)), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -176,7 +174,7 @@ class DelayedRatio:
         return float(num[0] / den[0]) if num.size == den.size else 0.0
 
 
-class DelayedLoop:
+class DelayedLoop(BoundedLoop):
     """The loop L = N/D of quasi-polynomials under unity negative feedback.
 
     Parameters
@@ -189,22 +187,16 @@ class DelayedLoop:
 
     Notes
     -----
-    `margins` returns the record of `DeadTimeLoop`, by the same code. Its delay margin is added dead time in the
-    process, the delays inside the controller staying as they are.
+    The delay margin of `margins` is added dead time in the process, the delays inside the controller staying as they
+    are. Phase crossovers are listed where |L| >= 1/200, and over 22 turns of the delay.
     """
+
+    _to_infinity = True
 
     def __init__(self, ratio: DelayedRatio) -> None:
         if not ratio.denominator.retarded or ratio.numerator.degree >= ratio.denominator.degree:
             raise InputError("delayed loop: L must tend to 0 at infinity with a denominator of retarded type")
         self.ratio = ratio
-
-    @classmethod
-    def from_dead_time_loop(cls, loop: DeadTimeLoop) -> DelayedLoop:
-        """A dead-time loop as a special case: N = (0, num), D = (den)."""
-        system = loop.system
-        num = system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))
-        den = np.atleast_1d(np.real(np.poly(system.poles)))
-        return cls(DelayedRatio(QuasiPolynomial([[0.0], num], loop.dead_time), QuasiPolynomial([den], loop.dead_time)))
 
     @property
     def characteristic(self) -> QuasiPolynomial:
@@ -215,191 +207,83 @@ class DelayedLoop:
         """L at complex s (1/s), any shape."""
         return self.ratio(s)
 
+    def __mul__(self, other: Any) -> DelayedLoop:
+        num, den = (one.coeffs()[::-1] for one in Rational.from_control(other, "factor").polynomials)
+        factors = [[float(c) for c in one] for one in (num, den)]
+        return DelayedLoop(
+            DelayedRatio(self.ratio.numerator.times(factors[0]), self.ratio.denominator.times(factors[1]))
+        )
+
     def scaled(self, factor: float) -> DelayedLoop:
-        """The loop with its gain multiplied by `factor`."""
         return DelayedLoop(DelayedRatio(self.ratio.numerator.times([factor]), self.ratio.denominator))
-
-    def frequency_response(self, omega: ArrayLike) -> Complexes:
-        """L(j omega), complex, of the shape of `omega` (rad/s)."""
-        return self.ratio(1j * np.asarray(omega, dtype=float))
-
-    def sensitivity(self, omega: ArrayLike) -> Complexes:
-        """S(j omega) = D/(N + D), complex, of the shape of `omega` (rad/s)."""
-        s = 1j * np.asarray(omega, dtype=float)
-        return np.asarray(self.ratio.denominator(s) / self.characteristic(s))
-
-    def complementary_sensitivity(self, omega: ArrayLike) -> Complexes:
-        """T(j omega) = N/(N + D), complex, of the shape of `omega` (rad/s)."""
-        s = 1j * np.asarray(omega, dtype=float)
-        return np.asarray(self.ratio.numerator(s) / self.characteristic(s))
 
     @cached_property
     def root_count(self) -> RootCount:
         """Closed-loop poles in the right half plane, exactly counted; NaN right of it if some are on the axis."""
         return self.characteristic.count_right()
 
-    def is_stable(self) -> bool:
-        """True if every closed-loop pole lies left of the imaginary axis, hidden modes included."""
-        return self.root_count.stable
-
     @cached_property
-    def gain_crossovers(self) -> Floats:
-        """All omega > 0 with |L| = 1, rad/s, ascending; also of an unstable loop."""
-        cut, response = self._response.pieces, self._response
-        at = np.flatnonzero(np.sign(cut.size[0]) * np.sign(cut.size[1]) <= 0)
-        return np.unique(_zeros(response.log_size, cut.low[at], cut.high[at]))
-
-    @cached_property
-    def stabilizing_gain_range(self) -> tuple[float, float] | None:
-        """Factors on the loop gain that stabilise, as of `DeadTimeLoop`; None if there are none or a pole is on
-        the axis."""
-        if self.root_count.marginal:
-            return None
-        return stabilizing_range(gain_limits(self._response, self._phase_crossings), self.root_count.right)
-
-    def margins(self) -> Margins:
-        """All margins; see `Margins`. Raises UnstableLoopError where the closed loop is not stable."""
-        if not self.is_stable():
-            count = self.root_count.right
-            unstable = f"{count:g} unstable pole{'' if count == 1 else 's'}"
-            where = "poles on the imaginary axis" if self.root_count.marginal else unstable
-            raise UnstableLoopError(
-                f"margins are not defined: the closed loop has {where}; change the design",
-                unstable_poles=count,
-                stabilizing_gain_range=self.stabilizing_gain_range,
-            )
-        half_turns = self._response.angle(self.gain_crossovers) / np.pi
-        rest = half_turns - 2 * np.floor(half_turns / 2) - 1
-        limits = gain_limits(self._response, self._phase_crossings)
-        cut, crossovers = self._response.pieces, self.gain_crossovers
-        return compute_margins(self._response, cut, crossovers, rest, self._phase_crossings, limits)
-
-    @cached_property
-    def _phase_crossings(self) -> Floats:
-        return phase_crossovers(self._response, self._response.pieces)
-
-    @cached_property
-    def _response(self) -> _DelayedResponse:
-        return _DelayedResponse(self.ratio)
-
-
-class _DelayedResponse(Response):
-    """L(j omega) as margins want it; the phase is followed over `nodes` between which ln L changes little."""
-
-    def __init__(self, ratio: DelayedRatio) -> None:
-        num, den = ratio.numerator, ratio.denominator
-        low, top = _band(num, den)
-        at_zero = complex(den(0.0)), complex(num(0.0))
-        # what the margin code asks of a rational L: its value at 0, and that it vanishes at infinity
-        pole = 0.0 if abs(at_zero[0]) <= 1e-13 * float(np.sum([abs(c[-1]) for c in den.terms])) else -low
-        gain = 1.0 if pole == 0.0 else (at_zero[1] / at_zero[0]).real * low
-        if np.all([not np.any(c) for c in num.terms]):
-            gain = 0.0
-        stand_in = Rational(np.array([]), np.array([pole]), gain)
-        super().__init__(system=stand_in, dead_time=0.0)
-        object.__setattr__(self, "_ratio", ratio)
-        nodes = _resolving_nodes(self, np.geomspace(low, top, int(16 * math.log10(top / low)) + 2))
-        value = self(nodes)
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "_values", value)
-        turns = np.concatenate([[0.0], np.cumsum(np.angle(value[1:] / value[:-1]))])
-        object.__setattr__(self, "_phases", float(np.angle(value[0])) + turns)
-
-    is_rational = False
-    _ratio: DelayedRatio
-    nodes: Floats
-    _values: Complexes
-    _phases: Floats
-
-    @cached_property
-    def pieces(self) -> Pieces:
-        """The axis cut at the nodes and at the extrema between them."""
-        edges = self.nodes
-        for slope in (self.angle_slope, self.log_size_slope):
-            value = slope(edges)
-            at = np.flatnonzero(np.sign(value[:-1]) * np.sign(value[1:]) < 0)
-            edges = np.union1d(edges, _zeros(slope, edges[at], edges[at + 1]))
-        values = np.array([self.log_size(edges), self.angle(edges) / np.pi])
-        return Pieces(edges[:-1], edges[1:], *np.stack([values[:, :-1], values[:, 1:]], axis=1))
-
-    def value_and_slopes(self, omega: Floats) -> tuple[Complexes, Complexes, Complexes]:
-        step = 1e-6 * omega  # for Newton's method inside brackets, which forgives an inexact second derivative
-        second = (self.log_slope(omega + step) - self.log_slope(omega - step)) / (2 * step)
-        return self(omega), self.log_slope(omega), second
-
-    def bend(self, low: Floats, high: Floats) -> Floats:
-        """Twice the largest change of d ln L/d omega over the halves of each interval: an estimate."""
-        slopes = self.log_slope(np.array([low, 0.5 * (low + high), high]))
-        return np.asarray(4 * np.abs(np.diff(slopes, axis=0)).max(axis=0) / (high - low))
-
-    def __call__(self, omega: Floats) -> Complexes:
-        return self._ratio(1j * np.asarray(omega))
-
-    def log_slope(self, omega: Floats) -> Complexes:
-        s = 1j * np.asarray(omega)
-        num, den = self._ratio.numerator, self._ratio.denominator
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(1j * (num.slope(s) / num(s) - den.slope(s) / den(s)))
-
-    def log_size(self, omega: Floats) -> Floats:
+    def dc_gain(self) -> float:
+        den = self.ratio.denominator
         with np.errstate(divide="ignore"):
-            return np.log(np.abs(self(omega)))
+            at_pole = abs(den(0.0)) <= _ROUNDING * den.size(0.0)
+            return math.inf if at_pole else float((self.ratio.numerator(0.0) / den(0.0)).real)
 
-    def log_size_slope(self, omega: Floats) -> Floats:
-        return self.log_slope(omega).real
-
-    def angle(self, omega: Floats) -> Floats:
-        at = np.minimum(np.searchsorted(self.nodes, omega), self.nodes.size - 1)
+    def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        s, (num, den) = 1j * omega, (self.ratio.numerator, self.ratio.denominator)
+        n, d = num(s), den(s)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self._phases[at] + np.angle(self(omega) / self._values[at])
+            return np.asarray(n / d), np.asarray(1j * (num.slope(s) / n - den.slope(s) / d))
 
-    def angle_slope(self, omega: Floats) -> Floats:
-        return self.log_slope(omega).imag
+    def feature_band(self) -> tuple[float, float]:
+        return self._band
 
+    def _expand(self, omega: Floats) -> Expansion:
+        response, slope = self.response_and_slope(omega)
+        parts = [(one, np.abs(one(1j * omega))) for one in (self.ratio.numerator, self.ratio.denominator)]
 
-def _zeros(function: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    return bracketed_roots(lambda w, _: function(w), low, high)
+        def bounds(half: Floats) -> tuple[Floats, Floats]:
+            rest = np.zeros_like(half)
+            for one, size in parts:
+                reach = omega + half
+                bend = half**2 / 2 * one.slope.slope.size(reach, half) + _ROUNDING * one.size(reach)
+                linear = half * np.abs(one.slope(1j * omega)) / size
+                # ln(1 + x + r) is within -ln(1 - |x| - |r|) - |x| of x
+                with np.errstate(divide="ignore"):
+                    rest += -np.log1p(-np.minimum(linear + bend / size, 1)) - linear
+            return rest, rest
 
+        with np.errstate(divide="ignore"):
+            return Expansion(np.log(response), slope, bounds)
 
-def _band(num: QuasiPolynomial, den: QuasiPolynomial) -> tuple[float, float]:
-    """Frequencies, rad/s, below which nothing happens and above which |L| is small for certain."""
-    order, lead = den.degree, abs(den.terms[0][0])
-    loud, others = _sum_of_sizes(num.terms), _sum_of_sizes(den.terms)
-    others[0] -= lead
+    def _edges(self) -> Floats:
+        low, high = self._band
+        return np.geomspace(low, high, 2 + int(math.log(high / low) / math.log(_CELL_RATIO)))
 
-    def quiet(omega: float) -> bool:
-        """|L| < _SMALL at omega, and so beyond, as the highest power of D gains on all the rest."""
-        return bool(_SMALL * (lead * omega**order - np.polyval(others, omega)) > np.polyval(loud, omega))
+    def _first_phase(self, omega: Floats) -> Floats:
+        return np.angle(self.response(omega))
 
-    top = 1e-6
-    while not quiet(top):
-        top *= 1.5
-    together = []
-    for f in (num, den, num + den):
-        merged: Floats = np.zeros(1)
-        for c in f.terms:
-            merged = np.asarray(np.polyadd(merged, c), dtype=np.float64)
-            together.append(np.roots(c))
-        together.append(np.roots(merged))
-    sizes = np.abs(np.concatenate(together))
-    # a root at the origin, or one that rounding of a leading coefficient puts far out, is no feature
-    sizes = sizes[(sizes > 1e-9 * top) & (sizes < top)]
-    least = float(sizes.min(initial=top))
-    if den.delay > 0:
-        least = min(least, 1 / den.delay)
-        top = max(top, _TURNS * 2 * np.pi / den.delay)
-    return 1e-4 * least, top
+    def _added_delay(self) -> tuple[float, float]:
+        angle = np.mod(np.angle(-self.response(self.gain_crossovers)), 2 * np.pi)
+        return smallest_of(angle / self.gain_crossovers, self.gain_crossovers)
 
+    def _unstable_words(self) -> tuple[str, str]:
+        count = self.root_count.right
+        poles = f"{count:g} unstable pole{'' if count == 1 else 's'}"
+        return "closed loop", "poles on the imaginary axis" if self.root_count.marginal else poles
 
-def _resolving_nodes(response: _DelayedResponse, nodes: Floats) -> Floats:
-    """`nodes` divided until ln L changes by less than a set step between neighbours."""
-    while nodes.size < _MOST_NODES:
-        value, slope = response(nodes), response.log_slope(nodes)
-        width = np.diff(nodes)
-        change = np.abs(np.log(value[1:] / value[:-1]))
-        change = np.maximum(change, width * np.maximum(np.abs(slope[1:]), np.abs(slope[:-1])))
-        wide = (change > _LOG_STEP) & (width > 1e-11 * nodes[1:])
-        if not wide.any():
-            break
-        nodes = np.sort(np.concatenate([nodes, (nodes[:-1] + width / 2)[wide]]))
-    return nodes
+    @cached_property
+    def _band(self) -> tuple[float, float]:
+        """Frequencies, rad/s, below which nothing happens and above which |L| is small for certain."""
+        num, den = self.ratio.numerator, self.ratio.denominator
+        lead, order, top = abs(den.terms[0][0]), den.degree, 1e-6
+        # the highest power of D gains on all the rest
+        while _SMALL * (2 * lead * top**order - den.size(top)) <= num.size(top):
+            top *= 1.5
+        functions = num, den, self.characteristic
+        sizes = np.abs(np.concatenate([np.roots(c) for f in functions for c in (*f.terms, f.undelayed)]))
+        # a root at the origin, or one that rounding of a leading coefficient puts far out, is no feature
+        least = float(sizes[(sizes > 1e-9 * top) & (sizes < top)].min(initial=top))
+        if den.delay > 0:
+            least, top = min(least, 1 / den.delay), max(top, _TURNS * 2 * np.pi / den.delay)
+        return _BELOW_FEATURES * least, top

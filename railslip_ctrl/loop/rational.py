@@ -9,14 +9,14 @@ polynomials lose digits, and gives the phase of G(j omega) as a *continuous* fun
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from numbers import Real
 from typing import Any
 
 import numpy as np
-from flint import acb, arb, ctx, fmpq, fmpq_mat, fmpq_poly
+from flint import acb, arb, arb_poly, ctx, fmpq, fmpq_mat, fmpq_poly
 from numpy.typing import ArrayLike, NDArray
 
 from railslip_ctrl.core.arguments import checked, complexes, number, real, reals
@@ -130,18 +130,11 @@ def largest_root_of_ratio(above: fmpq_poly, below: fmpq_poly) -> tuple[arb, floa
     found = [(arb(above[k] / below[k]), omega) for k, omega in ((0, 0.0), (below.degree(), math.inf))]
     for omega, _ in positive_square_roots(above.derivative() * below - above * below.derivative()):
         x = omega * omega
-        found.append((_value(above, x) / _value(below, x), float(omega.mid())))
+        found.append((arb_poly(above)(x) / arb_poly(below)(x), float(omega.mid())))
     most, _ = max(found, key=lambda one: one[0].mid())
     for ratio, _ in found:
         most = most.max(ratio)
     return most.sqrt(), next(omega for ratio, omega in found if ratio.overlaps(most))
-
-
-def _value(polynomial: fmpq_poly, x: arb) -> arb:
-    total = arb(0)
-    for coefficient in reversed(polynomial.coeffs()):
-        total = total * x + coefficient
-    return total
 
 
 # -- the transfer function --------------------------------------------------------------------------------------
@@ -375,32 +368,25 @@ class Rational:
         return np.asarray(np.where(at_pole, complex(np.inf, 0.0), value))
 
     @cached_property
-    def _roots(self) -> tuple[Floats, Floats, Floats]:
-        """Real parts, imaginary parts and signs (+1 zero, -1 pole) of all zeros and poles."""
-        roots = np.concatenate([self.zeros, self.poles])
-        signs = np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
-        return roots.real.copy(), roots.imag.copy(), signs
+    def roots(self) -> Complexes:
+        """Zeros, then poles."""
+        return np.concatenate([self.zeros, self.poles])
+
+    @cached_property
+    def signs(self) -> Floats:
+        """1 for each zero and -1 for each pole."""
+        return np.repeat([1.0, -1.0], [self.zeros.size, self.poles.size])
 
     def log_size(self, omega: Floats) -> Floats:
         """ln abs G(j omega); shape of `omega`, rad/s."""
-        real, imag, sign = self._roots
-        distance = np.hypot(real, omega[..., None] - imag)  # hypot, not squares: no overflow at any frequency
+        distance = np.hypot(self.roots.real, omega[..., None] - self.roots.imag)  # not squares: no overflow
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.log(abs(self.gain)) + np.log(distance) @ sign)
-
-    def log_size_slope(self, omega: Floats) -> Floats:
-        """d ln abs G(j omega)/d omega; shape of `omega`, rad/s."""
-        real, imag, sign = self._roots
-        offset = omega[..., None] - imag
-        distance = np.hypot(real, offset)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray((offset / distance / distance) @ sign)
+            return np.asarray(np.log(abs(self.gain)) + np.log(distance) @ self.signs)
 
     def log_slope(self, omega: Floats) -> Complexes:
         """d ln G(j omega)/d omega, complex; shape of `omega`, rad/s."""
-        s = 1j * omega[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(1j * ((1 / (s - self.zeros)).sum(axis=-1) - (1 / (s - self.poles)).sum(axis=-1)))
+            return np.asarray(1j * ((1 / (1j * omega[..., None] - self.roots)) @ self.signs))
 
 
 def _check_time(name: str, dt: float | bool | None, period: float | None) -> None:
@@ -486,43 +472,37 @@ def realise(system: Rational) -> Realisation:
     return Realisation(a, b, system.gain * row, system.gain * through)
 
 
-def _sections(system: Rational) -> list[Realisation]:
+def _sections(system: Rational) -> Iterator[Realisation]:
     """Monic sections whose product is the system with gain 1, each zero in the section of the poles nearest to it."""
     zeros, zero_pairs = _split(system.zeros, "zeros")
     poles, pole_pairs = _split(system.poles, "poles")
-    sections = []
     for pole in pole_pairs:
         if zero_pairs:
             zero = _take_nearest(zero_pairs, pole)
-            sections.append(_pair_section(pole, (zero, zero.conjugate())))
+            yield _section([pole, pole.conjugate()], [zero, zero.conjugate()])
         else:
             # real zeros only where the real poles cannot hold them all
             surplus = min(2, max(0, len(zeros) - len(poles)))
-            sections.append(_pair_section(pole, tuple(_take_nearest(zeros, pole) for _ in range(surplus))))
+            yield _section([pole, pole.conjugate()], [_take_nearest(zeros, pole) for _ in range(surplus)])
     for zero in zero_pairs:
-        first, second = _take_nearest(poles, zero), _take_nearest(poles, zero)
-        sections.append(_two_poles_section(first.real, second.real, zero))
-    while poles:
-        pole = poles.pop()
-        sections.append(_single_section(pole.real, _take_nearest(zeros, pole).real if zeros else None))
-    return sections
+        yield _section([_take_nearest(poles, zero) for _ in range(2)], [zero, zero.conjugate()])
+    for pole in reversed(poles):
+        yield _section([pole], [_take_nearest(zeros, pole)] if zeros else [])
 
 
 def _split(roots: Complexes, name: str) -> tuple[list[complex], list[complex]]:
     """The real roots, and of each conjugate pair the upper one."""
-    real, upper, lower = (roots[mask] for mask in (roots.imag == 0, roots.imag > 0, roots.imag < 0))
-    left = [complex(root) for root in lower]
+    real, upper, left = (roots[mask].tolist() for mask in (roots.imag == 0, roots.imag > 0, roots.imag < 0))
     for root in upper:
         partner = _take_nearest(left, root.conjugate()) if left else complex(np.inf)
         if not abs(partner - root.conjugate()) <= _PAIRED * abs(root):
-            raise _unpaired(complex(root), name)
+            left.insert(0, root)
+            break
     if left:
-        raise _unpaired(left[0], name)
-    return [complex(root) for root in real], [complex(root) for root in upper]
-
-
-def _unpaired(root: complex, name: str) -> InputError:
-    return InputError(f"transfer function: {name} hold {root:g} without its conjugate; give complex ones in pairs")
+        raise InputError(
+            f"transfer function: {name} hold {left[0]:g} without its conjugate; give complex ones in pairs"
+        )
+    return real, upper
 
 
 def _take_nearest(roots: list[complex], to: complex) -> complex:
@@ -530,33 +510,22 @@ def _take_nearest(roots: list[complex], to: complex) -> complex:
     return roots.pop(min(range(len(roots)), key=lambda i: abs(roots[i] - to)))
 
 
-def _single_section(pole: float, zero: float | None) -> Realisation:
-    """1/(s - pole), or (s - zero)/(s - pole)."""
-    residue, through = (1.0, 0.0) if zero is None else (pole - zero, 1.0)
-    return Realisation(np.array([[pole]]), np.array([1.0]), np.array([residue]), through)
-
-
-def _pair_section(pole: complex, zeros: tuple[complex, ...]) -> Realisation:
-    """prod(s - zeros)/((s - pole)(s - its conjugate)), for 0, 1 or 2 zeros; `a` is a scaled rotation."""
-    re, im = pole.real, pole.imag
-    # the numerator less d times the denominator is slope (s - re) + level
-    if len(zeros) == 2:
-        offset = [re - zero for zero in zeros]
-        slope, level, through = sum(offset).real, (offset[0] * offset[1]).real - im * im, 1.0
-    elif len(zeros) == 1:
-        slope, level, through = 1.0, re - zeros[0].real, 0.0
-    else:
-        slope, level, through = 0.0, 1.0, 0.0
-    return Realisation(np.array([[re, im], [-im, re]]), np.array([0.0, 1.0]), np.array([level / im, slope]), through)
-
-
-def _two_poles_section(first: float, second: float, zero: complex) -> Realisation:
-    """(s - zero)(s - its conjugate)/((s - first)(s - second)), real poles."""
-    slope = first + second - 2 * zero.real
-    level = (second - zero.real) ** 2 + zero.imag**2
-    # y = u + slope u/(s - first) + level u/((s - first)(s - second))
-    a = np.array([[first, 0.0], [1.0, second]])
-    return Realisation(a, np.array([1.0, 0.0]), np.array([slope, level]), 1.0)
+def _section(poles: list[complex], zeros: list[complex]) -> Realisation:
+    """prod(s - zeros)/prod(s - poles) of one or two poles, real ones or a pair, and no more zeros."""
+    through, last = float(len(zeros) == len(poles)), poles[-1]
+    level = math.prod((last - zero for zero in zeros), start=1 + 0j).real  # the numerator at a pole
+    if len(poles) == 1:
+        return Realisation(np.array([[last.real]]), np.array([1.0]), np.array([level]), through)
+    # the numerator less its multiple of the denominator is slope s + a constant
+    slope = (sum(poles) - sum(zeros)).real if through else float(len(zeros))
+    re, im = last.real, poles[0].imag
+    if im:  # the poles in a scaled rotation
+        return Realisation(
+            np.array([[re, im], [-im, re]]), np.array([0.0, 1.0]), np.array([level / im, slope]), through
+        )
+    return Realisation(
+        np.array([[poles[0].real, 0.0], [1.0, re]]), np.array([1.0, 0.0]), np.array([slope, level]), through
+    )
 
 
 # -- Pade -------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ Signals, unity negative feedback, L = C G P exp(-tau s)::
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -293,15 +293,8 @@ class Equations:
             return self, np.ones(0), 0.0
         _, (scale, _) = matrix_balance(size, permute=False, separate=True)
         rate = float(np.abs(np.linalg.eigvals(size)).max())
-        scaled = Equations(
-            a=self.a * scale / scale[:, None],
-            b=self.b / scale,
-            e=self.e / scale[:, None],
-            c=self.c * scale,
-            d=self.d,
-            f=self.f,
-        )
-        return scaled, scale, rate
+        a, e = self.a * scale / scale[:, None], self.e / scale[:, None]
+        return replace(self, a=a, b=self.b / scale, e=e, c=self.c * scale), scale, rate
 
 
 class Marcher:

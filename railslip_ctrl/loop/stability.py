@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import RailslipError
 
 from .crossings import GAIN, MOST_BITS, Response
-from .rational import Complexes, Floats, Rational, realise
+from .rational import Complexes, Floats, Rational, realise, rounded_roots
 
 _FARTHEST = 600.0  # dead times times 1/s; exp(600) is still a double
 # Contour shift, relative to the loop's own frequencies, that takes poles on the axis to the counted side.
@@ -60,7 +60,7 @@ def root_count(response: Response, *, certain: bool = False) -> RootCount:
     count, marginal = _count(response, certain)
     if not marginal:
         return RootCount(count, False)
-    scale = _shift_scale(response)
+    scale = float(response.scales.min())
     for attempt in range(1, 8):
         # not a multiple of itself, so that a pole met once by accident is not met again
         count, again = _count(_moved(response, -_SHIFT * scale * attempt**1.37))
@@ -72,12 +72,6 @@ def root_count(response: Response, *, certain: bool = False) -> RootCount:
 def _moved(response: Response, c: float) -> Response:
     """L(s + c) as a function of s."""
     return Response(response.system.shifted(c) * float(np.exp(-response.dead_time * c)), response.dead_time)
-
-
-def _shift_scale(response: Response) -> float:
-    sizes = np.abs(np.concatenate([response.system.zeros, response.system.poles]))
-    sizes = np.concatenate([sizes[sizes > 0], response.gain_crossovers])
-    return float(sizes.min()) if sizes.size else 1.0
 
 
 def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
@@ -94,10 +88,13 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
         return float("inf"), False  # neutral: a chain of poles tends to Re s = ln|G(inf)|/tau >= 0
     if through == -1:
         return float("inf"), False  # 1 + L(inf) = 0: not well posed
-    if response.exact.pole_at_origin:
+    characteristic = response.exact.numerator + response.exact.denominator
+    if characteristic[0] == 0:
         return float("nan"), True
-    if response.exact.all_pass:
-        return _count_polynomial(response)
+    if response.exact.all_pass:  # without dead time; the polynomial itself is counted
+        with ctx.workprec(MOST_BITS):
+            roots = characteristic.complex_roots()
+        return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)
     # half turns of arg Q from omega = 0 to infinity: the branch follows the form in use, that of N where |L| > 1
     large, turned = response.exact.large_at_zero, int(system.gain < 0)
     change = -(right[0] + turned) if large else -right[1]
@@ -111,14 +108,6 @@ def _count(response: Response, certain: bool = False) -> tuple[float, bool]:
     # far up the axis every continuous angle is 90 deg, left and right roots alike
     end = system.zeros.size + 2 * turned if large else system.poles.size
     return float(system.poles.size / 2 - end / 2 - change), False
-
-
-def _count_polynomial(response: Response) -> tuple[float, bool]:
-    """|L| = 1 at every frequency, no dead time: the polynomial D + N itself."""
-    characteristic = response.exact.numerator + response.exact.denominator
-    with ctx.workprec(MOST_BITS):
-        roots = characteristic.complex_roots()
-    return float(sum(n for root, n in roots if root.real > 0)), any(root.real.contains(0) for root, _ in roots)
 
 
 # -- the rightmost poles ------------------------------------------------------------------------------------------
@@ -140,8 +129,9 @@ def rightmost_poles(system: Rational, dead_time: float, count: int) -> Complexes
     Newton's method on the quasi-polynomial takes each to rounding, and the root count right of a line confirms that
     none is missing.
     """
+    num, den = system.polynomials
     if dead_time == 0 or system.gain == 0:
-        return _ordered(_rational_poles(system))[:count]
+        return _ordered(rounded_roots(num + den))[:count]
     for attempt, points in enumerate(_POINTS):
         start = np.concatenate(
             [
@@ -169,14 +159,6 @@ def _chain(system: Rational, dead_time: float, count: int) -> Complexes:
             s = (np.log(-system(s)) + 2j * np.pi * turns) / dead_time
     s = s[np.isfinite(s)]
     return np.concatenate([s, s.real.astype(complex)[:2]])
-
-
-def _rational_poles(system: Rational) -> Complexes:
-    """Closed-loop poles without dead time."""
-    open_loop = realise(system)
-    closed = open_loop.a - np.outer(open_loop.b, open_loop.c) / (1 + open_loop.d)
-    start = np.linalg.eigvals(closed).astype(np.complex128)
-    return _symmetric(_newton(system, 0.0, start)[0])
 
 
 def _start_values(system: Rational, dead_time: float, points: int) -> Complexes:
@@ -233,10 +215,10 @@ def _newton(system: Rational, dead_time: float, start: Complexes) -> tuple[Compl
 
 
 def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes:
-    """Distinct zeros of Q near the start values; a double zero stays double."""
+    """Distinct zeros of Q near the start values, pairs exactly conjugate; a double zero stays double."""
     start = start[np.isfinite(start)]
     found, good = _newton(system, dead_time, start)
-    features = np.abs(np.concatenate([system.zeros, system.poles, [1.0 / dead_time]]))
+    features = np.abs(np.append(system.roots, 1 / dead_time))
     floor = 1e-9 * float(features[features > 0].min())
     kept: list[complex] = []
     starts: list[complex] = []
@@ -247,7 +229,10 @@ def _polished(system: Rational, dead_time: float, start: Complexes) -> Complexes
         if not same or (len(same) == 1 and s0 != starts[same[0]] and _is_double(system, dead_time, s)):
             kept.append(s)
             starts.append(s0)
-    return _symmetric(np.array(kept, dtype=complex))
+    poles = np.array(kept, dtype=complex)
+    off_axis = np.abs(poles.imag) > 1e-9 * np.abs(poles)
+    upper = poles[off_axis & (poles.imag > 0)]
+    return np.concatenate([poles[~off_axis].real, upper, upper.conj()])
 
 
 def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
@@ -256,18 +241,9 @@ def _is_double(system: Rational, dead_time: float, s: complex) -> bool:
     _q, slope, size = _quasi_polynomial(system, dead_time, at)
     if size[0] == 0 or not np.isfinite(size[0]):
         return bool(slope[0] == 0)  # on a hidden mode, where D and N both vanish
-    roots = np.concatenate([system.zeros, system.poles])
-    nearest = float(np.min(np.abs(roots - s), initial=np.inf))
+    nearest = float(np.min(np.abs(system.roots - s), initial=np.inf))
     scale = 1 / nearest if 1e-300 < nearest < np.inf else 0.0
     return bool(np.abs(slope[0]) <= 1e-6 * size[0] * (scale + dead_time))
-
-
-def _symmetric(poles: Complexes) -> Complexes:
-    """Real ones made real; of each pair the upper one, with its exact conjugate."""
-    scale = np.abs(poles)
-    real = poles[np.abs(poles.imag) <= 1e-9 * scale].real.astype(complex)
-    upper = poles[poles.imag > 1e-9 * scale]
-    return np.concatenate([real, upper, upper.conj()])
 
 
 def _ordered(poles: Complexes) -> Complexes:

@@ -1,0 +1,218 @@
+"""Loops whose ln L is bounded over parts of the axis, not decided by polynomials: crossovers, gain limits, peaks.
+
+A subclass gives L with its slope, and about any frequency how far ln L can be from linear; `BoundedLoop` parts the axis
+until nothing can hide between two frequencies.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from railslip_ctrl.core.arguments import numbers
+
+from .crossings import bracketed_roots
+from .deadtime import Loop, unstable_error
+from .margins import Margins, Peaks, by_distance, responses, smallest_of, top_of
+from .rational import Complexes, Floats
+
+ROUNDING = 1e-12  # of ln L, many times what is seen
+_ONE = 1e-9  # ln|L| that counts as 0 all along an interval
+_SWAY = 0.75  # largest change of arg L from the middle of an interval, rad: less than an eighth of a turn
+_PEAK = 1e-6  # by so much in ratio a peak may be higher than it is said to be, if another is as high
+_NARROWEST = 1e-7  # half of an interval over its frequency: no further into a zero or pole of L on the axis
+_ENDS = np.array([0.0, np.inf])
+
+
+class Expansion(NamedTuple):
+    """ln L about middles of intervals: value and slope, (n,), and what ln L and ln|L| can be from linear, or inf, by
+    `bounds(half)`, of half widths (n,); the first holds for complex frequencies too, in the disk of that radius."""
+
+    value: Complexes
+    slope: Complexes
+    bounds: Callable[[Floats], tuple[Floats, Floats]]
+
+
+class BoundedLoop(Loop):
+    """A `Loop` with margins by bounds between frequencies, all in rad/s."""
+
+    _to_infinity = False  # whether the axis goes on to infinity, where L is 0
+
+    @property
+    @abstractmethod
+    def dc_gain(self) -> float:
+        """L at frequency 0; infinite with an integrator."""
+
+    @abstractmethod
+    def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
+        """L and d ln L/d omega (s), complex, of the shape of `omega`."""
+
+    @abstractmethod
+    def _edges(self) -> Floats:
+        """Frequencies, ascending, from which to part further: from below every feature to where L ends or is small."""
+
+    @abstractmethod
+    def _expand(self, omega: Floats) -> Expansion:
+        """The expansion of ln L about frequencies, (n,)."""
+
+    @abstractmethod
+    def _first_phase(self, omega: Floats) -> Floats:
+        """arg L at frequencies below every feature, continuous from 0 on."""
+
+    @abstractmethod
+    def _added_delay(self) -> tuple[float, float]:
+        """Least added dead time that destabilises, s, and where, rad/s; inf and NaN if none does."""
+
+    @abstractmethod
+    def _unstable_words(self) -> tuple[str, str]:
+        """What the loop is and its unstable poles."""
+
+    def response(self, omega: ArrayLike) -> Complexes:
+        """L, complex, of the shape of `omega` (rad/s, > 0; up to pi/h of a sampled loop)."""
+        return self.response_and_slope(numbers("omega", omega, "rad/s", gt=0))[0]
+
+    def phase(self, omega: ArrayLike) -> Floats:
+        omega = numbers("omega", omega, "rad/s", gt=0)
+        nodes = np.union1d(self._nodes(peaks=False), omega)
+        angles = np.concatenate([self._first_phase(nodes[:1]), np.angle(self.response(nodes))])
+        return np.asarray(np.unwrap(angles)[1:][np.searchsorted(nodes, omega)])
+
+    @cached_property
+    def gain_crossovers(self) -> Floats:
+        nodes = self._nodes(peaks=False)
+        size = np.log(np.abs(self.response(nodes)))
+        told = np.abs(size) > ROUNDING  # else its sign says nothing, as near 0 where L(0) = 1
+        return self._roots(nodes[told], size[told], lambda value: np.log(np.abs(value)))
+
+    @cached_property
+    def stabilizing_gain_range(self) -> tuple[float, float] | None:
+        """Interval of factors on the loop gain that stabilises: the one that holds 1 if the loop is stable, else
+        the nearest to 1 in ratio; None if there is none."""
+        nodes = self._nodes(peaks=False)
+        factors = sorted(factor for factor, _ in self._gain_limits(nodes, self.response(nodes)))
+        for (low, high), _ in by_distance(factors, range(len(factors) + 1)):
+            inside = math.sqrt(low * high) if low > 0 and high < math.inf else (0.5 * high if low == 0 else 2 * low)
+            if self.scaled(1.0 if math.isinf(inside) else inside).is_stable():
+                return low, high
+        return None
+
+    def margins(self) -> Margins:
+        """All margins, as the record of `DeadTimeLoop`.
+
+        Frequencies are > 0; pi/h stands for infinity in a sampled loop. Crossovers and peaks are bracketed by
+        frequencies between which bounds show that none is hidden, and refined to rounding.
+        """
+        if not self.is_stable():
+            raise unstable_error(*self._unstable_words(), self.root_count.right, self.stabilizing_gain_range)
+        nodes = self._nodes()
+        response, slope = self.response_and_slope(nodes)
+        crossovers, limits = self.gain_crossovers, self._gain_limits(nodes, response)
+        up = min((g for g in limits if g[0] > 1), default=(math.inf, math.nan))
+        down = max((g for g in limits if g[0] < 1), default=(0.0, math.nan))
+        signed = np.angle(-self.response(crossovers), deg=True)  # of -L: 0 at the critical point
+        ms, mt, (disk, disk_frequency) = self._peaks(nodes, response, slope)
+        return Margins(
+            *up,
+            *down,
+            *smallest_of(np.abs(signed), crossovers),
+            *self._added_delay(),
+            *ms,
+            *mt,
+            *(1.0 / disk, disk_frequency),
+            gain_crossovers=crossovers,
+            phase_margins_deg=signed,
+            phase_crossovers=np.array([frequency for _, frequency in limits]),
+            phase_crossover_gains=np.array([factor for factor, _ in limits]),
+        )
+
+    # -- how ---------------------------------------------------------------------------------------------------
+
+    def _nodes(self, peaks: bool = True) -> Floats:
+        """Frequencies, ascending, between any two of which nothing is hidden.
+
+        |L| - 1 and the phase less 180 deg each cross 0 at most once, and |S|, |T| and |S - 1/2| rise or fall, or stay
+        below what they are at one of the nodes; halves of an interval are looked at until their bounds show it.
+        """
+        edges = self._edges()
+        nodes, best = [edges], np.log(np.maximum(self._at_ends().max(axis=1), 1e-300))
+        omega, half = (edges[:-1] + edges[1:]) / 2, np.diff(edges) / 2
+        while omega.size:
+            logarithm, slope, bounds = self._expand(omega)
+            (rest, level), (twice, _) = bounds(half), bounds(2 * half)
+            slack = twice / half  # of the slope, by Cauchy's estimate
+            apart, change = np.abs(logarithm.real), np.abs(slope.real) * half + level
+            sure = (apart > change) | (np.abs(slope.real) > slack) | (apart + change < _ONE)
+            off = np.remainder(logarithm.imag, 2 * np.pi) - np.pi
+            sway = np.abs(slope.imag) * half + rest
+            sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
+            if peaks:
+                value = np.exp(logarithm)
+                heights, slopes = responses(value, slope)
+                best = np.maximum(best, np.log(heights.max(axis=1)))
+                bound = np.log(heights) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
+                slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
+                sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
+            parted = ~sure & (half > _NARROWEST * omega)
+            omega, half = omega[parted], half[parted] / 2
+            nodes.append(omega)
+            omega, half = np.concatenate([omega - half, omega + half]), np.concatenate([half, half])
+        return np.asarray(np.sort(np.concatenate(nodes)))
+
+    def _at_ends(self) -> Floats:
+        """|S|, |T| and |S - 1/2| at the frequencies of `_ENDS`, (3, 1 or 2); with an integrator any large |L| does."""
+        values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
+        with np.errstate(divide="ignore", invalid="ignore"):  # the slope of S - 1/2 where L = 1
+            return responses(values, values)[0]
+
+    def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
+        """Refined zeros of a real function of L between nodes where it changes sign."""
+        at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
+        return bracketed_roots(lambda w, _: function(self.response(w)), nodes[at], nodes[at + 1])
+
+    def _gain_limits(self, nodes: Floats, response: Complexes) -> list[tuple[float, float]]:
+        """Loop-gain factors that put a pole on the boundary of stability, each with its frequency, by frequency."""
+        sideways = np.where(response.real < 0, response.imag, np.nan)
+        found = self._roots(nodes, sideways, lambda value: value.imag)
+        limits = list(zip((1 / np.abs(self.response(found))).tolist(), found.tolist(), strict=True))
+        return [(-1 / self.dc_gain, 0.0), *limits] if -math.inf < self.dc_gain < 0 else limits
+
+    def _peaks(self, nodes: Floats, response: Complexes, slope: Complexes) -> Peaks:
+        """Largest |S|, |T| and |S - 1/2| from frequency 0 to the last node, and where, rad/s."""
+        sizes, rises = responses(response, slope)
+        inner = sizes[:, 1:-1]
+        kinds, left = np.nonzero((inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]))
+        left += rises[kinds, left + 1] > 0  # the peak lies on the side to which the response still rises
+
+        def rise(omega: Floats, index: NDArray[np.intp]) -> Floats:
+            return responses(*self.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
+
+        refined = bracketed_roots(rise, nodes[left], nodes[left + 1])
+        heights = responses(*self.response_and_slope(refined))[0]
+        ends = self._at_ends()
+        return top_of(np.hstack([ends, heights, sizes]), np.concatenate([_ENDS[: ends.shape[1]], refined, nodes]))
+
+
+def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:
+    """How far ln of S, T and S - 1/2 can be from linear, (3, n), where ln L changes by `linear` and at most `rest`."""
+    grown = np.expm1(linear + rest)
+
+    def of_sum(part: Complexes) -> Floats:  # ln(1 + part (exp(u) - 1))
+        moved = np.abs(part) * grown
+        return np.asarray(np.abs(part) * (grown - linear) - np.log1p(-np.minimum(moved, 1)) - moved)
+
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # 1 + L by L, or L times 1 + 1/L by 1/L: whichever is less
+        plus, plus_inverse = of_sum(loop / (1 + loop)), of_sum(1 / (1 + loop))
+        minus, minus_inverse = of_sum(loop / (1 - loop)), of_sum(1 / (1 - loop))
+        found = [
+            np.fmin(plus, rest + plus_inverse),
+            np.fmin(rest + plus, plus_inverse),
+            np.fmin(plus + minus, plus_inverse + minus_inverse),
+        ]
+    return np.asarray(np.where(np.isnan(found), np.inf, found))
