@@ -344,8 +344,8 @@ def test_intersection_that_is_empty_names_the_ranges():
         (lambda: stabilizing_pi(1 / S).ki_limit(np.inf), "kp: inf"),
         (lambda: stabilizing_pid(1 / S, 0.1, derivative_filter=0.1), "either derivative_time"),
         (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_gain=1, **PID), "either derivative_time"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0.0 s"),
-        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1.0 s"),
+        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=1, derivative_filter=0.0), "derivative filter: 0 s"),
+        (lambda: stabilizing_pid(1 / S, 0.1, derivative_time=-1, **PID), "derivative time: -1 s"),
         (lambda: stabilizing_pid(1 / S, 0.1, derivative_gain=np.nan, **PID), "derivative gain: nan"),
         (lambda: intersection([]), "no region is given"),
     ],
@@ -448,14 +448,14 @@ def test_only_intervals_that_may_be_stable_are_counted(edges, leftward, counts, 
         return here if isinstance(here, RootCount) else RootCount(here, False)
 
     values = np.array(edges, dtype=float)
-    critical = CriticalGains(values, np.ones(values.size), np.array(leftward, dtype=bool), INF)
+    critical = CriticalGains(values, np.array(leftward, dtype=bool), INF)
     assert list(stable_intervals(critical, 1.0, count, signed=True)) == stable
     assert told == asked
 
 
 @pytest.mark.parametrize(("at", "stable"), [(RootCount(0, False), ((0.0, 9.0),)), (MARGINAL, ((0.0, 1.0), (1.0, 9.0)))])
 def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(at, stable):
-    critical = CriticalGains(np.array([1.0]), np.ones(1), np.ones(1, dtype=bool), 9.0)
+    critical = CriticalGains(np.array([1.0]), np.ones(1, dtype=bool), 9.0)
     assert stable_intervals(critical, 1.0, lambda k: at if k == 1 else RootCount(0, False), signed=False) == stable
 
 
@@ -524,7 +524,9 @@ def test_roots_next_to_where_they_cease_are_found(past):
 def test_outline_is_the_set():
     region = stabilizing_pi(UNSTABLE, 0.15)
     (strip,) = outline(region, count=15)
-    assert strip.polygon.shape == (30, 2)
+    kp, ki = strip.polygon.T
+    area = 0.5 * abs(kp @ np.roll(ki, 1) - ki @ np.roll(kp, 1))
+    assert area == pytest.approx(np.trapezoid(strip.ki_high, strip.kp), rel=1e-12)
     assert np.all(strip.ki_low == 0)
     assert list(strip.ki_high) == [region.ki_limit(kp) for kp in strip.kp]
 
