@@ -160,8 +160,10 @@ def observer_compensator(
     if plant.relative_degree == 0:
         raise InputError("observer design: the plant is not strictly proper; add the actuator's lag")
     from scipy.linalg import expm
+    from scipy.signal import tf2ss
 
-    a, b, c = _realisation(plant)
+    num = np.atleast_1d(np.real(np.poly(plant.zeros)) * plant.gain)
+    a, b, c, _ = tf2ss(num, np.real(np.poly(plant.poles)))
     extended = np.block([[a, np.zeros((n, 1))], [c, np.zeros((1, 1))]])
     b_extended = np.vstack([b, [[0.0]]])
     k = _placed(extended, b_extended, feedback_poles)
@@ -177,7 +179,6 @@ def observer_compensator(
     before[-1] = now[-1]  # the finite-time integral has no pole at the origin: equal but for rounding
     model = _adjugate_form(observer, b, k_x)
     measured = np.polyadd(np.append(_adjugate_form(observer, gain_o, k_x), 0.0), k_i * den_o)
-    num = np.real(np.poly(plant.zeros)) * plant.gain
     inner = QuasiPolynomial(
         [
             np.polymul(np.polyadd(den_e, now), den_o),
@@ -212,19 +213,9 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
         raise InputError(f"{name}: {list(poles)} are not in conjugate pairs; give both of each pair")
 
 
-def _realisation(plant: Rational) -> tuple[Floats, Floats, Floats]:
-    """Controllable canonical A (n, n), B (n, 1), C (1, n)."""
-    n = plant.poles.size
-    num = plant.gain * np.atleast_1d(np.real(np.poly(plant.zeros)))
-    a = np.eye(n, k=-1)
-    a[0] = -np.real(np.poly(plant.poles))[1:]
-    b, c = np.zeros((n, 1)), np.zeros((1, n))
-    b[0], c[0, n - num.size :] = 1.0, num
-    return a, b, c
-
-
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
-    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones."""
+    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones, and
+    python-control's `place_acker` what is scaled badly."""
     n = a.shape[0]
     reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
     scale = np.abs(reach).max(axis=0)

@@ -50,11 +50,6 @@ _OUTWARD = 16.0  # factor by which the ends of the frequencies looked at move ou
 _MOST_PARTS = 5_000
 
 
-def certainly_stable(loop: DeadTimeLoop) -> bool:
-    """Whether every closed-loop pole lies left of the imaginary axis, by balls alone."""
-    return root_count(Response(loop.system, loop.dead_time), certain=True).stable
-
-
 def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
     if np.shape(ends) != (2,):
         raise InputError(f"{name}: {ends!r} is not allowed; give two finite ends, the lower first")
@@ -153,7 +148,8 @@ class Region(ABC):
 
     def certified_contains(self, kp: float, ki: float) -> bool:
         """As `contains`, every step of the root count in ball arithmetic."""
-        return number("ki", ki) >= 0 and all(certainly_stable(loop) for loop in self.loops(kp, ki))
+        responses = [Response(loop.system, loop.dead_time) for loop in self.loops(kp, ki)]
+        return ki >= 0 and all(root_count(one, certain=True).stable for one in responses)
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
