@@ -91,9 +91,9 @@ def tune_pi(
 
     Notes
     -----
-    The gains meet the specification exactly, and no gains next to them have more ki. That none elsewhere have, with kp
-    up to four times what stabilises with little ki, is shown under a bound on Ms but for those that meet it within less
-    than 4 % of ki only; under the other bounds alone, but for those that do within less than 25 %.
+    The gains meet the specification exactly, and ki is the largest near them. Elsewhere, for kp up to four times what
+    stabilises with little ki: under a bound on Ms (up to 50) larger ki are shown not to meet it, except where the gains
+    that do span less than 4 % of ki; without one, rows of ki 25 % apart are looked at.
     """
     specification = Specification(ms_max, phase_min_deg, delay_min_s, crossover)
     systems = _systems(plants, compensator)

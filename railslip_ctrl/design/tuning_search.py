@@ -80,12 +80,12 @@ class Forbidden:
         return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
 
     def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
-        """With more samples where these gains have a crossover, or a dip of |1 + L| near 1/`ms_max`."""
-        loop = (kp - 1j * ki / self._omega) / self._inverse
-        apart, above = np.abs(1 + loop), np.abs(loop) > 1
-        dip = (
-            (apart <= np.roll(apart, 1)) & (apart <= np.roll(apart, -1)) & (apart * ms_max < 1 + _NEARLY * (ms_max - 1))
-        )
+        """With more samples where these gains have a crossover, or a dip of |1 + L| near 1/`ms_max` (or inf)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # at a pole on the axis
+            loop = (kp - 1j * ki / self._omega) / self._inverse
+            apart, above = np.abs(1 + loop), np.abs(loop) > 1
+            near = apart * ms_max < 1 + _NEARLY * (ms_max - 1)
+        dip = near & (apart <= np.roll(apart, 1)) & (apart <= np.roll(apart, -1))
         hit = dip | (above != np.roll(above, 1)) | (above != np.roll(above, -1))
         omegas = []
         for i, omega in enumerate(self._omegas):
@@ -191,7 +191,8 @@ _BAND = 0.02, 0.25  # least and largest relative width of the bands of ki looked
 _NEARLY_NO_KI = 1e-9  # of the largest ki, at most
 _LIMITLESS = 0.1  # of the largest ki: without dead time a design so high could be as high as you like
 _AROUND = 0.01  # relative, of kp: how far from the samples' best gap the exact one may be
-_AGREE = 1e-6, 1e-8, 1e-10  # ln ki: how near to the tip of a gap, at frequencies 30 times closer each time
+_AGREE = 1e-10  # ln ki: how near to the tip of a gap
+_MOST_LOOKS = 12  # at a tip, at frequencies 30 times closer each time
 _FAR_UP, _FAR_DOWN = 4.0, 20.0  # ln ki: largest step of a search for where a specification is met or missed
 _FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # at the kp of a gap
@@ -329,6 +330,8 @@ def _inside(low: float, high: float) -> float:
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
+    if any(region.is_empty for region in family.regions):
+        raise _infeasible(family, specification)
     for ki, gaps in _highest_rows(family, specification):
         if ki > _LIMITLESS * family.ki_ends[1] and not any(family.dead_times):
             # with little lag, gains may grow for ever: say so instead of returning a search limit
@@ -371,17 +374,22 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
         here = math.exp(log_ki)
         return common_intervals([tuple(family.gaps(samples.gaps(here, specification), here, stable)), window])
 
-    samples, step = family.forbidden, 1e-3
-    for agree in _AGREE:
-        samples = samples.closer(0.5 * (gap[0] + gap[1]), ki, specification.ms_max or 1.0)
-        bracket = _bracket(partial(left, samples), math.log(ki), step)
+    # the samples forbid nothing that may be had: a tip that stays where it is on a closer look is the true one
+    samples, moved = family.forbidden, _TOP
+    for _ in range(_MOST_LOOKS):
+        samples = samples.closer(0.5 * (gap[0] + gap[1]), ki, specification.ms_max or math.inf)
+        bracket = _bracket(partial(left, samples), math.log(ki), moved)
         if bracket is None:
             return 0.0, 0.0
         low, high = bracket
+        agree = max(_AGREE, moved / 1000)
         while high - low > agree:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if left(samples, middle) else (low, middle)
-        gap, ki, step = max(left(samples, low), key=lambda one: one[1] - one[0]), math.exp(low), 10 * agree
+        gap = max(left(samples, low), key=lambda one: one[1] - one[0])
+        moved, ki = max(abs(low - math.log(ki)), agree), math.exp(low)
+        if moved <= 10 * _AGREE:
+            break
     kp = 0.5 * (gap[0] + gap[1])
     return kp, _refined_ki(family, specification, kp, ki)
 
@@ -404,7 +412,7 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
     def miss(log_ki: float) -> float:
         return min(family.excess(kp, math.exp(log_ki), specification), 1e3)
 
-    bracket = _bracket(lambda x: miss(x) <= 0, math.log(start), 10 * _AGREE[-1])
+    bracket = _bracket(lambda x: miss(x) <= 0, math.log(start), 10 * _AGREE)
     if bracket is None:
         return 0.0
     lower, upper = bracket
