@@ -147,7 +147,7 @@ EQUIVALENT = {
     r"radius >= max": "a ball never is",
     r"gain_margins=\(True\)": "not asked for, only slower",
     r"1e30\)": "any number beyond what a loop has",
-    r"math.log\(ratio\) \+ \(2\)": "a row more",
+    r"math.log\(ratio\) (\+ \(2\)|- 1)": "a row more or less at the top, where nothing stabilises",
     r"< _SAME \* max": "nor a width",
     r"if \(zeros > poles": "the scalar engine gives the same",
     r"alone &= \(best <": "nor a margin",
