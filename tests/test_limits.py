@@ -133,21 +133,6 @@ def test_the_phase_limit_says_nothing_where_it_is_no_theorem():
     assert fundamental_limits(real([], [3.0, 0.4]), 0.9).crossover_range is None  # no crossover is sensible
 
 
-@pytest.mark.parametrize(
-    ("arguments", "options", "match"),
-    [
-        ((real([], [1.0]), -1.0), {}, "dead time"),
-        ((real([], [1.0]), math.nan), {}, "dead time"),
-        ((real([], [1.0]), 0.1), {"lag": -0.5}, "lag"),
-        ((real([], [1.0]), 0.1), {"lag": 0.5}, "not in the plant"),
-        ((real([], [1.0]), 0.1), {"allowed_lag_deg": 180.0}, "allowed lag"),
-    ],
-)
-def test_bad_input(arguments, options, match):
-    with pytest.raises(InputError, match=match):
-        fundamental_limits(*arguments, **options)
-
-
 @st.composite
 def unstable_plants(draw):
     poles = [draw(rounded(0.05, 1.5))]
@@ -322,24 +307,6 @@ def test_commensurate_delays_count_as_the_product_of_their_factors():
     assert product.slope(s) == pytest.approx(difference, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda: QuasiPolynomial([[1.0, np.inf]], 0.1), "not finite"),
-        (lambda: QuasiPolynomial([[1.0, 0.0]], -0.1), "delay"),
-        (lambda: QuasiPolynomial([[1.0, 0.0], [0.5, 0.0]], 0.1).count_right(), "neutral"),
-        (lambda: DelayedRatio(QuasiPolynomial([[1.0]], 0.1), QuasiPolynomial([[1.0]], 0.2)), "differ"),
-        (
-            lambda: DelayedLoop(DelayedRatio(QuasiPolynomial([[1.0, 0.0]], 0.1), QuasiPolynomial([[1.0, 1.0]], 0.1))),
-            "tend to 0",
-        ),
-    ],
-)
-def test_loops_that_are_refused(make, match):
-    with pytest.raises(InputError, match=match):
-        make()
-
-
 # -- Smith predictors ---------------------------------------------------------------------------------------------
 
 
@@ -453,45 +420,6 @@ def test_observer_controller_equals_its_block_diagram():
         assert design.loop(s) == pytest.approx(value * plant(s) * np.exp(-s * TAU), rel=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda g: smith_predictor(g, -0.1, PI_LEAD), "dead time"),
-        (lambda g: smith_predictor(Rational([], [], 1.0), 0.1, Rational([], [], 1.0)), "strictly proper"),
-        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.0), "filter time"),
-        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.1, roll_off=-1), "roll-off"),
-        (
-            lambda g: filtered_smith_predictor(Rational([], [0.5, 0.5], 1.0), 0.1, PI_LEAD, filter_time=0.1),
-            "coincide",
-        ),
-        (lambda g: observer_compensator(g, 0.1, feedback_poles=[-1], observer_poles=OBSERVER), "1 given; give 4"),
-        (
-            lambda g: observer_compensator(g, 0.1, feedback_poles=[0.1, -1, -1, -1], observer_poles=OBSERVER),
-            "not all left",
-        ),
-        (
-            lambda g: observer_compensator(g, 0.1, feedback_poles=FEEDBACK, observer_poles=[-1, -2 + 1j, -2]),
-            "conjugate pairs",
-        ),
-        (
-            lambda g: observer_compensator(
-                Rational([-2.0], [-1.0], 1.0), 0.1, feedback_poles=[-1, -2], observer_poles=[-3]
-            ),
-            "not strictly proper",
-        ),
-        (
-            lambda g: observer_compensator(
-                Rational([0.0], [-1.0, 0.5], 1.0), 0.1, feedback_poles=[-1, -2, -3], observer_poles=[-3, -4]
-            ),
-            "not reachable",
-        ),
-    ],
-)
-def test_compensators_that_are_refused(make, match):
-    with pytest.raises(InputError, match=match):
-        make(actuated())
-
-
 # -- effort ---------------------------------------------------------------------------------------------
 
 
@@ -530,14 +458,6 @@ def test_a_proportional_jump_sets_the_rate_of_a_pi():
     assert control_effort(PIController(gains).transfer_function, without_lag, TAU, lag=0.0).reference_rate == math.inf
 
 
-@pytest.mark.parametrize(
-    "options", [{"lag": -1.0}, {"lag": 0.6, "sampling_period": 0.0}, {"lag": math.nan}, {"lag": math.inf}]
-)
-def test_effort_refuses_bad_times(options):
-    with pytest.raises(InputError, match="not allowed"):
-        control_effort(PI_LEAD, actuated(), TAU, **options)
-
-
 @settings(max_examples=60)
 @given(st.floats(0.05, 0.5), st.floats(0.3, 3.0), st.floats(2.0, 12.0))
 def test_gain_margins_of_observer_designs_are_where_the_exact_count_changes(tau, w, wo):
@@ -550,3 +470,43 @@ def test_gain_margins_of_observer_designs_are_where_the_exact_count_changes(tau,
         if 0 < edge < math.inf:
             assert design.loop.scaled(1 + (edge - 1) * 0.999).is_stable()
             assert not design.loop.scaled(1 + (edge - 1) * 1.001).is_stable()
+
+
+# -- refusals -----------------------------------------------------------------------------------------------------
+
+
+def observed(plant, feedback, observer=OBSERVER):
+    return observer_compensator(plant, 0.1, feedback_poles=feedback, observer_poles=observer)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda g: fundamental_limits(g, -1.0), "dead time: -1 s"),
+        (lambda g: fundamental_limits(g, math.nan), "dead time: nan"),
+        (lambda g: fundamental_limits(g, 0.1, lag=-0.5), "lag: -0.5 s"),
+        (lambda g: fundamental_limits(g, 0.1, lag=0.5), "lag: 0.5 s is not in the plant"),
+        (lambda g: fundamental_limits(g, 0.1, allowed_lag_deg=180.0), "allowed lag: 180 deg"),
+        (lambda g: QuasiPolynomial([[1.0, np.inf]], 0.1), "not finite"),
+        (lambda g: QuasiPolynomial([[1.0, 0.0]], -0.1), "delay"),
+        (lambda g: QuasiPolynomial([[1.0, 0.0], [0.5, 0.0]], 0.1).count_right(), "neutral"),
+        (lambda g: DelayedRatio(QuasiPolynomial([[1.0]], 0.1), QuasiPolynomial([[1.0]], 0.2)), "differ"),
+        (lambda g: DelayedLoop(DelayedRatio(*[QuasiPolynomial([[1.0, 1.0]], 0.1)] * 2)), "tend to 0"),
+        (lambda g: smith_predictor(g, -0.1, PI_LEAD), "dead time: -0.1 s"),
+        (lambda g: smith_predictor(real([], []), 0.1, real([], [])), "strictly proper"),
+        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.0), "filter time: 0 s"),
+        (lambda g: filtered_smith_predictor(g, 0.1, PI_LEAD, filter_time=0.1, roll_off=-1), "roll-off: -1"),
+        (lambda g: filtered_smith_predictor(real([], [0.5, 0.5]), 0.1, PI_LEAD, filter_time=0.1), "coincide"),
+        (lambda g: observed(g, [-1]), "1 given; give 4"),
+        (lambda g: observed(g, [0.1, -1, -1, -1]), "not all left"),
+        (lambda g: observed(g, FEEDBACK, [-1, -2 + 1j, -2]), "conjugate pairs"),
+        (lambda g: observed(real([-2.0], [-1.0]), [-1, -2], [-3]), "not strictly proper"),
+        (lambda g: observed(real([0.0], [-1.0, 0.5]), [-1, -2, -3], [-3, -4]), "not reachable"),
+        (lambda g: control_effort(PI_LEAD, g, -0.1, lag=0.6), "dead time: -0.1 s"),
+        (lambda g: control_effort(PI_LEAD, g, TAU, lag=math.inf), "lag: inf"),
+        (lambda g: control_effort(PI_LEAD, g, TAU, lag=0.6, sampling_period=0.0), "sampling period: 0 s"),
+    ],
+)
+def test_what_is_refused(make, match):
+    with pytest.raises(InputError, match=match):
+        make(actuated())

@@ -9,15 +9,14 @@ model, since only the true plant is perturbed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError, UnstableLoopError
 from railslip_ctrl.loop import Margins, Rational
 from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
@@ -30,18 +29,10 @@ _LARGEST_CONDITION = 1e12  # of a controllability matrix whose inverse still has
 
 @dataclass(frozen=True, eq=False)
 class Compensator:
-    """A dead-time compensator in its loop.
+    """A dead-time compensator C(s), N*m/(m/s), in its loop L = C G exp(-tau s).
 
-    Attributes
-    ----------
-    structure : str
-        What it is, in words.
-    controller : DelayedRatio
-        C(s), N*m/(m/s). Removable singularities (of a finite-time integral) are left in it as common zeros.
-    loop : DelayedLoop
-        L = C G exp(-tau s).
-    hidden_unstable_poles : tuple of complex
-        Closed-loop poles right of or on the axis that L does not show and no gain moves, 1/s.
+    Removable singularities (of a finite-time integral) are left in the controller as common zeros.
+    `hidden_unstable_poles` are closed-loop poles right of or on the axis that L does not show and no gain moves, 1/s.
     """
 
     structure: str
@@ -75,10 +66,6 @@ class Compensator:
                 unstable_poles=self.loop.root_count.right,
                 stabilizing_gain_range=None,
             )
-        return self._margins
-
-    @cached_property
-    def _margins(self) -> Margins:
         return self.loop.margins()
 
 
@@ -87,13 +74,9 @@ def smith_predictor(plant: Any, dead_time: float, controller: Any) -> Compensato
 
     With an unstable plant it is unstable inside whatever C0 is: C has a zero at each plant pole, and D itself divides
     the characteristic function D (D0 D + N0 N). That is found and told (`reason`), not assumed.
-
-    Raises
-    ------
-    InputError
-        Another kind of system, the dead time is negative or not finite, or C0 G is not strictly proper.
+    InputError if C0 G is not strictly proper.
     """
-    plant, controller = _rationals(plant, controller)
+    plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
     inner = QuasiPolynomial([np.polyadd(base, forward), -forward], dead_time)
@@ -113,25 +96,13 @@ def filtered_smith_predictor(
     plant poles right of the axis: then G (1 - F q) has none of them, and is realised without them (a finite-time
     integral), so that the loop is stable inside. Nominally T = F q N0 N/(D0 D + N0 N).
 
-    Parameters
-    ----------
-    controller : Rational
-        C0, designed for G without dead time; the nominal poles are those of C0 G, of F, and the stable ones of G.
-    filter_time : float
-        s, > 0: a larger one gives more robustness and slower rejection of disturbances.
-    roll_off : int
-        Additional poles of F, >= 0, against noise.
-
-    Raises
-    ------
-    InputError
-        A number outside its range, C0 G not strictly proper, or several unstable poles that coincide.
+    The nominal poles are those of C0 G, of F, and the stable ones of G. A larger `filter_time`, s, > 0, gives more
+    robustness and slower rejection of disturbances; `roll_off` are additional poles of F against noise. InputError if
+    C0 G is not strictly proper, or unstable poles coincide.
     """
-    if not (math.isfinite(filter_time) and filter_time > 0):
-        raise InputError(f"filter time: {filter_time} s is not allowed; give a finite value > 0")
-    if roll_off < 0:
-        raise InputError(f"roll-off: {roll_off} is not allowed; give a number of poles >= 0")
-    plant, controller = _rationals(plant, controller)
+    number("filter time", filter_time, "s", gt=0)
+    number("roll-off", roll_off, ge=0)
+    plant, controller = Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
     num, den, num0, den0 = _polynomials(plant, dead_time, controller)
     num_f, den_f = _prediction_filter(plant.poles, dead_time, filter_time, roll_off)
     forward, base = np.polymul(num0, num), np.polymul(den0, den)
@@ -177,29 +148,22 @@ def observer_compensator(
     exp(A s) B u(t - s) ds is exact ([ManitiusOlbrot1979], [Artstein1982]; the integral state is predicted with it) and
     x^' = A x^ + B u(t - tau) + Lo (y - C x^). The closed loop has finitely many poles: those asked for.
 
-    Parameters
-    ----------
-    feedback_poles : n + 1 numbers, 1/s
-        Closed-loop poles of plant (order n) and integrator; real or in conjugate pairs, left of the axis.
-    observer_poles : n numbers, 1/s
-        Poles of the observer, likewise.
-
-    Raises
-    ------
-    InputError
-        A wrong number of poles or one not left of the axis, or a plant that is not strictly proper, is not reachable
-        (a pole on a zero), or has a zero at the origin, which forbids integral action.
+    The n + 1 `feedback_poles` are those of plant (order n) and integrator, the n `observer_poles` of the observer, 1/s,
+    real or in conjugate pairs, left of the axis. InputError for others, or a plant that is not strictly proper, is
+    not reachable (a pole on a zero), or has a zero at the origin, which forbids integral action.
     """
     plant = Rational.from_control(plant, "plant")
     n = plant.poles.size
-    _check_dead_time(dead_time)
+    number("dead time", dead_time, "s", ge=0)
     _check_poles("feedback poles", feedback_poles, n + 1)
     _check_poles("observer poles", observer_poles, n)
     if plant.relative_degree == 0:
         raise InputError("observer design: the plant is not strictly proper; add the actuator's lag")
     from scipy.linalg import expm
+    from scipy.signal import tf2ss
 
-    a, b, c = _realisation(plant)
+    num = np.atleast_1d(np.real(np.poly(plant.zeros)) * plant.gain)
+    a, b, c, _ = tf2ss(num, np.real(np.poly(plant.poles)))
     extended = np.block([[a, np.zeros((n, 1))], [c, np.zeros((1, 1))]])
     b_extended = np.vstack([b, [[0.0]]])
     k = _placed(extended, b_extended, feedback_poles)
@@ -215,7 +179,6 @@ def observer_compensator(
     before[-1] = now[-1]  # the finite-time integral has no pole at the origin: equal but for rounding
     model = _adjugate_form(observer, b, k_x)
     measured = np.polyadd(np.append(_adjugate_form(observer, gain_o, k_x), 0.0), k_i * den_o)
-    num = np.real(np.poly(plant.zeros)) * plant.gain
     inner = QuasiPolynomial(
         [
             np.polymul(np.polyadd(den_e, now), den_o),
@@ -228,13 +191,9 @@ def observer_compensator(
     return Compensator("observer with prediction", controller, DelayedLoop(loop))
 
 
-def _rationals(plant: Any, controller: Any) -> tuple[Rational, Rational]:
-    return Rational.from_control(plant, "plant"), Rational.from_control(controller, "controller")
-
-
 def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tuple[Floats, Floats, Floats, Floats]:
     """N, D, N0, D0, descending powers, for a strictly proper C0 G."""
-    _check_dead_time(dead_time)
+    number("dead time", dead_time, "s", ge=0)
     if plant.relative_degree + controller.relative_degree < 1:
         raise InputError("Smith predictor: controller and plant together are not strictly proper; add a lag")
     found = []
@@ -242,11 +201,6 @@ def _polynomials(plant: Rational, dead_time: float, controller: Rational) -> tup
         found += [system.gain * np.atleast_1d(np.real(np.poly(system.zeros)))]
         found += [np.atleast_1d(np.real(np.poly(system.poles)))]
     return found[0], found[1], found[2], found[3]
-
-
-def _check_dead_time(dead_time: float) -> None:
-    if not (math.isfinite(dead_time) and dead_time >= 0):
-        raise InputError(f"dead time: {dead_time} s is not allowed; give a finite value >= 0")
 
 
 def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
@@ -259,19 +213,9 @@ def _check_poles(name: str, poles: Sequence[complex], count: int) -> None:
         raise InputError(f"{name}: {list(poles)} are not in conjugate pairs; give both of each pair")
 
 
-def _realisation(plant: Rational) -> tuple[Floats, Floats, Floats]:
-    """Controllable canonical A (n, n), B (n, 1), C (1, n)."""
-    n = plant.poles.size
-    num = plant.gain * np.atleast_1d(np.real(np.poly(plant.zeros)))
-    a = np.eye(n, k=-1)
-    a[0] = -np.real(np.poly(plant.poles))[1:]
-    b, c = np.zeros((n, 1)), np.zeros((1, n))
-    b[0], c[0, n - num.size :] = 1.0, num
-    return a, b, c
-
-
 def _placed(a: Floats, b: Floats, poles: Sequence[complex]) -> Floats:
-    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones."""
+    """Row k that gives a - b k the poles, by Ackermann's formula; SciPy's `place_poles` refuses repeated ones, and
+    python-control's `place_acker` what is scaled badly."""
     n = a.shape[0]
     reach = np.hstack([np.linalg.matrix_power(a, i) @ b for i in range(n)])
     scale = np.abs(reach).max(axis=0)

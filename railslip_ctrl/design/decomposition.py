@@ -18,7 +18,8 @@ pi between gain crossovers, of which there are at most n + 2, and of -tau omega 
 
     tau * measure of {omega > 0: |L(j omega)| > 1} >= pi (2 n + m + 7)
 
-leaves unstable poles. As |C| >= |kp| - |B| and |C| >= ki/omega - |Im (kp A + B)|, this bounds both gains.
+leaves unstable poles. As |C| >= |kp| - |B| and |C| >= ki/omega - |kp A + B|, this bounds both
+gains; a PI has |C| >= ki/omega.
 """
 
 from __future__ import annotations
@@ -36,8 +37,10 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.crossings import Response, bracketed_roots
-from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots
+from railslip_ctrl.loop.rational import Axis, angle_sum, fraction, positive_square_roots, rounded_roots
 from railslip_ctrl.loop.stability import RootCount
+
+from .controllers import pi_transfer_function
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -131,7 +134,7 @@ class _Angles:
     def __init__(self, factor: fmpq_poly, other: fmpq_poly, dead_time: float) -> None:
         self._dead_time = dead_time
         self._axis, self._other = Axis(factor), Axis(other).odd
-        self._roots, self._other_roots = _roots(factor), _roots(self._other)
+        self._roots, self._other_roots = rounded_roots(factor), rounded_roots(self._other)
         lead = factor.coeffs()[-1]
         self._turned = float(lead < 0)
         ratio = self._other.coeffs()[-1] / lead if self._other != 0 else fmpq(0)
@@ -186,19 +189,6 @@ def _frequencies(polynomial: fmpq_poly) -> Floats:
     """Square roots of the positive real roots, rad/s."""
     with ctx.workprec(_BITS):
         return np.array([float(omega.mid()) for omega, _ in positive_square_roots(polynomial)])
-
-
-def _roots(polynomial: fmpq_poly) -> Complexes:
-    """All complex roots, with their multiplicities; what cannot be told from the axis lies on it."""
-    if polynomial.degree() < 1:
-        return np.array([], dtype=complex)
-    with ctx.workprec(_BITS):
-        found = polynomial.complex_roots()
-    listed = []
-    for root, count in found:
-        real = 0.0 if root.real.contains(0) else float(root.real.mid())
-        listed += [complex(real, float(root.imag.mid()))] * count
-    return np.array(listed)
 
 
 # --- sets of a gain as ascending open intervals -----------------------------------------------------------------------
@@ -278,33 +268,27 @@ _SURELY_FALLING = 1e-9  # relative slope below which a crossing is taken for one
 
 @dataclass(frozen=True)
 class CriticalGains:
-    """Values of one gain at which poles are on the axis, ascending, and where they are, +-j omega, rad/s.
+    """Values of one gain at which poles are on the axis, ascending.
 
     No gain larger in size than `complete_to` stabilises; inf without dead time. `leftward` marks those at which
     the growing gain may take poles to the left: all others take a pair of them to the right.
     """
 
     values: Floats
-    omega: Floats
     leftward: NDArray[np.bool_]
     complete_to: float
 
     @classmethod
-    def within(
-        cls, low: float, high: float, values: Floats, omega: Floats, leftward: NDArray[np.bool_]
-    ) -> CriticalGains:
+    def within(cls, low: float, high: float, values: Floats, leftward: NDArray[np.bool_]) -> CriticalGains:
         """Those between two bounds, sorted."""
         kept = np.flatnonzero((values > low) & (values < high))
         order = kept[np.argsort(values[kept], kind="stable")]
-        return cls(values[order], omega[order], leftward[order], high)
+        return cls(values[order], leftward[order], high)
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A plant, its dead time (s) and the fixed derivative part of the controller (see the module's text).
-
-    `derivative_time` s, `derivative_gain` in units of kp times s, `derivative_filter` s.
-    """
+    """A plant, its dead time, s, and the fixed derivative part: time and filter s, gain in units of kp times s."""
 
     plant: Rational
     dead_time: float
@@ -367,11 +351,11 @@ class Decomposition:
         dc = self.plant.dc_gain
         if np.isfinite(dc) and dc != 0:
             fixed.append(-1.0 / dc)
-        at_infinity = self._gain_at_infinity()
-        values = np.concatenate([-ratio.real, fixed, at_infinity])
-        omega = np.concatenate([omega, np.zeros(len(fixed)), np.full(at_infinity.size, np.inf)])
-        leftward = np.append(leftward, np.ones(omega.size - leftward.size, dtype=bool))
-        return CriticalGains.within(-self.largest_kp, self.largest_kp, values, omega, leftward)
+        through = self.plant.feedthrough
+        if through:  # 1 + L(infinity) = 0: a pole passes through infinity
+            fixed.append(-(1 + self.gain_at_infinity(0.0)) / (through * self._ends[0]))
+        values, leftward = np.append(-ratio.real, fixed), np.append(leftward, np.ones(len(fixed), dtype=bool))
+        return CriticalGains.within(-self.largest_kp, self.largest_kp, values, leftward)
 
     def integral_gains(self, kp: float) -> CriticalGains:
         """All ki > 0 at which the loop with this kp, at most `largest_kp` in size, has a pair of poles on the axis."""
@@ -385,7 +369,7 @@ class Decomposition:
         shape, (slope, shape_slope, size) = self.proportional(omega), self.slopes(omega)
         leftward = _may_rise(omega, slope.real + kp * shape_slope.real, size + abs(kp) * np.abs(shape))
         values = omega * (self.inverse(omega).imag + kp * shape.imag)
-        return CriticalGains.within(0.0, self.largest_ki, values, omega, leftward)
+        return CriticalGains.within(0.0, self.largest_ki, values, leftward)
 
     @cached_property
     def turning_points(self) -> Floats:
@@ -450,44 +434,40 @@ class Decomposition:
 
     # -- how far to look ----------------------------------------------------------------------------------
 
-    def _largest_shape(self) -> float:
-        """Largest |A| on the axis."""
-        return 1 + self.derivative_time / self.derivative_filter if self.derivative_time else 1.0
-
-    def _largest_fixed(self) -> float:
-        """Largest |B| on the axis."""
-        return abs(self.derivative_gain) / self.derivative_filter if self.derivative_gain else 0.0
+    @property
+    def _ends(self) -> tuple[float, float]:
+        """A and B at infinity, where both are largest."""
+        lag = self.derivative_filter or 1.0
+        return 1 + self.derivative_time / lag, self.derivative_gain / lag
 
     def gain_at_infinity(self, kp: float) -> float:
         """L(infinity), not 0 only for a plant with as many zeros as poles."""
-        fixed = self.derivative_gain / self.derivative_filter if self.derivative_gain else 0.0
-        return self.plant.feedthrough * (kp * self._largest_shape() + fixed)
-
-    def _gain_at_infinity(self) -> Floats:
-        """kp at which 1 + L(infinity) = 0: a pole passes through infinity."""
-        through = self.plant.feedthrough
-        if through == 0:
-            return np.array([])
-        return np.array([-(1 + self.gain_at_infinity(0.0)) / (through * self._largest_shape())])
+        shape, fixed = self._ends
+        return self.plant.feedthrough * (kp * shape + fixed)
 
     @cached_property
     def largest_kp(self) -> float:
         """Every kp that stabilises, whatever ki, is smaller in size; inf without dead time."""
         if self.dead_time == 0 or self.plant.gain == 0:
             return np.inf
-        return self._unstable_from(self.plant, lambda kp: kp, lambda _: np.inf) + self._largest_fixed()
+        return self._unstable_from(self.plant, lambda kp: kp, lambda _: np.inf) + abs(self._ends[1])
+
+    @property
+    def _largest_proportional(self) -> float:
+        """Largest |kp A + B| on the axis."""
+        shape, fixed = self._ends
+        return self.largest_kp * shape + abs(fixed)
 
     @cached_property
     def largest_ki(self) -> float:
         """No ki beyond this stabilises, whatever kp; inf without dead time."""
         if self.dead_time == 0 or self.plant.gain == 0:
             return np.inf
-        integrated = self.plant * Rational(np.array([]), np.array([0.0]), 1.0)
         if self.derivative_filter == 0:
-            return self._unstable_from(integrated, lambda ki: ki, lambda _: np.inf)
-        # |Im j omega/(1 + j omega Tf)| <= 1/(2 Tf); where ki/omega is twice that much, half of it remains
-        other = (self.largest_kp * self.derivative_time + abs(self.derivative_gain)) / (2 * self.derivative_filter)
-        return self._unstable_from(integrated, lambda ki: ki / 2, lambda ki: ki / (2 * other) if other else np.inf)
+            return self._unstable_from(self._integrated, lambda ki: ki, lambda _: np.inf)
+        # where ki/omega is twice what the rest of C may be, half of it remains
+        rest = 2 * self._largest_proportional
+        return self._unstable_from(self._integrated, lambda ki: ki / 2, lambda ki: ki / rest)
 
     def _unstable_from(
         self, system: Rational, factor: Callable[[float], float], highest: Callable[[float], float]
@@ -502,16 +482,18 @@ class Decomposition:
 
     def _width_above_one(self, system: Rational, highest: float) -> float:
         """Measure of the frequencies 0 < omega < highest with |system| > 1, rad/s; `system` strictly proper."""
-        response = Response(system, 0.0)
-        crossovers = response.gain_crossovers
-        ends = np.minimum(np.concatenate([[0.0], crossovers]), highest)
-        inside = response.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
+        ends = np.minimum(np.append(0.0, Response(system, 0.0).gain_crossovers), highest)
+        inside = system.log_size(0.5 * (ends[:-1] + ends[1:])) > 0
         return float(np.sum(np.diff(ends)[inside]))
 
-    def _last_crossover(self, system: Rational) -> float:
+    @property
+    def _integrated(self) -> Rational:
+        return self.plant * Rational(np.array([]), np.array([0.0]), 1.0)
+
+    @staticmethod
+    def _last_crossover(system: Rational) -> float:
         """Frequency beyond which |system| < 1, rad/s; 0 if it always is."""
-        response = Response(system, 0.0)
-        return float(np.max(response.gain_crossovers, initial=0.0))
+        return float(np.max(Response(system, 0.0).gain_crossovers, initial=0.0))
 
     @cached_property
     def _limit(self) -> float:
@@ -520,12 +502,10 @@ class Decomposition:
             return np.inf
         if self.plant.gain == 0:
             return 0.0
-        integrated = self.plant * Rational(np.array([]), np.array([0.0]), 1.0)
         # poles on the axis need |P| (|kp A + B| + ki/omega) >= 1, so that one of the two terms is at least half
-        proportional = self.largest_kp * self._largest_shape() + self._largest_fixed()
         limit = max(
-            self._last_crossover(self.plant * (2 * proportional)),
-            self._last_crossover(integrated * (2 * self.largest_ki)),
+            self._last_crossover(self.plant * (2 * self._largest_proportional)),
+            self._last_crossover(self._integrated * (2 * self.largest_ki)),
         )
         turned = limit * self.dead_time
         if turned > _MOST_TURNED:
@@ -557,24 +537,7 @@ def _may_rise(omega: Floats, slope: Floats, size: Floats) -> NDArray[np.bool_]:
 @lru_cache(maxsize=16)  # the plants of a family are asked about the same gains one after another
 def _controller(kp: float, ki: float, derivative: float, lag: float) -> Rational:
     """kp + ki/s + derivative s/(lag s + 1)."""
-    poles = [] if lag == 0 else [-1 / lag]
-    numerator = [kp * lag + derivative, kp] if ki == 0 else [kp * lag + derivative, kp + ki * lag, ki]
-    if ki != 0:
-        poles = [0.0, *poles]
-    coefficients = np.trim_zeros(np.array(numerator), "f")
-    if coefficients.size == 0:
-        return Rational(np.array([]), np.array(poles), 0.0)
-    return Rational(_real_roots_first(coefficients), np.array(poles), float(coefficients[0]) / (lag or 1.0))
-
-
-def _real_roots_first(coefficients: Floats) -> Complexes:
-    """Roots of a polynomial of degree 0 to 2, real ones without cancellation."""
-    if coefficients.size < 3:
-        return np.asarray(-coefficients[1:] / coefficients[0], dtype=np.complex128)
-    a, b, c = coefficients.tolist()
-    discriminant = b * b - 4 * a * c
-    if discriminant < 0:
-        root = complex(-b / (2 * a), np.sqrt(-discriminant) / (2 * a))
-        return np.array([root, root.conjugate()])
-    half = -(b + np.copysign(np.sqrt(discriminant), b)) / 2
-    return np.array([half / a, c / half], dtype=np.complex128)
+    if derivative == 0:
+        return pi_transfer_function(kp, ki)
+    order = 3 if ki else 2  # without an integrator if ki = 0
+    return Rational.from_polynomials([kp * lag + derivative, kp + ki * lag, ki][:order], [lag, 1.0, 0.0][:order])

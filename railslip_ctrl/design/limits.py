@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,17 +43,10 @@ class StructureLimit:
     """What a PI behind a given phase can hope for. Theorem, for one unstable real pole and no zero right of the axis.
 
     A PI only adds lag, so that its phase margin is at most the plant's largest phase above -180 deg, and
-    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover.
+    Ms >= |1/(1 + L)| >= 1/(2 sin(phase margin/2)) at the crossover. A "PI-lead" cancels the lag, without a filter.
 
-    Attributes
-    ----------
-    structure : str
-        "PI", or "PI-lead" with the lag cancelled (filter time constant 0, the most a lead on the lag can give).
-    phase_deg, frequency : float
-        Bound on the phase margin, deg, <= 0 if nothing of the structure stabilises; and where it is met, rad/s (NaN
-        if the phase only falls).
-    ms_bound : float
-        Lower bound on Ms; inf if nothing of the structure stabilises.
+    `phase_deg` is the bound on the phase margin, deg, <= 0 if nothing of the structure stabilises, met at `frequency`,
+    rad/s (NaN if the phase only falls); `ms_bound` that on Ms, inf if nothing stabilises.
     """
 
     structure: str
@@ -116,9 +109,8 @@ class Limits:
     def longest_dead_time(self, ms: float) -> float:
         """Dead time, s, beyond which no linear controller of the plant has a peak |S| of at most `ms`, a ratio > 1.
 
-        That is where `least_peak` passes it: ln(ms)/p for one real pole and no zero right of the axis, so that a Ms of
-        2 ends at the doubling time. 0 if zeros right of the axis forbid it without dead time too, inf for a stable
-        plant. InputError for another `ms`. A theorem, which says nothing of a given structure.
+        ln(ms)/p for one real pole and no zero right of the axis: a Ms of 2 ends at the doubling time. 0 if zeros right
+        of the axis forbid it without dead time too, inf for a stable plant. InputError for another `ms`.
         """
         number("ms", ms, gt=1)
         poles, zeros = np.array(self.unstable_poles), np.array(self.unstable_zeros)
@@ -161,15 +153,14 @@ def fundamental_limits(
         Another kind of system, a number outside its range, or a lag that is not in the plant.
     """
     plant = Rational.from_control(plant, "plant")
-    for name, value in (("dead time", dead_time), ("lag", lag)):
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(f"{name}: {value} s is not allowed; give a finite value >= 0")
-    if not 0 < allowed_lag_deg < 180:
-        raise InputError(f"allowed lag: {allowed_lag_deg} deg is not allowed; give a value between 0 and 180")
+    number("dead time", dead_time, "s", ge=0)
+    number("lag", lag, "s", ge=0)
+    number("allowed lag", allowed_lag_deg, "deg", gt=0, lt=180)
     poles, zeros = plant.poles[plant.poles.real > 0], plant.zeros[plant.zeros.real > 0]
     p = float(poles.real.max(initial=0.0))
     peak = least_peak(poles, zeros, dead_time)
-    cancelled = _without_lag(plant, lag)
+    structures = {"PI": plant, "PI-lead": _without_lag(plant, lag)}
+    pi, pi_lead = (_phase_limit(name, system, dead_time, peak) for name, system in structures.items())
     return Limits(
         unstable_poles=tuple(complex(x) for x in poles),
         unstable_zeros=tuple(complex(x) for x in zeros),
@@ -183,14 +174,9 @@ def fundamental_limits(
         bode_integral=math.pi * float(poles.real.sum()),
         crossover_range=_crossover_range(poles, zeros, dead_time, math.radians(allowed_lag_deg)),
         allowed_lag_deg=allowed_lag_deg,
-        pi=_at_least(_phase_limit("PI", plant, dead_time), peak),
-        pi_lead=_at_least(_phase_limit("PI-lead", cancelled, dead_time), peak),
+        pi=pi,
+        pi_lead=pi_lead,
     )
-
-
-def _at_least(limit: StructureLimit | None, peak: float) -> StructureLimit | None:
-    """What holds for every controller holds for those of a structure."""
-    return None if limit is None else replace(limit, ms_bound=max(limit.ms_bound, peak))
 
 
 def least_peak(poles: Complexes, zeros: Complexes, dead_time: float) -> float:
@@ -267,8 +253,11 @@ def _crossover_range(
     return (edge(int(below[-1])) if below.size else 0.0), (edge(int(above[0]) - 1) if above.size else math.inf)
 
 
-def _phase_limit(structure: str, plant: Rational, dead_time: float) -> StructureLimit | None:
-    """The most phase above -180 deg that plant and dead time leave to a PI; None where that says nothing."""
+def _phase_limit(structure: str, plant: Rational, dead_time: float, peak: float) -> StructureLimit | None:
+    """The most phase above -180 deg that plant and dead time leave to a PI; None where that says nothing.
+
+    `peak` is the Ms that no controller beats.
+    """
     unstable = plant.poles[plant.poles.real >= 0]
     if unstable.size != 1 or unstable[0].real == 0 or np.any(plant.zeros.real >= 0) or plant.gain == 0:
         return None
@@ -283,7 +272,7 @@ def _phase_limit(structure: str, plant: Rational, dead_time: float) -> Structure
     found = bracketed_roots(lambda w, _: response.phase(w)[1], nodes[[top - 1]], nodes[[top + 1]])
     most = float(response.phase(found)[0][0]) + math.pi
     bound = 1 / (2 * math.sin(min(most, math.pi) / 2)) if most > 0 else math.inf
-    return StructureLimit(structure, math.degrees(most), float(found[0]), max(1.0, bound))
+    return StructureLimit(structure, math.degrees(most), float(found[0]), max(peak, bound))
 
 
 # --- control effort: noise on the torque command, and the peak rate of the acting torque ------------------------------
@@ -302,19 +291,11 @@ _VERY_FAST = 1e9  # 1/s, where C has its limit
 class Effort:
     """Control effort of a stable loop.
 
-    Attributes
-    ----------
-    high_frequency_gain : float
-        |C(j infinity)|, N*m/(m/s).
-    noise_gain : float
-        Standard deviation of the commanded torque over that of white measurement noise up to the Nyquist frequency w:
-        sqrt(1/w * integral over 0..w of |C S|^2), N*m/(m/s). Multiply by the noise's standard deviation in m/s.
-    reference_rate : float
-        Largest |rate| of the acting torque (behind dead time and lag) on a step of 1 km/h of the reference sigma_d,
-        N*m/s; equally of a step of 1 km/h added to the measured slip velocity. inf without lag if C jumps.
-    disturbance_rate : float
-        The same on a disturbance that makes the slip velocity itself jump by 1 km/h (an impulse of torque at the
-        wheel), N*m/s.
+    `high_frequency_gain` is |C(j infinity)|, N*m/(m/s). `noise_gain` is the standard deviation of the commanded torque
+    over that of white measurement noise up to the Nyquist frequency w: sqrt(1/w * integral over 0..w of |C S|^2),
+    N*m/(m/s). `reference_rate` is the largest |rate| of the acting torque (behind dead time and lag), N*m/s, on a step
+    of 1 km/h of the reference or the measurement, inf without lag if C jumps; `disturbance_rate` the same on an impulse
+    of torque at the wheel that makes the slip velocity jump by 1 km/h.
     """
 
     high_frequency_gain: float
@@ -333,25 +314,13 @@ def control_effort(
 ) -> Effort:
     """Effort of C(s) in a loop that the caller knows to be stable (the numbers mean nothing otherwise).
 
-    Parameters
-    ----------
-    controller : callable or linear system
-        C(s), N*m/(m/s), for complex arrays s; a limit as s tends to infinity.
-    plant : python-control system, `Rational`, or a real number
-        From commanded torque to -e without the dead time, lag included, as of `actuated_plant`.
-    dead_time, lag : float
-        s; actuator.
-    sampling_period : float
-        s, > 0.
-
-    Raises
-    ------
-    InputError
-        Another kind of system, a time that is negative or not finite, or a sampling period that is not > 0.
+    `controller` is a linear system or a function C(s), N*m/(m/s), of complex arrays s, with a limit at infinity;
+    `plant` a linear system from commanded torque to -e without the dead time, lag included, as of `actuated_plant`; the
+    actuator's `dead_time` and `lag`, s, >= 0, and the `sampling_period`, s, > 0. InputError for others.
     """
-    for name, value in (("dead time", dead_time), ("lag", lag), ("sampling period", sampling_period)):
-        if not (math.isfinite(value) and value >= 0) or (value == 0 and name == "sampling period"):
-            raise InputError(f"{name}: {value} s is not allowed; give a finite value of the proper sign")
+    number("dead time", dead_time, "s", ge=0)
+    number("lag", lag, "s", ge=0)
+    number("sampling period", sampling_period, "s", gt=0)
     plant = Rational.from_control(plant, "plant")
     if not callable(controller):
         controller = Rational.from_control(controller, "controller")
@@ -381,18 +350,16 @@ def _peak_rate(torque: Callable[[Any], Complexes], lag: float, at_once: float) -
 
     The Fourier series of exp(-c t) r(t) on a shifted contour; what falls as 1/s is taken out and added in closed form.
     """
-    if lag == 0:
-        return math.inf if at_once != 0 else _peak(torque, 0.0, 0.0)
-    return _peak(lambda s: (torque(s) - at_once) / (lag * s + 1), at_once / lag, lag)
-
-
-def _peak(response: Callable[[Any], Complexes], jump: float, lag: float) -> float:
+    if lag == 0 and at_once != 0:
+        return math.inf
+    jump = at_once / (lag or 1.0)
     count = round(_HORIZON / _TIME_STEP)
     shift = 12.0 / _HORIZON  # what folds back from beyond the horizon is exp(-12) of itself
     omega = 2 * np.pi * np.arange(count // 2 + 1) / _HORIZON
     # a cosine taper at the top keeps the cut from ringing
     taper = np.cos(np.pi / 2 * omega / omega[-1]) ** 2
-    series = np.fft.irfft(response(shift + 1j * omega) * taper, n=count) / _TIME_STEP
+    s = shift + 1j * omega
+    series = np.fft.irfft((torque(s) - at_once) / (lag * s + 1) * taper, n=count) / _TIME_STEP
     t = np.arange(count) * _TIME_STEP
     inside = t < 0.7 * _HORIZON
     known = jump * np.exp(-t / lag) if lag > 0 else 0.0

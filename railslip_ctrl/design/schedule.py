@@ -6,13 +6,13 @@ import inspect
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from railslip_ctrl.core.arguments import check_fields, checked
+from railslip_ctrl.core.arguments import check_fields, checked, number
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import validated
@@ -44,14 +44,10 @@ class ScheduleEntry:
 
 @dataclass(frozen=True)
 class GainSchedule:
-    """PI gains over speed and rail, with one lead for all.
+    """PI gains over speed and rail, linear in speed between entries and constant outside, with one lead (s) for all.
 
-    Between the speeds the gains are interpolated linearly in speed; outside them the nearest entry holds. Below
-    `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms` is
-    the largest Ms over the scheduled speeds and between them.
-
-    Raises InputError for no entries, speeds that are not finite and positive or come twice on a rail, or time
-    constants that no controller has.
+    Below `lowest_speed_kmh` the schedule's own loops are no longer all stable: slip control must be cut out. `worst_ms`
+    is the largest Ms over the scheduled speeds and between them. InputError for values that no schedule has.
     """
 
     entries: tuple[ScheduleEntry, ...]
@@ -66,17 +62,14 @@ class GainSchedule:
             raise InputError("gain schedule: it has no entries; give at least one speed")
         seen = set()
         for entry in self.entries:
-            if not (math.isfinite(entry.speed_kmh) and entry.speed_kmh > 0):
-                raise InputError(f"gain schedule: speed {entry.speed_kmh} km/h is not allowed; give a finite value > 0")
+            number("gain schedule: speed", entry.speed_kmh, "km/h", gt=0)
+            number("gain schedule: worst Ms", entry.worst_ms, ge=1)
             if (entry.rail, entry.speed_kmh) in seen:
                 raise InputError(f"gain schedule: {entry.rail} rail, {entry.speed_kmh:g} km/h comes twice; keep one")
             seen.add((entry.rail, entry.speed_kmh))
-            if not (math.isfinite(entry.worst_ms) and entry.worst_ms >= 1):
-                raise InputError(f"gain schedule: worst Ms {entry.worst_ms} is not allowed; it is finite and >= 1")
-        if not (math.isfinite(self.lowest_speed_kmh) and self.lowest_speed_kmh >= 0 and self.worst_ms >= 1):
-            raise InputError(
-                "gain schedule: lowest speed and worst Ms are not allowed; give a speed >= 0 and an Ms >= 1"
-            )
+        number("gain schedule: lowest speed", self.lowest_speed_kmh, "km/h", ge=0)
+        if not self.worst_ms >= 1:
+            raise InputError(f"gain schedule: worst Ms {self.worst_ms} is not allowed; give a value >= 1")
         PIController(self.entries[0].gains, self.lead, self.lead_filter)  # checks the time constants
 
     def controller(self, speed: float, rail: Rail) -> PIController:
@@ -84,8 +77,7 @@ class GainSchedule:
 
         Raises InputError for a speed that is not finite and positive, or a rail without entries.
         """
-        if not (math.isfinite(speed) and speed > 0):
-            raise InputError(f"speed: {speed} m/s is not allowed; give a finite value > 0")
+        number("speed", speed, "m/s", gt=0)
         mine = sorted((e for e in self.entries if e.rail is rail), key=lambda e: e.speed_kmh)
         if not mine:
             raise InputError(f"rail: the schedule has no entries for {rail} rail; tune them or choose another")
@@ -119,23 +111,16 @@ class GainSchedule:
         """Read what `to_json` wrote; InputError for anything else."""
         try:
             content = json.loads(text)
-            entries = tuple(
-                ScheduleEntry(
-                    Rail(e["rail"]),
-                    float(e["speed_kmh"]),
-                    validated(PIGains, {"kp": e["kp_si"], "ki": e["ki_si"]}, "gain schedule"),
-                    float(e["worst_ms"]),
-                )
-                for e in content["entries"]
-            )
-            lead, lead_filter, lowest, worst = (
-                float(content[k]) for k in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")
-            )
+            entries = []
+            for e in content["entries"]:
+                gains = validated(PIGains, {"kp": e["kp_si"], "ki": e["ki_si"]}, "gain schedule")
+                entries.append(ScheduleEntry(Rail(e["rail"]), float(e["speed_kmh"]), gains, float(e["worst_ms"])))
+            others = [float(content[key]) for key in ("lead_s", "lead_filter_s", "lowest_speed_kmh", "worst_ms")]
         except InputError:
             raise
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"gain schedule: not as written by to_json ({' '.join(str(error).split())})") from None
-        return cls(entries, lead, lead_filter, lowest, worst)
+        return cls(tuple(entries), *others)
 
 
 @checked
@@ -183,11 +168,10 @@ def schedule_gains(
     lead: float = 0.0,
     lead_filter: float = 0.0,
 ) -> GainSchedule:
-    """Tune a PI (with one lead for all) at each speed and rail, over the vehicle's empty and loaded mass.
+    """Tune a PI (with one lead for all, s) at each speed and rail, over the vehicle's empty and loaded mass.
 
-    At each entry ki is maximised under Ms <= ms_max; between the entries the interpolated gains are checked, and the
-    schedule tells the worst Ms found (`worst_ms`, which may exceed ms_max a little) and the lowest speed its own loops
-    hold. Raises InfeasibleDesignError where an entry cannot be met, naming it; InputError for no speeds.
+    At each entry ki is maximised under Ms <= ms_max; between the entries Ms may exceed it a little.
+    InfeasibleDesignError where an entry cannot be met, naming it; InputError for no speeds.
     """
     compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
     actuator = vehicle.actuator
@@ -205,25 +189,20 @@ def schedule_gains(
             except InfeasibleDesignError as error:
                 raise InfeasibleDesignError(f"{rail} rail, {speed:g} km/h: {error}") from None
             entries.append(ScheduleEntry(rail, float(speed), PIGains(kp=design.kp, ki=design.ki), design.worst.ms))
-    return _checked(tuple(entries), lead, lead_filter, law, vehicle)
+    return _checked(GainSchedule(tuple(entries), lead, lead_filter, 0.0, 1.0), law, vehicle)
 
 
-def _checked(
-    entries: tuple[ScheduleEntry, ...], lead: float, lead_filter: float, law: str, vehicle: Vehicle
-) -> GainSchedule:
+def _checked(draft: GainSchedule, law: str, vehicle: Vehicle) -> GainSchedule:
     """The schedule with what its own loops do: between the entries, and down to the lowest speed they hold."""
-    draft = GainSchedule(entries, lead, lead_filter, 0.0, 1.0)
-    loads = (vehicle, vehicle.loaded())
 
     def loops(rail: Rail, speed_kmh: float) -> list[DeadTimeLoop]:
         controller = draft.controller(speed_kmh * KMH, rail)
-        return [
-            wheel_slip_loop(plant_at(law, loaded, rail, speed_kmh), controller, vehicle.actuator) for loaded in loads
-        ]
+        plants = [plant_at(law, loaded, rail, speed_kmh) for loaded in (vehicle, vehicle.loaded())]
+        return [wheel_slip_loop(plant, controller, vehicle.actuator) for plant in plants]
 
     worst, lowest = 1.0, 0.0
-    for rail in dict.fromkeys(e.rail for e in entries):
-        speeds = [e.speed_kmh for e in entries if e.rail is rail]
+    for rail in dict.fromkeys(e.rail for e in draft.entries):
+        speeds = [e.speed_kmh for e in draft.entries if e.rail is rail]
         between = np.linspace(min(speeds), max(speeds), _BETWEEN)
         found = family_margins([loop for speed in between for loop in loops(rail, float(speed))])
         worst = max(worst, float(found.ms.max()) if found.stable.all() else math.inf)
@@ -233,7 +212,7 @@ def _checked(
             return all(loop.is_stable() for loop in loops(rail, speed_kmh))
 
         lowest = max(lowest, _lowest(held, min(_LOWEST_KMH, top / 2), top, "this schedule does not hold the loop"))
-    return GainSchedule(entries, lead, lead_filter, lowest, worst)
+    return replace(draft, lowest_speed_kmh=lowest, worst_ms=worst)
 
 
 def lowest_held_speed(
@@ -247,13 +226,8 @@ def lowest_held_speed(
 ) -> float:
     """Lowest speed, km/h, from which up to `high_kmh` the controller holds the loop (with Ms <= ms_max if given).
 
-    `plant` gives the linear plant at a speed in km/h. Returns `low_kmh` if it is held down to there; slip control
-    must be cut out below the value returned.
-
-    Raises
-    ------
-    InfeasibleDesignError
-        It is not held at `high_kmh` either.
+    `plant` gives the linear plant at a speed in km/h. `low_kmh` if held down to there; InfeasibleDesignError if
+    not held at `high_kmh` either.
     """
 
     def held(speed_kmh: float) -> bool:
@@ -306,11 +280,7 @@ Controller = Any
 
 @dataclass(frozen=True)
 class MarginSweep:
-    """Margins of named controllers along an axis.
-
-    axis, unit: what varies. values: array (n,). pole: rightmost plant pole at each, 1/s. margins: by controller name,
-    arrays (n,), NaN where unstable. title: what is fixed.
-    """
+    """Margins by controller name along an axis, arrays (n,), NaN where unstable; the plant's rightmost `pole`, 1/s."""
 
     title: str
     axis: str

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from railslip_ctrl.core.arguments import check_fields
+from railslip_ctrl.core.arguments import check_fields, number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins, stack
@@ -52,13 +51,12 @@ class Specification:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.ms_max is not None and not (math.isfinite(self.ms_max) and self.ms_max > 1):
-            raise InputError(f"ms_max: {self.ms_max} is not allowed; give a finite value > 1")
-        for name, value in (("phase_min_deg", self.phase_min_deg), ("delay_min_s", self.delay_min_s)):
-            if value is not None and not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
-        if self.phase_min_deg is not None and self.phase_min_deg >= 180:
-            raise InputError(f"phase_min_deg: {self.phase_min_deg:g} is not allowed; give a value < 180")
+        if self.ms_max is not None:
+            number("ms_max", self.ms_max, gt=1)
+        if self.phase_min_deg is not None:
+            number("phase_min_deg", self.phase_min_deg, "deg", ge=0, lt=180)
+        if self.delay_min_s is not None:
+            number("delay_min_s", self.delay_min_s, "s", ge=0)
         if self.crossover is not None and not (len(self.crossover) == 2 and 0 <= self.crossover[0] < self.crossover[1]):
             raise InputError(f"crossover: {self.crossover} is not allowed; give (lowest, highest) in rad/s")
 
@@ -101,8 +99,6 @@ def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, 
     """Margins of loops of any structures, in their order; NaN where a loop is unstable.
 
     Without `gain_margins` or `peaks` (Ms, Mt, disk margin) those are NaN, and the rest takes less time.
-
-    Loops with as many zeros as poles go through the scalar engine, one by one.
     """
     found: dict[str, np.ndarray] = {f.name: np.full(len(loops), np.nan) for f in fields(BatchMargins)}
     groups: dict[tuple[int, int], list[int]] = {}
@@ -114,7 +110,7 @@ def family_margins(loops: Sequence[DeadTimeLoop], *, gain_margins: bool = True, 
             part = batch_margins(*stacked, gain_margins=gain_margins, peaks=peaks)
             for name in found:
                 found[name][members] = getattr(part, name)
-        else:
+        else:  # the batch takes strictly proper loops alone
             for i in members:
                 _scalar(loops[i], i, found)
     stable = found.pop("stable") == 1

@@ -50,24 +50,16 @@ _OUTWARD = 16.0  # factor by which the ends of the frequencies looked at move ou
 _MOST_PARTS = 5_000
 
 
-def certainly_stable(loop: DeadTimeLoop) -> bool:
-    """Whether every closed-loop pole lies left of the imaginary axis, by balls alone."""
-    return root_count(Response(loop.system, loop.dead_time), certain=True).stable
+def _ascending(name: str, ends: Interval, gt: float | None = None) -> None:
+    if np.shape(ends) != (2,):
+        raise InputError(f"{name}: {ends!r} is not allowed; give two finite ends, the lower first")
+    low, high = numbers(name, ends, gt=gt).tolist()
+    if high < low:
+        raise InputError(f"{name}: from {low:g} to {high:g} is not allowed; give ascending ends")
 
 
-def certain_rectangle(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
-    """Whether (kp + ki/s) plant(s) exp(-dead_time s) is shown to be stable for all gains of a closed rectangle."""
-    for name, ends, least in (("kp", kp, None), ("ki", ki, 0.0)):
-        low, high = numbers(name, ends).tolist() if np.shape(ends) == (2,) else (math.nan, math.nan)
-        if math.isnan(low):
-            raise InputError(f"{name}: {ends!r} is not allowed; give two finite ends, the lower first")
-        number(name, low, gt=least)
-        if number(name, high) < low:
-            raise InputError(f"{name}: from {low:g} to {high:g} is not allowed; give ascending ends")
-    middle = (sum(kp) / 2, sum(ki) / 2)
-    controller = Rational.from_polynomials([*middle], [1.0, 0.0])
-    if not certainly_stable(DeadTimeLoop(controller * plant, dead_time)):
-        return False
+def _without_poles_on_axis(plant: Rational, dead_time: float, kp: Interval, ki: Interval) -> bool:
+    """Whether no (kp + ki/s) of a closed rectangle is shown to put a pole on the axis."""
     integrated = Response(plant * Rational(np.array([]), np.array([0.0]), 1.0), dead_time)
     with ctx.workprec(_BITS):
         band = _band(Response(plant, dead_time), integrated, kp, ki)
@@ -118,18 +110,14 @@ def _outside(integrated: Response, low: float, middle: float, high: float, kp: I
     value, slope = integrated.exact.value(arb(middle))
     half = arb(max(high - middle, middle - low)) * (1 + arb(2) ** -50)
     r = -1 / value
-    radius = abs(r) * (half * abs(slope) + half * half / 2 * _bend(integrated, low, high)).expm1()
+    # |d^2 ln L/d omega^2|, a sum of positive terms in doubles
+    bend = arb(float(integrated.bend(np.array([low]), np.array([high]))[0]) * (1 + 1e-12))
+    radius = abs(r) * (half * abs(slope) + half * half / 2 * bend).expm1()
     if not radius.is_finite():
         return False
     beside = r.real + radius < ki[0] or r.real - radius > ki[1]
     below = r.imag + radius < min(kp[0] * low, kp[0] * high)
     return bool(beside or below or r.imag - radius > max(kp[1] * low, kp[1] * high))
-
-
-def _bend(response: Response, low: float, high: float) -> arb:
-    """A bound on |d^2 ln L/d omega^2| over a part."""
-    bound = float(response.bend(np.array([low]), np.array([high]))[0])
-    return arb(bound * (1 + 1e-12))  # a sum of positive terms in doubles
 
 
 # --- regions ----------------------------------------------------------------------------------------------------------
@@ -138,38 +126,35 @@ def _bend(response: Response, low: float, high: float) -> arb:
 class Region(ABC):
     """A set of (kp, ki), ki >= 0, that stabilises one plant, or each of several.
 
-    Gains are in the units of the plant's input over its output (kp) and that per second (ki); a positive
-    loop means negative feedback. Nothing is sampled: each end is refined to rounding.
+    kp is in units of the plant's input over its output, ki in that per second, for negative feedback. Each end is exact
+    to rounding.
     """
 
     @property
     @abstractmethod
     def kp_intervals(self) -> Intervals:
-        """All open intervals of kp that stabilise with ki > 0 arbitrarily small, ascending; the same as those of P
-        control unless the plant's sign or a zero at the origin forbids integral action. Ends may be infinite."""
+        """All open intervals of kp that stabilise with ki > 0 arbitrarily small, ascending; ends may be infinite."""
 
     @abstractmethod
     def ki_intervals(self, kp: float) -> Intervals:
-        """All open intervals of ki > 0 that stabilise at this kp, ascending; the first starts at 0.0 where ki may
-        be arbitrarily small, the last may end at inf. Empty where no ki > 0 stabilises."""
+        """All open intervals of ki > 0 that stabilise at this kp, ascending; the last may end at inf."""
 
     @abstractmethod
     def contains(self, kp: float, ki: float) -> bool:
-        """Whether (kp, ki) stabilises, by the exact root count; ki = 0 is P control, without an integrator.
+        """Whether (kp, ki) stabilises, by the exact root count; ki = 0 is P control. False on the boundary.
 
-        False for ki < 0, and on the boundary itself; next to it the numbers as given decide.
-        Raises InputError for a gain that is not finite.
+        InputError for a gain that is not finite.
         """
 
     def certified_contains(self, kp: float, ki: float) -> bool:
         """As `contains`, every step of the root count in ball arithmetic."""
-        return number("ki", ki) >= 0 and all(certainly_stable(loop) for loop in self.loops(kp, ki))
+        responses = [Response(loop.system, loop.dead_time) for loop in self.loops(kp, ki)]
+        return ki >= 0 and all(root_count(one, certain=True).stable for one in responses)
 
     @abstractmethod
     def certified_rectangle(self, kp: Interval, ki: Interval) -> bool:
-        """Whether all gains of a closed rectangle stabilise, shown by ball arithmetic; ki > 0.
+        """Whether all gains of a closed rectangle, ki > 0, are shown to stabilise, by ball arithmetic.
 
-        False where that is not so, or where the rectangle is so near to the boundary that it cannot be shown.
         InputError for ends that are not finite or not ascending.
         """
 
@@ -184,16 +169,12 @@ class Region(ABC):
 
     @property
     def kp_range(self) -> Interval | None:
-        """(lowest, highest) end of `kp_intervals`; None where they are empty, see `reason`.
-
-        Of a set in several intervals it is the hull.
-        """
+        """(lowest, highest) end of `kp_intervals`; None where they are empty, see `reason`."""
         found = self.kp_intervals
         return (found[0][0], found[-1][1]) if found else None
 
     def ki_limit(self, kp: float) -> float:
-        """Largest ki that stabilises at this kp (not itself stabilising): inf without bound, 0.0 where no ki > 0
-        stabilises. Below it there may be gaps: see `ki_intervals`."""
+        """Upper end of the last of `ki_intervals` at this kp; 0.0 where there is none."""
         found = self.ki_intervals(kp)
         return found[-1][1] if found else 0.0
 
@@ -204,16 +185,10 @@ class Region(ABC):
         kp_limit: float = math.inf,
         ki_limit: float = math.inf,
     ) -> Any:
-        """The region with contours of its worst margins, a matplotlib figure.
+        """The region with contours of its worst margins, a matplotlib figure; errors as `region_map`.
 
-        Parameters
-        ----------
-        chosen : mapping, optional
-            (kp, ki) to mark, in the region's units, by name.
-        kp_limit, ki_limit : float
-            Gains > 0, in those units, up to which to draw it.
-
-        InputError for an empty region, with the reason, and for one that goes on without bound and has no limit.
+        `chosen` are (kp, ki) to mark, in the region's units, by name; `kp_limit` and `ki_limit` gains > 0 in those
+        units up to which to draw it.
         """
         strips, grid = region_map(self, kp_limit, ki_limit)
         plots = import_module("railslip_ctrl.report.plots")  # a room above this one, asked for by the user
@@ -252,7 +227,9 @@ class StabilizingRegion(Region):
         """As of `Region`. InputError also for a PID with a derivative part, which is not covered."""
         if self.decomposition.derivative_filter:
             raise InputError("certified rectangle: a PID with a derivative part is not covered; use certified_contains")
-        return certain_rectangle(self.plant, self.dead_time, kp, ki)
+        _ascending("kp", kp)
+        _ascending("ki", ki, gt=0.0)
+        return self.certified_contains(kp[0], ki[0]) and _without_poles_on_axis(self.plant, self.dead_time, kp, ki)
 
     @property
     def kp_intervals(self) -> Intervals:
@@ -269,8 +246,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def is_empty(self) -> bool:
-        """True if nothing at all stabilises. An unstable plant may need ki away from 0, so that `kp_range` is None
-        although the set is not empty; that is looked for between all kp at which the boundary turns back."""
+        """True if nothing stabilises, not even larger ki where `kp_range` is None."""
         return not self.p_intervals and self._island is None
 
     def ki_intervals(self, kp: float) -> Intervals:
@@ -318,7 +294,7 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _reference_frequency(self) -> float:
-        """Any frequency of the plant's, rad/s: a root count in an unbounded cell may be taken anywhere in it."""
+        """A frequency of the plant's, rad/s; any will do in an unbounded cell."""
         sizes = np.abs(np.concatenate([self.plant.poles, self.plant.zeros]))
         sizes = sizes[sizes > 0]
         return float(np.exp(np.log(sizes).mean())) if sizes.size else 1.0
@@ -374,8 +350,8 @@ class StabilizingRegion(Region):
 
     @cached_property
     def _island(self) -> tuple[float, Interval] | None:
-        """A kp with stabilising ki although small ki do not: looked for in a column between any two kp at which
-        the boundary meets ki = 0 or turns back."""
+        """A kp with stabilising ki although small ki do not, by a column between any two kp at which the boundary meets
+        ki = 0 or turns back."""
         turns = self.decomposition.turning_points
         edges = np.unique([e for e in [*self._edges_of_kp(), *self.decomposition.curve(turns)[0]] if math.isfinite(e)])
         for kp in probes_between([-math.inf, *edges.tolist(), math.inf], self._reference_gain):
@@ -440,24 +416,21 @@ def stabilizing_pi(plant: Any, dead_time: float = 0.0) -> StabilizingRegion:
     Parameters
     ----------
     plant : python-control TransferFunction or StateSpace, `Rational`, or a real number
-        P, controlled variable over controller output, in any units, time in s; continuous-time, SISO; strictly proper
-        if there is dead time. It may be unstable; hidden unstable modes empty the set. The actuator's lag belongs to
-        it.
+        P, controlled variable over controller output, the actuator's lag included; any units, time in s. SISO, may be
+        unstable; strictly proper if there is dead time.
     dead_time : float
         s, >= 0.
 
     Returns
     -------
     StabilizingRegion
-        The whole set, open: `kp_range` and `kp_intervals`, `ki_limit` and `ki_intervals` at a kp, `contains`; kp in
-        units of the plant's input over its output, ki in that per second. Empty where no PI stabilises: `kp_range` is
-        then None, and `reason` says why. Ends are exact to rounding, and may be infinite.
+        The whole open set; kp in units of the plant's input over its output, ki in that per second. Where it is empty
+        `kp_range` is None, and `reason` says why.
 
     Raises
     ------
     InputError
-        The plant or the dead time is not of this form; or a plant with direct feedthrough and dead time, whose loop is
-        neutral.
+        The plant or the dead time is not of this form.
     """
     return _region(plant, dead_time)
 
@@ -491,14 +464,13 @@ def stabilizing_pid(
     """
     if (derivative_time is None) == (derivative_gain is None):
         raise InputError("PID: give either derivative_time (s) or derivative_gain, not both and not neither")
-    lag = number("derivative filter", derivative_filter)
-    if lag <= 0:
-        raise InputError(f"derivative filter: {lag} s is not allowed; give a value > 0, or the PID is not proper")
-    time = number("derivative time", derivative_time or 0.0)
-    if time < 0:
-        raise InputError(f"derivative time: {time} s is not allowed; give a value >= 0")
-    gain = number("derivative gain", derivative_gain or 0.0)
-    return _region(plant, dead_time, derivative_time=time, derivative_gain=gain, derivative_filter=lag)
+    return _region(
+        plant,
+        dead_time,
+        derivative_time=number("derivative time", derivative_time or 0.0, "s", ge=0),
+        derivative_gain=number("derivative gain", derivative_gain or 0.0),
+        derivative_filter=number("derivative filter", derivative_filter, "s", gt=0),
+    )
 
 
 @checked
@@ -631,17 +603,20 @@ def outline(
     columns = columns[np.abs(columns) <= kp_limit]
     if columns.size == 0:
         return ()
-    found = [
-        _strip(xs, [column[i] for column in ends], ki_limit)
-        for xs, ends in _groups(region, columns)
-        for i in range(len(ends[0]))
-    ]
+    sets = {x: region.ki_intervals(x) for x in columns.tolist()}
+    for left, right in itertools.pairwise(columns.tolist()):
+        if len(sets[left]) != len(sets[right]):
+            sets |= _where_the_number_changes(region, left, right)
+    strips = []
+    for count, group in itertools.groupby(sorted(sets.items()), key=lambda column: len(column[1])):
+        alike = list(group)
+        strips += [_strip(alike, place, ki_limit) for place in range(count)]
     least, most = region.kp_range or (math.nan, math.nan)
     cut = [float(columns[0])] if least < -kp_limit else []
     cut += [float(columns[-1])] if most > kp_limit else []
     return tuple(
         replace(strip, kp_cut=strip.kp[0] in cut or strip.kp[-1] in cut)
-        for strip in found
+        for strip in strips
         if (strip.ki_low < ki_limit).any()
     )
 
@@ -697,23 +672,11 @@ def region_map(
     return strips, margin_grid(region, np.linspace(low, high, _GRID[0]), np.linspace(0.0, top, _GRID[1]))
 
 
-def _groups(region: Region, columns: Floats) -> list[tuple[list[float], list[Intervals]]]:
-    """Columns with their intervals, in groups of one number of them."""
-    ki = [region.ki_intervals(float(x)) for x in columns]
-    groups: list[tuple[list[float], list[Intervals]]] = [([float(columns[0])], [ki[0]])]
-    for x0, x1, before, after in zip(columns[:-1], columns[1:], ki[:-1], ki[1:], strict=True):
-        if len(before) != len(after):
-            left, right = _where_the_number_changes(region, (float(x0), before), (float(x1), after))
-            _extend(groups[-1], left)
-            groups.append(([right[0]], [right[1]]))
-        _extend(groups[-1], (float(x1), after))
-    return groups
-
-
-def _strip(kp: list[float], between: list[tuple[float, float]], ki_limit: float) -> Strip:
-    low, high = np.array(between).T
-    ki_cut = bool((high > ki_limit).any())
-    return Strip(np.array(kp), np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
+def _strip(columns: Sequence[tuple[float, Intervals]], place: int, ki_limit: float) -> Strip:
+    """What the intervals of one place bound in columns of kp with as many each."""
+    low, high = np.array([sets[place] for _, sets in columns]).T
+    kp, ki_cut = np.array([x for x, _ in columns]), bool((high > ki_limit).any())
+    return Strip(kp, np.minimum(low, ki_limit), np.minimum(high, ki_limit), ki_cut=ki_cut)
 
 
 def _columns(region: Region, count: int, kp_limit: float) -> Floats:
@@ -731,21 +694,14 @@ def _columns(region: Region, count: int, kp_limit: float) -> Floats:
     return np.asarray(low + (high - low) * (0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)))
 
 
-def _where_the_number_changes(
-    region: Region, left: tuple[float, Intervals], right: tuple[float, Intervals]
-) -> tuple[tuple[float, Intervals], tuple[float, Intervals]]:
-    """Neighbouring columns, with their intervals, on the two sides of the last change in number between two."""
+def _where_the_number_changes(region: Region, left: float, right: float) -> dict[float, Intervals]:
+    """Neighbouring columns, with their intervals, on the two sides of a change in number between two."""
+    found = {x: region.ki_intervals(x) for x in (left, right)}
     for _ in range(_BISECTIONS):
-        middle = 0.5 * (left[0] + right[0])
-        here = region.ki_intervals(middle)
-        if len(here) == len(left[1]):
-            left = middle, here
+        middle = 0.5 * (left + right)
+        found[middle] = region.ki_intervals(middle)
+        if len(found[middle]) == len(found[left]):
+            left = middle
         else:
-            right = middle, here
-    return left, right
-
-
-def _extend(group: tuple[list[float], list[Intervals]], column: tuple[float, Intervals]) -> None:
-    if column[0] > group[0][-1] and len(column[1]) == len(group[1][-1]):
-        group[0].append(column[0])
-        group[1].append(column[1])
+            right = middle
+    return {x: found[x] for x in (left, right)}

@@ -6,7 +6,13 @@ margin: a crossover at omega needs kp^2 + (ki/omega)^2 = |1/P|^2, and the phase 
 
 At one ki, the kp that the specification leaves are the gaps between those that each frequency forbids, however narrow;
 one exact loop inside a gap tells whether it is stable, all frequencies heeded. So rows of ki, from the largest down,
-find the highest gap, and the exact margins refine it. Every scale is the plants' own.
+find the highest gap; it is followed to its tip on ever closer frequencies, and the exact margins have the last word.
+Every scale is the plants' own.
+
+What an ellipse forbids at two ki it forbids between them, being convex: the gaps that remain of the band hold all gains
+in it that meet the bound on Ms. They are stable or unstable as a whole if the band is so narrow, k2/k1 - 1 <= 1/M, that
+no centre of an ellipse lies in one: the centres are the gains with a pole on the axis. So a band between two rows
+without a stable gap has been searched for certain, and another is divided.
 """
 
 from __future__ import annotations
@@ -23,15 +29,14 @@ from numpy.typing import NDArray
 from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.loop.batch import BatchMargins
-from railslip_ctrl.loop.crossings import Response, bracketed_roots, frequency_nodes
+from railslip_ctrl.loop.crossings import Response, frequency_nodes
 
 from .controllers import pi_transfer_function
-from .decomposition import Interval
+from .decomposition import Interval, common_intervals
 from .specification import Specification, family_margins
 from .stabilizing import StabilizingRegion, intersection, stabilizing_pi
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
 _PER_NODE = 6  # frequencies between neighbouring nodes of a plant
@@ -39,7 +44,8 @@ _TURN = 0.15  # rad of dead time between frequencies, as far as |C P| may matter
 _MOST_TURNS = 6000  # of those
 _FARTHEST = 4.0  # times its usual largest kp: with much integral action it may be somewhat more
 _MATTERS = 0.5 / _FARTHEST  # |C P| below which no peak or margin of use is touched
-_NEARLY = 1.05  # a sampled dip is above its bottom by far less: those beyond this factor of the lowest cannot be lower
+_CLOSER = 61  # frequencies between the neighbours of one that binds, for a closer look
+_NEARLY = 0.2  # of Ms - 1: frequencies that bind on less may do so on closer ones
 _NARROWEST = 1e-9  # relative width of a gap below which it is the rounding of its ends
 _REACH = 10.0  # from the gains of the highest samples to where those of a plant without dead time are limitless
 
@@ -50,13 +56,12 @@ class Forbidden:
     `usual_kp` is the largest gain of use to each plant with little integral action, inf if nothing bounds it.
     """
 
-    def __init__(self, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> None:
-        self._responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
-        omegas = [_frequencies(*pair) for pair in zip(self._responses, usual_kp, strict=True)]
+    def __init__(self, responses: Sequence[Response], omegas: Sequence[Floats], usual_kp: Sequence[float]) -> None:
+        self._responses, self._omegas, self._usual_kp = responses, omegas, usual_kp
         self._omega = np.concatenate(omegas)
         self._member = np.repeat(np.arange(len(omegas)), [omega.size for omega in omegas])
         with np.errstate(divide="ignore", invalid="ignore"):
-            self._inverse = np.concatenate([1 / r(w) for r, w in zip(self._responses, omegas, strict=True)])
+            self._inverse = np.concatenate([1 / r(w) for r, w in zip(responses, omegas, strict=True)])
         self._inverse[~np.isfinite(self._inverse)] = np.nan  # at a zero on the axis, where nothing is forbidden
         self._size = np.abs(self._inverse)
         mine = [self._member == i for i in range(len(omegas))]
@@ -68,11 +73,38 @@ class Forbidden:
         self.log_times = -math.log(self._omega.max()) - 7.0, 7.0 - math.log(self._omega.min())
         """ln of times, s, far below and above those of the plants."""
 
-    def gaps(self, ki: float, specification: Specification) -> list[Interval]:
-        """The intervals of kp between those that the samples forbid at this ki > 0, ascending, within `reach`."""
+    @classmethod
+    def sampled(cls, systems: Sequence[Rational], dead_times: Sequence[float], usual_kp: Sequence[float]) -> Forbidden:
+        """By frequencies between which the gains are nearly straight."""
+        responses = [Response(g, tau) for g, tau in zip(systems, dead_times, strict=True)]
+        return cls(responses, [_frequencies(*pair) for pair in zip(responses, usual_kp, strict=True)], usual_kp)
+
+    def closer(self, kp: float, ki: float, ms_max: float) -> Forbidden:
+        """With more samples where these gains have a crossover, or a dip of |1 + L| near 1/`ms_max` (or inf)."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # at a pole on the axis
+            loop = (kp - 1j * ki / self._omega) / self._inverse
+            apart, above = np.abs(1 + loop), np.abs(loop) > 1
+            near = apart * ms_max < 1 + _NEARLY * (ms_max - 1)
+        dip = near & (apart <= np.roll(apart, 1)) & (apart <= np.roll(apart, -1))
+        hit = dip | (above != np.roll(above, 1)) | (above != np.roll(above, -1))
+        omegas = []
+        for i, omega in enumerate(self._omegas):
+            at = np.flatnonzero(hit[self._member == i])
+            ends = omega[np.maximum(at - 1, 0)], omega[np.minimum(at + 1, omega.size - 1)]
+            omegas.append(np.union1d(omega, np.linspace(*ends, _CLOSER)))
+        return Forbidden(self._responses, omegas, self._usual_kp)
+
+    def gaps(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
+        """The intervals of kp between those that the samples forbid at this ki > 0, ascending, within `reach`.
+
+        With `to`, a larger ki: between those that Ms forbids at all ki from one to the other.
+        """
         parts = [*self._arcs(ki / self._omega, specification), *self._crossover_ends(ki, specification)]
+        if to is not None:
+            parts = []
         if specification.ms_max is not None:
-            half = _leg(self._size / specification.ms_max, ki / self._omega - self._inverse.imag)
+            radius = self._size / specification.ms_max
+            half = np.minimum(*(_leg(radius, x / self._omega - self._inverse.imag) for x in (ki, to or ki)))
             hit = half > 0
             parts.append((-self._inverse.real[hit] - half[hit], -self._inverse.real[hit] + half[hit]))
         low, high = (np.concatenate(ends) for ends in zip(*parts, strict=True))
@@ -116,52 +148,6 @@ class Forbidden:
         kp = _leg(*sizes.T) if ends else np.array([])
         return [(side * kp, side * kp) for side in (-1.0, 1.0)]
 
-    def end_above(self, kp: float, ki: float, ms_max: float) -> float:
-        """The least ki above this one that Ms <= `ms_max` forbids at `kp`, to rounding: the lowest bottom of the dips
-        of the forbidden ki's lower end over frequency; inf without one, 0 where it forbids `ki` itself."""
-        half = _leg(self._size / ms_max, kp + self._inverse.real)
-        low = np.where(half > 0, self._omega * (self._inverse.imag - half), np.inf)
-        if np.any((low <= ki) & (ki <= self._omega * (self._inverse.imag + half))):
-            return 0.0
-        end = float(np.min(low[low > ki], initial=np.inf))
-        if not np.isfinite(end):
-            return end
-        same = np.diff(self._member) == 0
-        before = np.append(np.inf, np.where(same, low[:-1], np.inf))
-        after = np.append(np.where(same, low[1:], np.inf), np.inf)
-        dips = np.flatnonzero((low <= before) & (low <= after) & (low > ki) & (low <= _NEARLY * end))
-        neighbours = np.append(False, same), np.append(same, False)
-        left, right = (self._omega[dips + step * has[dips]] for step, has in zip((-1, 1), neighbours, strict=True))
-        at, member = self._omega[dips], self._member[dips]
-
-        def slope(omega: Floats, index: Indices) -> Floats:
-            return self._slope(kp, ms_max, omega, member[index], omega < at[index])
-
-        bottom = bracketed_roots(slope, left, right)
-        inverse, _ = self._inverse_at(bottom, member)
-        half = _leg(np.abs(inverse) / ms_max, kp + inverse.real)
-        found = np.where(half > 0, bottom * (inverse.imag - half), np.inf)
-        return float(np.min(np.append(found, end)))
-
-    def _slope(self, kp: float, ms_max: float, omega: Floats, member: Indices, left: NDArray[np.bool_]) -> Floats:
-        """d/d omega of the lower end; infinite, towards the dip, `left` and right of where it forbids anything."""
-        inverse, change = self._inverse_at(omega, member)
-        half = _leg(np.abs(inverse) / ms_max, kp + inverse.real)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            growth = (inverse.conj() * change).real / ms_max**2 - (kp + inverse.real) * change.real
-            slope = inverse.imag - half + omega * (change.imag - growth / half)
-        return np.where(half > 0, slope, np.where(left, -np.inf, np.inf))
-
-    def _inverse_at(self, omega: Floats, member: Indices) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """1/P with its dead time, and its derivative, each frequency of its own plant."""
-        value, change = np.empty((2, omega.size), dtype=complex)
-        for one in np.unique(member).tolist():
-            mine = member == one
-            response = self._responses[one]
-            value[mine] = 1 / response(omega[mine])
-            change[mine] = -value[mine] * response.log_slope(omega[mine])
-        return value, change
-
 
 def _frequencies(response: Response, usual_kp: float) -> Floats:
     """Dense enough that what lies between neighbours is nearly straight; the same whatever the unit of gain is."""
@@ -201,21 +187,21 @@ def _share(*ends: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
 # --- the search -------------------------------------------------------------------------------------------------------
 
 
-_ROW_RATIO = 1.25  # of neighbouring integral gains looked at
-_COLUMNS, _SURELY = 9, 10.0  # proportional gains whose largest ki is asked for, and how far above it none is left
-_NEARLY_NO_KI = 1e-9  # of that, at most
-_LIMITLESS = 0.1  # of the largest of them: without dead time a design so high could be as high as you like
+_BAND = 0.02, 0.25  # least and largest relative width of the bands of ki looked at first
+_NEARLY_NO_KI = 1e-9  # of the largest ki, at most
+_LIMITLESS = 0.1  # of the largest ki: without dead time a design so high could be as high as you like
 _AROUND = 0.01  # relative, of kp: how far from the samples' best gap the exact one may be
+_AGREE = 1e-10  # ln ki: how near to the tip of a gap
+_MOST_LOOKS = 12  # at a tip, at frequencies 30 times closer each time
+_FAR_UP, _FAR_DOWN = 4.0, 20.0  # ln ki: largest step of a search for where a specification is met or missed
+_FINEST = 0.04  # relative width of a band of ki that is not divided further
 _LOOKS = 7  # at the kp of a gap
-_NEXT_TO_END = 0.1  # of a gap's width
-_TOP = 2e-4  # relative: how near to the best row a bisection comes before the exact margins take over
+_TOP = 2e-3  # relative: how near to the best row a bisection comes before the exact margins take over
 _PIECES = 8  # of a gap, where a crossover is asked for: another gain crossover may become the one that counts
 _LARGEST_MS = 1e6  # above 1: a loop with more is as good as unstable
 _LEAST_MS = 1e-9  # above 1
 _TIGHTENINGS = 16  # halvings of a bound before the exact margins take over
 _KP_TOLERANCE = 1e-8  # relative, of kp at the optimum
-_LOG_SCAN_RATIO = math.log(_ROW_RATIO) + 1e-6
-_ELLIPSES_AGREE = 1e-6  # relative, of their end with the exact limit: both are exact, this one's rounding is 1e-9
 _FEW = 4  # gains asked about all plants at once
 
 
@@ -235,24 +221,23 @@ class Family:
         controller = pi_transfer_function(kp, ki)
         return [DeadTimeLoop(controller * g, tau) for g, tau in zip(self.systems, self.dead_times, strict=True)]
 
-    def margins(self, kp: Floats, ki: Floats, *, peaks: bool) -> BatchMargins:
-        """Of every loop but gain margins, for gains of shape (n,): n times the number of plants, those of a gain
-        together."""
-        loops = [loop for a, b in zip(kp, ki, strict=True) for loop in self.loops(a, b)]
+    def margins(self, kp: Floats, ki: float, *, peaks: bool) -> BatchMargins:
+        """Of every loop but gain margins, for gains kp, (n,): n times the number of plants, those of a kp together."""
+        loops = [loop for one in kp.tolist() for loop in self.loops(one, ki)]
         return family_margins(loops, gain_margins=False, peaks=peaks)
 
-    def worst(self, kp: Floats, ki: Floats, margin: str) -> Floats:
+    def worst(self, kp: float, ki: float, margin: str) -> float:
         """The worst of a margin over the plants, negative if more of it is better; inf where a loop is unstable."""
-        margins, shape = self.margins(kp, ki, peaks=margin == "ms"), (kp.size, len(self.systems))
-        values = getattr(margins, margin).reshape(shape) * (1 if margin == "ms" else -1)
-        return np.asarray(np.where(margins.stable.reshape(shape), values, np.inf).max(axis=1))
+        margins = self.margins(np.array([kp]), ki, peaks=margin == "ms")
+        values = getattr(margins, margin) * (1 if margin == "ms" else -1)
+        return float(np.where(margins.stable, values, np.inf).max())
 
     def excess(self, kp: float, ki: float, specification: Specification) -> float:
         """How far the worst loop misses the specification, relatively; <= 0 meets it, inf is unstable."""
-        return float(self.excesses(np.array([kp]), np.array([ki]), specification)[0])
+        return float(self.excesses(np.array([kp]), ki, specification)[0])
 
-    def excesses(self, kp: Floats, ki: Floats, specification: Specification) -> Floats:
-        """As `excess`, for many gains at once; arrays of one shape (n,)."""
+    def excesses(self, kp: Floats, ki: float, specification: Specification) -> Floats:
+        """As `excess`, for many kp, (n,), at once."""
         margins = self.margins(kp, ki, peaks=specification.ms_max is not None)
         shape = kp.size, len(self.systems)
         misses = np.full(shape, -np.inf)
@@ -269,30 +254,27 @@ class Family:
             misses = np.fmax(misses, np.where(np.isnan(at), 1.0, outside))  # a loop without crossover has none there
         return np.asarray(np.where(margins.stable.reshape(shape), misses, np.inf).max(axis=1))
 
-    def meets(self, kp: Floats, ki: Floats, specification: Specification) -> Flags:
-        """Whether each of many gains, (n,), meets the specification: the first plant alone spares the others most of
-        those that do not."""
+    def meets(self, kp: Floats, ki: float, specification: Specification) -> Flags:
+        """Whether each of many kp, (n,), meets the specification: the first plant alone spares the others most of those
+        that do not."""
         met = np.ones(kp.size, dtype=bool)
         for part in (slice(0, 1), slice(1, None)) if kp.size > _FEW else (slice(None),):
             some = replace(self, systems=self.systems[part], dead_times=self.dead_times[part])
             if some.systems and met.any():
-                met[met] = some.excesses(kp[met], ki[met], specification) <= 0
+                met[met] = some.excesses(kp[met], ki, specification) <= 0
         return met
 
     @cached_property
     def forbidden(self) -> Forbidden:
         usual = [np.abs(r.kp_range).max() if r.kp_range else r.decomposition.largest_kp for r in self.regions]
-        return Forbidden(self.systems, self.dead_times, usual)
+        return Forbidden.sampled(self.systems, self.dead_times, usual)
 
     @cached_property
     def ki_ends(self) -> tuple[float, float]:
-        """A ki too large to stabilise all plants (without dead time: to be of use), and one too small to matter."""
+        """A ki too small to matter, and one too large to stabilise all plants (without dead time: to be of use)."""
         low, high = self.forbidden.ki_ends
-        region = self.regions[self.binding[-1]]
-        if region.kp_range is not None and np.isfinite(region.kp_range).all():
-            limit = max(region.ki_limit(kp) for kp in np.linspace(*region.kp_range, _COLUMNS + 2)[1:-1].tolist())
-            high = min(high, _SURELY * limit)
-        return min(low, _NEARLY_NO_KI * high), min(high, *(r.decomposition.largest_ki for r in self.regions))
+        high = min(high, *(r.decomposition.largest_ki for r in self.regions))
+        return min(low, _NEARLY_NO_KI * high), high
 
     @cached_property
     def binding(self) -> list[int]:
@@ -300,31 +282,34 @@ class Family:
         ranges = [region.kp_range or (-math.inf, math.inf) for region in self.regions]
         return [int(np.argmax([low for low, _ in ranges])), int(np.argmin([high for _, high in ranges]))]
 
-    def gaps(self, ki: Floats, specification: Specification) -> list[list[Interval]]:
-        """The intervals of kp that meet a specification at each ki, as the samples show them."""
-        rows = [self.forbidden.gaps(one, specification) for one in ki.tolist()]
-        if specification.crossover is not None:
-            rows = [[p for gap in row for p in pairwise(np.linspace(*gap, _PIECES + 1).tolist())] for row in rows]
-        number = np.repeat(np.arange(ki.size), [len(row) for row in rows])
-        insides = np.array([_inside(*gap) for row in rows for gap in row])
-        met = iter(self.meets(insides, ki[number], specification).tolist())
-        return [_joined([gap for gap in row if next(met)]) for row in rows]
-
-    def rows(self, ki: Floats, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
-        """The `gaps` of those ki that have some, in their order; what the plants that bound kp forbid is not asked of
-        all."""
+    @cached_property
+    def few(self) -> Family:
+        """The plants that bound kp alone: what they forbid need not be asked of all."""
         chosen = sorted(set(self.binding))
-        few = replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
-        for one, found in zip(ki, few.gaps(ki, specification), strict=True):
-            if found and len(chosen) < len(self.systems):
-                (found,) = self.gaps(np.array([one]), specification)
-            if found:
-                yield float(one), found
+        return replace(self, systems=[self.systems[i] for i in chosen], dead_times=[self.dead_times[i] for i in chosen])
+
+    def row(self, ki: float, specification: Specification, to: float | None = None) -> list[Interval]:
+        """The intervals of kp that meet a specification at a ki; or that Ms leaves from it `to` another, as far as they
+        are stable."""
+        met, found = Specification() if to else specification, []
+        for family in (self.few, self):
+            found = family.gaps(family.forbidden.gaps(ki, specification, to), ki, met)
+            if not found or len(family.systems) == len(self.systems):
+                break
+        return found
+
+    def gaps(self, found: list[Interval], ki: float, met: Specification) -> list[Interval]:
+        """Those intervals of kp of which one loop inside meets a specification exactly."""
+        if met.crossover is not None:
+            found = [piece for gap in found for piece in pairwise(np.linspace(*gap, _PIECES + 1).tolist())]
+        good = self.meets(np.array([_inside(*gap) for gap in found]), ki, met)
+        return _joined([gap for gap, kept in zip(found, good, strict=True) if kept])
 
 
-def _rows(low: float, high: float) -> Floats:
+def _rows(low: float, high: float, ms_max: float | None) -> Floats:
     """Integral gains from one to another, ascending."""
-    return np.asarray(low * _ROW_RATIO ** np.arange(math.log(high / low) / math.log(_ROW_RATIO) + 1))
+    ratio = 1 + float(np.clip(1 / (ms_max or 1), *_BAND))
+    return np.asarray(low * ratio ** np.arange(math.log(high / low) / math.log(ratio) + 1))
 
 
 def _joined(gaps: list[Interval]) -> list[Interval]:
@@ -345,67 +330,68 @@ def _inside(low: float, high: float) -> float:
 
 
 def largest_ki(family: Family, specification: Specification) -> tuple[float, float]:
-    ki, gaps = _highest_row(family, specification)
-    return max((_highest_in(family, specification, gap, ki) for gap in gaps), key=lambda gains: gains[1])
-
-
-def _highest_row(family: Family, specification: Specification) -> tuple[float, list[Interval]]:
-    """A ki near the largest that meets the specification, and the intervals of kp that do there."""
-    rows = _rows(*family.ki_ends)[::-1]
-    low, gaps = next(family.rows(rows, specification), (0.0, []))
-    if not gaps:
+    if any(region.is_empty for region in family.regions):
         raise _infeasible(family, specification)
-    if low > _LIMITLESS * rows[0] and not any(family.dead_times):
-        # without dead time and with little lag, gains may grow for ever: say so instead of returning a search limit
-        raise InfeasibleDesignError(
-            "ki has no largest value: ever larger gains meet the specification; bound the crossover, or put the dead "
-            "time and the lags that the real loop has into the plant"
-        )
-    high = low * _ROW_RATIO
-    while high > low * (1 + _TOP):
-        middle = math.sqrt(low * high)
-        (found,) = family.gaps(np.array([middle]), specification)
-        low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
-    return low, gaps
+    for ki, gaps in _highest_rows(family, specification):
+        if ki > _LIMITLESS * family.ki_ends[1] and not any(family.dead_times):
+            # with little lag, gains may grow for ever: say so instead of returning a search limit
+            raise InfeasibleDesignError(
+                "ki has no largest value: ever larger gains meet the specification; bound the crossover, or put the "
+                "dead time and the lags that the real loop has into the plant"
+            )
+        best = max((_tip(family, specification, gap, ki) for gap in gaps), key=lambda gains: gains[1])
+        if best[1] > 0:
+            return best
+    raise _infeasible(family, specification)
 
 
-def _highest_in(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
-    """(kp, ki) of largest ki above an interval of kp that meets the specification at some ki near it."""
-
-    def exactly(kp: float) -> float:
-        return _refined_ki(family, specification, kp, ki)
-
-    def along(kp: float) -> float:
-        return family.forbidden.end_above(kp, ki, specification.ms_max or math.inf)
-
-    if specification.only_ms:
-        kp = _least(lambda kp: -along(kp), *gap)
-        end = along(kp)
-        best = _refined_ki(family, specification, kp, end) if math.isfinite(end) else 0.0
-        if abs(best - end) <= _ELLIPSES_AGREE * best:
-            return _to_the_tip(family, specification, gap, kp, best)
-    # several bounds together, or one beyond the samples: on the exact margins, past what the samples show of the gap
-    wider = _AROUND * max(map(abs, gap))
-    kp = _least(lambda kp: -exactly(kp), gap[0] - wider, gap[1] + wider)
-    return _to_the_tip(family, specification, gap, kp, exactly(kp))
+def _highest_rows(family: Family, specification: Specification) -> Iterator[tuple[float, list[Interval]]]:
+    """Integral gains that meet the specification, from near the largest down, with the intervals of kp there."""
+    bounded = specification.ms_max is not None
+    bands = list(pairwise(_rows(*family.ki_ends, specification.ms_max).tolist()))
+    while bands:
+        low, high = bands.pop()
+        if bounded and not family.row(low, specification, high):
+            continue
+        if bounded and high > low * (1 + _FINEST):
+            middle = math.sqrt(low * high)
+            bands += [(low, middle), (middle, high)]
+        elif gaps := family.row(low, specification):
+            while high > low * (1 + _TOP):
+                middle = math.sqrt(low * high)
+                found = family.row(middle, specification)
+                low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
+            yield low, gaps
 
 
-def _to_the_tip(
-    family: Family, specification: Specification, gap: Interval, kp: float, ki: float
-) -> tuple[float, float]:
-    """(kp, ki), or the tip in which the gains that meet end, where kp is next to an end of the gap."""
-    width = gap[1] - gap[0]
-    if not specification.only_ms or min(kp - gap[0], gap[1] - kp) > _NEXT_TO_END * width:
-        return kp, ki
-    step = width
-    while step > _KP_TOLERANCE * abs(kp):
-        tried = [(x, _refined_ki(family, specification, x, ki)) for x in (kp - step, kp + step)]
-        better = max(tried, key=lambda gains: gains[1])
-        if better[1] > ki:
-            kp, ki = better
-        else:
-            step *= 0.5
-    return kp, ki
+def _tip(family: Family, specification: Specification, gap: Interval, ki: float) -> tuple[float, float]:
+    """(kp, ki) of largest ki next to an interval of kp that meets the specification; ki 0 if none does exactly."""
+    stable = Specification(crossover=specification.crossover)
+    around = gap[1] - gap[0] + _AROUND * max(map(abs, gap))
+    window = ((gap[0] - around, gap[1] + around),)
+
+    def left(samples: Forbidden, log_ki: float) -> tuple[Interval, ...]:
+        here = math.exp(log_ki)
+        return common_intervals([tuple(family.gaps(samples.gaps(here, specification), here, stable)), window])
+
+    # the samples forbid nothing that may be had: a tip that stays where it is on a closer look is the true one
+    samples, moved = family.forbidden, _TOP
+    for _ in range(_MOST_LOOKS):
+        samples = samples.closer(0.5 * (gap[0] + gap[1]), ki, specification.ms_max or math.inf)
+        bracket = _bracket(partial(left, samples), math.log(ki), moved)
+        if bracket is None:
+            return 0.0, 0.0
+        low, high = bracket
+        agree = max(_AGREE, moved / 1000)
+        while high - low > agree:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if left(samples, middle) else (low, middle)
+        gap = max(left(samples, low), key=lambda one: one[1] - one[0])
+        moved, ki = max(abs(low - math.log(ki)), agree), math.exp(low)
+        if moved <= 10 * _AGREE:
+            break
+    kp = 0.5 * (gap[0] + gap[1])
+    return kp, _refined_ki(family, specification, kp, ki)
 
 
 def _least(objective: Callable[[float], float], low: float, high: float) -> float:
@@ -422,14 +408,11 @@ def _least(objective: Callable[[float], float], low: float, high: float) -> floa
 
 def _refined_ki(family: Family, specification: Specification, kp: float, start: float) -> float:
     """The largest ki near or below `start` that meets the specification exactly; 0 if there is none."""
-    if not start > 0:
-        return 0.0
 
     def miss(log_ki: float) -> float:
         return min(family.excess(kp, math.exp(log_ki), specification), 1e3)
 
-    # the ellipses are sampled, the scan is coarse: the exact limit may lie a little to either side
-    bracket = _bracket(miss, math.log(start))
+    bracket = _bracket(lambda x: miss(x) <= 0, math.log(start), 10 * _AGREE)
     if bracket is None:
         return 0.0
     lower, upper = bracket
@@ -445,21 +428,15 @@ def _refined_ki(family: Family, specification: Specification, kp: float, start: 
     return math.exp(lower)
 
 
-def _bracket(miss: Callable[[float], float], start: float) -> tuple[float, float] | None:
-    """(met, missed) neighbouring values of ln ki around `start`; both equal if none is missed; None if none is met."""
-    if miss(start) <= 0:
-        lower = start
-        for step in (1e-3, 0.02, 0.1, 0.4, 1.5):
-            if miss(lower + step) > 0:
-                return lower, lower + step
-            lower += step
-        return lower, lower
-    upper = start
-    for step in (2e-3, 0.02, 0.15, _LOG_SCAN_RATIO, 1.5, 3.0, 6.0, 10.0):
-        if miss(start - step) <= 0:
-            return start - step, upper
-        upper = start - step
-    return None
+def _bracket(met: Callable[[float], object], start: float, step: float = 1e-3) -> tuple[float, float] | None:
+    """(met, missed) values of ln ki around `start`; both equal if none is missed; None if none is met."""
+    first, here = bool(met(start)), start
+    while step < (_FAR_UP if first else _FAR_DOWN):
+        ahead = here + (step if first else -step)
+        if bool(met(ahead)) != first:
+            return (here, ahead) if first else (ahead, here)
+        here, step = ahead, 5 * step
+    return (here, here) if first else None
 
 
 def _infeasible(family: Family, specification: Specification) -> InfeasibleDesignError:
@@ -497,12 +474,9 @@ def _infeasible(family: Family, specification: Specification) -> InfeasibleDesig
 def _best(family: Family, margin: str) -> float:
     """Least `Family.worst` over kp with next to no integral action; inf if nothing is stable."""
     ki = family.ki_ends[0]
+    worst = partial(family.worst, ki=ki, margin=margin)
     gaps = _tightest(family, ki, Specification(), margin)
-
-    def at(kp: float) -> float:
-        return float(family.worst(np.array([kp]), np.array([ki]), margin)[0])
-
-    return min((at(_least(at, *gap)) for gap in gaps), default=math.inf)
+    return min((worst(_least(worst, *gap)) for gap in gaps), default=math.inf)
 
 
 def _tightest(family: Family, ki: float, others: Specification, margin: str) -> list[Interval]:
@@ -520,10 +494,10 @@ def _tightest(family: Family, ki: float, others: Specification, margin: str) -> 
         "phase_deg": (0.0, 179.9),
         "delay_s": family.forbidden.log_times,
     }[margin]
-    (gaps,) = family.gaps(np.array([ki]), asked(low))
-    for _ in range(_TIGHTENINGS if gaps else 0):
+    gaps = family.gaps(family.forbidden.gaps(ki, asked(low)), ki, asked(low))
+    for _ in range(_TIGHTENINGS):
         middle = 0.5 * (low + high)
-        (found,) = family.gaps(np.array([ki]), asked(middle))
+        found = family.gaps(family.forbidden.gaps(ki, asked(middle)), ki, asked(middle))
         low, high, gaps = (middle, high, found) if found else (low, middle, gaps)
     return gaps
 
@@ -536,14 +510,14 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
     def objective(kp: float, ki: float) -> float:
         met = others.only_ms or family.excess(kp, ki, others) <= 0
-        return float(family.worst(np.array([kp]), np.array([ki]), "ms")[0]) if met else math.inf
+        return family.worst(kp, ki, "ms") if met else math.inf
 
     least, best, width = math.inf, None, 0.0
-    rows = _rows(ki_min, max(family.ki_ends[1], ki_min))
+    rows = _rows(ki_min, max(family.ki_ends[1], ki_min), None)
     # Ms seldom falls as ki grows, but an unstable plant may need more than ki_min
     for some in (rows[:1], rows[1:]):
         better = replace(others, ms_max=1 + min(_LARGEST_MS, (least - 1) * (1 - _TOP)))
-        for ki, _ in family.rows(some, better):
+        for ki in (one for one in some.tolist() if family.row(one, better)):
             for gap in _tightest(family, ki, others, "ms"):
                 kp = _least(partial(objective, ki=ki), *gap)
                 if (found := objective(kp, ki)) < least:
@@ -561,7 +535,7 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
     """Nothing holds with that much integral action: say how much there may be, or what the other bounds cost."""
-    largest = _highest_row(family, Specification())[0]
+    largest, _ = next(_highest_rows(family, Specification()), (0.0, []))
     if largest > ki_min and specification.words:
         return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
     return InfeasibleDesignError(
