@@ -23,6 +23,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
 from railslip_ctrl.design.controllers import (
+    PERIOD,
     PIController,
     Rule,
     has_step,
@@ -45,9 +46,6 @@ if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
 
     Floats = NDArray[np.float64]
-
-PERIOD = 0.01
-"""s, of a controller that says none."""
 
 ADDRESS = 2
 """Place of the step's address in a controller's row; see `steps.called`."""
