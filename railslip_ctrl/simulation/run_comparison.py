@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,10 @@ class RunComparison:
     seeds: tuple[int, ...]
     bound: ClairvoyantStop
     rows: tuple[ControllerRow, ...]
+
+    def __str__(self) -> str:
+        text = import_module("railslip_ctrl.report.simulation")  # a room above this one, asked for by the user
+        return str(text.run_comparison_text(self))
 
     def row(self, name: str) -> ControllerRow:
         """The row of a controller by name; KeyError for another."""
