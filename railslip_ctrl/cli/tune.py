@@ -9,7 +9,7 @@ import click
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.design.controllers import PERIOD, loop_as_run, sampled_peak
+from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import tune_over
 from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -114,14 +114,7 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            control = braking_control(
-                tuned.controller(tuned.design), points, _held(points), name=out.stem, period=period
-            )
-            control.save(out)
-            runs = [loop_as_run(control, linearize(point), point.vehicle.actuator) for point in points]
-            worst = max((sampled_peak(run) for run in runs if run is not None), default=math.nan)
-            told = "unstable" if math.isinf(worst) else f"Ms {rounded_up(worst):g} at worst"
-            progress(f"sampled every {control.period:g} s: {told}")
+            _saved(tuned.controller(tuned.design), points, out, period)
     else:
         tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),
@@ -133,10 +126,9 @@ def command(
             nominal=nominal,
             period=period,
         )
-        if found is not None:
-            judgement = found.judgement
-            if out is not None:
-                found.save(out)
+        judgement = None if found is None else found.judgement
+        if found is not None and out is not None:
+            found.save(out)
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     if as_json:
@@ -144,6 +136,16 @@ def command(
     else:
         print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)
+
+
+def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float) -> None:
+    """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
+    control = braking_control(controller, points, _held(points), name=out.stem, period=period)
+    control.save(out)
+    runs = [loop_as_run(control, linearize(point), point.vehicle.actuator) for point in points]
+    worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
+    told = "unstable" if math.isinf(worst) else f"Ms {rounded_up(worst):g} at worst"
+    progress(f"sampled every {control.period:g} s: {told}")
 
 
 def _held(points: list[OperatingPoint]) -> ReferenceSlip:

@@ -132,9 +132,10 @@ def tune_over(
     check_period(period)
     points = envelope.points(nominal=nominal)
     actuator = envelope.vehicle.actuator
+    late = _held(actuator, period)
     tuned_at = partial(
         tune_cases,
-        actuator=_held(actuator, period),
+        actuator=late,
         structure=structure,
         specification=specification,
         ki_min=ki_min,
@@ -142,9 +143,13 @@ def tune_over(
         lead_filter=lead_filter,
     )
     plants = operating_plants(points)
-    tuned = tuned_at(plants) if (early := _early(tuned_at, plants)) is None else early
+    tuned = _early(tuned_at, plants)
+    at_one_lead = partial(tuned_at, structure="pi-lead", lead=tuned.lead) if structure == "pid" else tuned_at
+    if tuned.design is not None and len(tuned.points) < len(plants):
+        search = at_one_lead if len(plants) > _MANY else tuned_at
+        tuned = replace(search(plants), structure=structure)
     if tuned.design is None:
-        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(tuned_at, plants)}"), None
+        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(at_one_lead, plants, late)}"), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
@@ -200,23 +205,41 @@ def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPl
     return [plant for plant in plants if plant.point.speed_kmh in ends]
 
 
-def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases | None:
-    """What is infeasible at the hardest plants alone is so at all: its reason, had in a fraction of the time."""
-    hardest = _ends(plants)
-    if len(hardest) == len(plants) or (tuned := tuned_at(hardest)).design is not None:
-        return None
-    speeds = sorted({plant.point.speed_kmh for plant in hardest})
+def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
+    """At the hardest plants alone: what is infeasible there is so at all, and its reason is had much sooner."""
+    tuned = tuned_at(_ends(plants))
+    if tuned.design is not None or len(tuned.points) == len(plants):
+        return tuned
+    speeds = sorted({point.speed_kmh for point in tuned.points})
     return replace(tuned, reason=f"at {' and '.join(f'{v:g}' for v in speeds)} km/h alone: {tuned.reason}")
 
 
-def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> str:
+def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> str:
     """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
     speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
+
+    def feasible(speed: float) -> bool:
+        above = [plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]
+        ends = tuned_at(_ends(above))
+        return ends.design is not None and (_meets(ends, above, actuator) or tuned_at(above).design is not None)
+
     first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
-    for speed in speeds[first:]:
-        if tuned_at([plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]).design is not None:
-            return f"from {speed:g} km/h up it can"
-    return "at no speed of the envelope it can"
+    if first < len(speeds) and not feasible(speeds[first]):
+        first = bisect_left(speeds, True, first + 1, key=feasible)
+    return "at no speed of the envelope it can" if first == len(speeds) else f"from {speeds[first]:g} km/h up it can"
+
+
+def _meets(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> bool:
+    """Whether gains tuned at some plants meet the specification at all, with no crossover asked for."""
+    assert tuned.design is not None
+    controller, asked = tuned.controller(tuned.design), tuned.specification
+    found = worst_of(family_margins([wheel_slip_loop(plant, controller, actuator) for plant in plants]))
+    return (
+        found is not None
+        and found.ms <= (asked.ms_max or math.inf)
+        and found.phase_deg >= (asked.phase_min_deg or 0.0)
+        and found.delay_s >= (asked.delay_min_s or 0.0)
+    )
 
 
 def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:
@@ -255,6 +278,7 @@ _LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of an interval of gains, in ratio
 _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked at
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
+_MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
 _TIME_STEP = 0.95  # ratio of integral times that are told apart
 _KI_STEP, _KI_STEPS = 2e-4, 10  # of ki, doubled each time, where sampling does more than its delay

@@ -153,8 +153,23 @@ def identify(
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
-    The CSV at `path` is as `railslip identify --help` says; `vehicle` gives wheel and load, `options` the rest;
-    `progress` is told the share that is read, 0 to 1; `observed` is given the observed samples as they come.
+    Parameters
+    ----------
+    path : Path
+        The CSV, as `railslip identify --help` says.
+    vehicle : Vehicle
+        Its wheel and load, SI.
+    options : Options
+        The rest.
+    progress : callable, optional
+        Told the share that is read, a ratio of 0 to 1.
+    observed : callable, optional
+        Given the observed samples as they come, SI.
+
+    Returns
+    -------
+    Identification
+        In SI.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Rows of controllers over one scenario, with the bound that none can beat."""
+    """`rows` of controllers over one scenario, each over all `seeds`, with the `bound` that none can beat."""
 
     scenario: Scenario
     seeds: tuple[int, ...]
