@@ -198,7 +198,7 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         return controller
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
-    if callable(linear := getattr(controller, "linear", None)):
+    if callable(linear := linear_of(controller)):
         return _linear_at(point, linear, _name(controller))
     if has_step(controller):
         raise step_alone(controller)
@@ -222,6 +222,18 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     return StateSpaceController(
         tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
     )
+
+
+def linear_of(controller: Any) -> Any:
+    """Its `linear`, or None; InputError where it is there and cannot be had, such as a property that fails."""
+    try:
+        return controller.linear
+    except Exception as error:  # a user's property may fail in any way
+        kept = inspect.getattr_static(controller, "linear", None)
+        if kept is None:
+            return None
+        told = call_failure(error, getattr(kept, "fget", kept), "linear", "")
+        raise InputError(f"controller {_name(controller)}: {told}") from error
 
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:

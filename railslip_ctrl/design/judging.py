@@ -21,7 +21,7 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import PIController, linear_controller, loop_as_run, sampled_peak, wheel_slip_loop
+from .controllers import PIController, linear_controller, linear_of, loop_as_run, sampled_peak, wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints
 from .specification import is_robust
 
@@ -360,7 +360,7 @@ def margins_at(
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
     used = np.unique(points.plant).tolist()
-    if callable(getattr(controller, "linear", None)):
+    if callable(linear_of(controller)):
         designs = [linear_controller(controller, points.plants[i].point) for i in used]
     else:
         designs = [linear_controller(controller)] * len(used)

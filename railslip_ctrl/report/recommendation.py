@@ -20,7 +20,13 @@ from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
-from railslip_ctrl.design.controllers import LinearController, SampledController, linear_controller, run_period
+from railslip_ctrl.design.controllers import (
+    LinearController,
+    SampledController,
+    linear_controller,
+    linear_of,
+    run_period,
+)
 from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import Choice, Selection, operating_plants, select
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
@@ -601,7 +607,7 @@ def _trial(choice: Choice, nominal: bool) -> Trial:
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     runs = isinstance(controller, Controller)  # of a file: as that says
-    design = controller if runs or callable(getattr(controller, "linear", None)) else linear_controller(controller)
+    design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
     discrete = not isinstance(design, PIController) and getattr(design, "period", None) is not None
     continuous = isinstance(design, LinearController) and not discrete
     judged = SampledController(design, run_period(design)) if continuous else design
