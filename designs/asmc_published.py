@@ -14,18 +14,10 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl import PARK2008
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
-from railslip_ctrl.sliding.law import PUBLISHED_LAW
-from railslip_ctrl.verification.reaching import (
-    holding_torque,
-    least_gain,
-    operating_set,
-    reaching_time,
-    reference_set,
-)
+import railslip_ctrl as rs
+from railslip_ctrl import plots, reaching
 
+KMH = 1 / 3.6  # m/s
 SPEED = 100.0 * KMH  # m/s
 SLIP = 0.132  # dry reference, bristle column
 START = SLIP * SPEED  # m/s: s of a free rolling wheel when the brake is applied
@@ -55,31 +47,32 @@ class Reading:
 
 def read(inertia_scale: float) -> Reading:
     """One reading."""
-    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    law = PUBLISHED_LAW
+    vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    law = rs.law.PUBLISHED_LAW
     # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
     # 2. What (40) asks of K.
     least = [
-        tuple(least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0)) for box in (reference_set, operating_set)
+        tuple(reaching.least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0))
+        for box in (reaching.reference_set, reaching.operating_set)
     ]
     return Reading(
         inertia_scale=inertia_scale,
-        feed_forward=holding_torque(vehicle, SPEED),
+        feed_forward=reaching.holding_torque(vehicle, SPEED),
         proportional_gain=surface + law.D,
         from_surface=surface,
         integral_gain=law.D * law.rho,
-        pi_gain=TABLE4_PI["bristle"].kp,
+        pi_gain=rs.TABLE4_PI["bristle"].kp,
         K=law.K,
         least_K=(least[0][0], least[0][1]),
         least_K_run=(least[1][0], least[1][1]),
-        reaching_time=reaching_time(vehicle, K=law.K, D=law.D, start=START),
+        reaching_time=reaching.reaching_time(vehicle, K=law.K, D=law.D, start=START),
     )
 
 
 def run() -> tuple[Reading, Reading]:
     """SI and as published."""
-    return read(1.0), read(AS_PUBLISHED_INERTIA_SCALE)
+    return read(1.0), read(rs.AS_PUBLISHED_INERTIA_SCALE)
 
 
 def main() -> None:
@@ -104,35 +97,33 @@ def main() -> None:
 
 def draw(readings: tuple[Reading, Reading], folder: Path) -> None:
     """K of Table 4 beside the least K of (40), and the gains that do the work instead."""
-    from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.style import SMALL, TEXT, legend_of_figure, line_style, new_figure, panels
 
-    figure = new_figure(
+    figure = plots.style.new_figure(
         3.0, "ASMC of [Park2008] Table 4, bristle column: the gain K, and what does the work in its place"
     )
-    switching, gains = panels(figure, 1, 2)[0]
+    switching, gains = plots.style.panels(figure, 1, 2)[0]
     asked = ("at the reference, 1 σ", "at the reference, 3 σ", "whole run, 1 σ", "whole run, 3 σ")
     for i, reading in enumerate(readings):
         bars = (reading.K, *reading.least_K, *reading.least_K_run)
         work = (reading.from_surface, reading.proportional_gain - reading.from_surface, reading.pi_gain)
-        style = {"color": line_style(i)["color"], "edgecolor": "white", "hatch": ("", "///")[i]}
+        style = {"color": plots.style.line_style(i)["color"], "edgecolor": "white", "hatch": ("", "///")[i]}
         for axes, values in ((switching, bars), (gains, work)):
             places = [j - 0.2 + 0.4 * i for j in range(len(values))]
             drawn = axes.barh(places, values, height=0.4, label=f"inertia scale {reading.inertia_scale:g}", **style)
-            axes.bar_label(drawn, [f"{value:.4g}" for value in values], padding=3, fontsize=SMALL)
+            axes.bar_label(drawn, [f"{value:.4g}" for value in values], padding=3, fontsize=plots.style.SMALL)
     switching.set_xlabel("gain of the switching term (N·m)")
     switching.set_yticks(range(5), ("K, Table 4", *(f"least by (40)\n{name}" for name in asked)))
     gains.set_xlabel("gain on the slip velocity error (N·m/(m/s))")
     gains.set_yticks(range(3), ("(J/r) ρ of the ASMC", "D of the ASMC", "Kp of the PI"))
-    switching.set_title("K and what (40) asks of it", fontsize=TEXT)
-    gains.set_title("Gains on the slip velocity error", fontsize=TEXT)
+    switching.set_title("K and what (40) asks of it", fontsize=plots.style.TEXT)
+    gains.set_title("Gains on the slip velocity error", fontsize=plots.style.TEXT)
     for axes in (switching, gains):
         axes.margins(x=0.25)  # room for the numbers: D is too short to be seen beside the PI's gain
         axes.grid(visible=False, axis="y")
         axes.invert_yaxis()
-    legend_of_figure(figure, gains, columns=2)
+    plots.style.legend_of_figure(figure, gains, columns=2)
     folder.mkdir(parents=True, exist_ok=True)
-    save_figure(figure, folder / "asmc_published.png")
+    plots.save_figure(figure, folder / "asmc_published.png")
 
 
 if __name__ == "__main__":

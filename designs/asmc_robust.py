@@ -16,38 +16,11 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl import PARK2008, Rail
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
-from railslip_ctrl.report.verification import findings_text
-from railslip_ctrl.verification.actuator_effects import (
-    ActuatorEffect,
-    JointAdvice,
-    PublishedBehind,
-    RelayCycle,
-    actuator_effect,
-    joint_advice,
-    published_loop,
-    stop_loops,
-)
-from railslip_ctrl.verification.fixed_step import FineRun, holding_torque, simulate_fine
-from railslip_ctrl.verification.layered import (
-    DURATION,
-    OFFSET,
-    STEP,
-    LayeredDesign,
-    LayeredLaw,
-    RailBounds,
-    bounded_errors,
-    bounded_torques,
-    layered_design,
-    rail_bounds,
-    torque_impulse,
-)
-from railslip_ctrl.verification.limit_cycles import LINEAR_CHANGE
-from railslip_ctrl.verification.relay_loop import TABLE4_SLIDING
+import railslip_ctrl as rs
+from railslip_ctrl import Rail, actuator_effects, fixed_step, layered, limit_cycles, plots, relay_loop
 
-READINGS = {"SI": 1.0, "as published": AS_PUBLISHED_INERTIA_SCALE}
+KMH = 1 / 3.6  # m/s
+READINGS = {"SI": 1.0, "as published": rs.AS_PUBLISHED_INERTIA_SCALE}
 WORST = "worst case"
 ADHESIONS = ("bristle", "curve")  # the model of the design, and the curve the paper's results come from
 
@@ -62,40 +35,48 @@ class RobustDesign:
     run under the linear loop's worst disturbance.
     """
 
-    published: tuple[ActuatorEffect, ...]
-    advice: JointAdvice
-    design: LayeredDesign
-    bounds: dict[Rail, RailBounds]
+    published: tuple[actuator_effects.ActuatorEffect, ...]
+    advice: actuator_effects.JointAdvice
+    design: layered.LayeredDesign
+    bounds: dict[Rail, layered.RailBounds]
     simulated: dict[Rail, dict[str, tuple[float, float]]]
-    worst: dict[Rail, FineRun]
+    worst: dict[Rail, fixed_step.FineRun]
 
 
 def design_for(inertia_scale: float) -> RobustDesign:
     """Published law, design, bounds and check in one reading."""
-    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    design = layered_design(vehicle)
-    bounds = rail_bounds(design, vehicle)
+    vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    design = layered.layered_design(vehicle)
+    bounds = layered.rail_bounds(design, vehicle)
     return RobustDesign(
         published=tuple(
-            actuator_effect(published_loop(rail, inertia_scale=inertia_scale, adhesion=adhesion))
+            actuator_effects.actuator_effect(
+                actuator_effects.published_loop(rail, inertia_scale=inertia_scale, adhesion=adhesion)
+            )
             for adhesion in ADHESIONS
             for rail in Rail
         ),
-        advice=joint_advice(stop_loops(TABLE4_SLIDING["bristle"].K, TABLE4_SLIDING["bristle"].D, vehicle)),
+        advice=actuator_effects.joint_advice(
+            actuator_effects.stop_loops(
+                relay_loop.TABLE4_SLIDING["bristle"].K, relay_loop.TABLE4_SLIDING["bristle"].D, vehicle
+            )
+        ),
         design=design,
         bounds=bounds,
-        simulated={rail: bounded_errors(design, one) for rail, one in bounds.items()},
+        simulated={rail: layered.bounded_errors(design, one) for rail, one in bounds.items()},
         worst={rail: worst_run(design, one) for rail, one in bounds.items()},
     )
 
 
-def worst_run(design: LayeredDesign, bounds: RailBounds) -> FineRun:
+def worst_run(design: layered.LayeredDesign, bounds: layered.RailBounds) -> fixed_step.FineRun:
     """The nonlinear wheel from rest under the worst disturbance of the linear loop."""
     point, actuator = bounds.plant.point, bounds.plant.point.vehicle.actuator
-    impulse = torque_impulse(design, bounds.plant, actuator)
-    torque = bounded_torques(bounds.at_rest.disturbance, impulse)[WORST]
-    law = LayeredLaw(point.slip, holding_torque(point), design=design)
-    return simulate_fine(point, law, actuator, duration=DURATION, step=STEP, disturbance=torque)
+    impulse = layered.torque_impulse(design, bounds.plant, actuator)
+    torque = layered.bounded_torques(bounds.at_rest.disturbance, impulse)[WORST]
+    law = layered.LayeredLaw(point.slip, fixed_step.holding_torque(point), design=design)
+    return fixed_step.simulate_fine(
+        point, law, actuator, duration=layered.DURATION, step=layered.STEP, disturbance=torque
+    )
 
 
 def run() -> dict[str, RobustDesign]:
@@ -107,13 +88,14 @@ def bounds_table(found: RobustDesign) -> str:
     """What is guaranteed, one row a rail."""
     lines = [
         f"{'rail':5}{'Ms':>7}{'|d| N*m':>9}{'|error| m/s':>13}{'|s| m/s':>9}{'|Tb-hold| N*m':>15}"
-        f"{'from ' + format(OFFSET, 'g') + ' m/s: below':>22}{'after s':>9}{'K N*m >=':>10}"
+        f"{'from ' + format(layered.OFFSET, 'g') + ' m/s: below':>22}{'after s':>9}{'K N*m >=':>10}"
     ]
     for rail, one in found.bounds.items():
         rest, offset = one.at_rest, one.from_offset
         lines.append(
             f"{rail.value:5}{rest.margins.ms:7.3f}{rest.disturbance:9g}{rest.error:13.3f}{rest.surface:9.3f}"
-            f"{rest.command:15.0f}{offset.error + 0.01 * OFFSET:22.3f}{offset.reaching_time:9.1f}{offset.command:10.0f}"
+            f"{rest.command:15.0f}{offset.error + 0.01 * layered.OFFSET:22.3f}"
+            f"{offset.reaching_time:9.1f}{offset.command:10.0f}"
         )
     return "\n".join(lines)
 
@@ -136,7 +118,8 @@ def main() -> None:
     print(cycle_table(effects))
     print()
     print(survivors_table(effects))
-    told = findings_text(PublishedBehind(result["SI"].published[: len(Rail)], result["SI"].advice, {}))
+    behind = actuator_effects.PublishedBehind(result["SI"].published[: len(Rail)], result["SI"].advice, {})
+    told = rs.findings_text(behind)
     print(f"\n{textwrap.fill(told, 110, break_on_hyphens=False)}\n")
     print("THE LAYERED LAW WITH A LEAD ON THE LAG")
     for name, found in result.items():
@@ -149,7 +132,7 @@ def main() -> None:
         draw(result, Path(sys.argv[1]))
 
 
-def cycle_table(effects: list[ActuatorEffect]) -> str:
+def cycle_table(effects: list[actuator_effects.ActuatorEffect]) -> str:
     """Limit cycles of some `effects` as text.
 
     For each K the wheel's, then the linearised loop's and the describing function's error.
@@ -167,13 +150,13 @@ def cycle_table(effects: list[ActuatorEffect]) -> str:
             *lines,
             "Adaptation off, speed frozen. lost: the wheel locks; --: no stable cycle; DF: describing function against "
             "the wheel.",
-            f"*: beyond the linearisation: over the swing the wheel's response changes by over {LINEAR_CHANGE:.0%}, or "
-            "the slip leaves the model.",
+            "*: beyond the linearisation: over the swing the wheel's response changes by over "
+            f"{limit_cycles.LINEAR_CHANGE:.0%}, or the slip leaves the model.",
         ]
     )
 
 
-def _row(cycle: RelayCycle) -> str:
+def _row(cycle: actuator_effects.RelayCycle) -> str:
     c, linear = cycle.actual, cycle.linear
     own = f"{'lost':>9} {'-':>7} {'-':>7} {'-':>10}"
     errors = f"{'-':>6} {'-':>6}"
@@ -184,7 +167,7 @@ def _row(cycle: RelayCycle) -> str:
     return f"{own} {linear.period:7.3f} {linear.slip_amplitude:9.4f}{mark} {errors}"
 
 
-def survivors_table(effects: list[ActuatorEffect]) -> str:
+def survivors_table(effects: list[actuator_effects.ActuatorEffect]) -> str:
     """What survives the actuator, one row a case: unstable poles with the printed k, and the largest gains."""
     lines = [
         f"{'case':28}{'poles':>6}{'largest k':>11}{'K N*m':>8}{'rho 1/s':>9}{'D':>8}{'K/layer':>9}   "
@@ -201,16 +184,19 @@ def survivors_table(effects: list[ActuatorEffect]) -> str:
 
 def draw(result: dict[str, RobustDesign], folder: Path) -> None:
     """Slip velocity error and commanded torque of the worst runs, with their bounds, both readings, and the setting."""
-    from railslip_ctrl.report.plots import save_figure
-    from railslip_ctrl.report.plots.style import SMALL, legend_below, new_figure, panels, rail_style
 
-    figure = new_figure(5.6, "Layered law: worst runs, and bounds no disturbance of that size can exceed (thin)")
-    grid = panels(figure, 2, len(result), sharex=True)
+    figure = plots.style.new_figure(
+        5.6, "Layered law: worst runs, and bounds no disturbance of that size can exceed (thin)"
+    )
+    grid = plots.style.panels(figure, 2, len(result), sharex=True)
     for column, (name, found) in enumerate(result.items()):
         for rail, one in found.bounds.items():
             point, run = one.plant.point, found.worst[rail]
-            rest, style = one.at_rest, rail_style(rail)
-            signals = ((run.sigma - point.sigma, rest.error), (run.command - holding_torque(point), rest.command))
+            rest, style = one.at_rest, plots.style.rail_style(rail)
+            signals = (
+                (run.sigma - point.sigma, rest.error),
+                (run.command - fixed_step.holding_torque(point), rest.command),
+            )
             for axes, (signal, bound) in zip(grid[:, column], signals, strict=True):
                 axes.plot(run.time, signal, label=f"{rail.value}, bound ±{bound:.3g}", **style)
                 for side in (-bound, bound):
@@ -218,14 +204,14 @@ def draw(result: dict[str, RobustDesign], folder: Path) -> None:
         first = found.bounds[Rail.DRY]
         height, at = first.at_rest.disturbance, first.plant.point
         setting = f"{at.speed / KMH:.3g} km/h frozen, {at.vehicle.mass:g} kg, from the reference slip at rest"
-        grid[0, column].set_title(f"{name}: worst torque within ±{height:g} N·m\n{setting}", fontsize=SMALL)
+        grid[0, column].set_title(f"{name}: worst torque within ±{height:g} N·m\n{setting}", fontsize=plots.style.SMALL)
         grid[1, column].set_xlabel("time (s)")
         for axes, drop in zip(grid[:, column], (0.05, 0.2), strict=True):
-            legend_below(axes, drop, columns=2)
+            plots.style.legend_below(axes, drop, columns=2)
     grid[0, 0].set_ylabel("slip velocity error (m/s)")
     grid[1, 0].set_ylabel("torque about the hold (N·m)")
     folder.mkdir(parents=True, exist_ok=True)
-    save_figure(figure, folder / "asmc_robust.png")
+    plots.save_figure(figure, folder / "asmc_robust.png")
 
 
 if __name__ == "__main__":

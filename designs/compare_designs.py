@@ -19,32 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl import (
-    PARK2008,
-    DeadTimeLoop,
-    InputError,
-    Margins,
-    PIController,
-    PIGains,
-    Rail,
-    RailslipError,
-    actuated_plant,
-    fundamental_limits,
-    plant_at,
-    tune_pi,
-)
-from railslip_ctrl.design.compensators import (
-    Compensator,
-    filtered_smith_predictor,
-    observer_compensator,
-    smith_predictor,
-)
-from railslip_ctrl.design.limits import Effort, Limits, control_effort
-from railslip_ctrl.design.tuning import RuleTuning, rotstein_lewin, simc_pi
-from railslip_ctrl.loop import Rational
-from railslip_ctrl.loop.deadtime import GangOfFour, gang_of_four
-from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.vehicle import TABLE4_PI
+import railslip_ctrl as rs
+from railslip_ctrl import PARK2008, PIController, Rail, deadtime, plots, responses, tuning
 
 SPEED_KMH = 100.0
 KI_MIN = 5.0  # N*m/m
@@ -61,8 +37,8 @@ class Row:
 
     design: str
     rail: Rail
-    margins: Margins | None
-    effort: Effort | None
+    margins: rs.Margins | None
+    effort: rs.limits.Effort | None
     reason: str
 
 
@@ -71,57 +47,57 @@ class Comparison:
     """The table, the limits by rail; on dry rail the steps of the plain transfer functions, and every gang of four."""
 
     rows: tuple[Row, ...]
-    limits: dict[Rail, Limits]
-    reference: dict[str, TimeResponse]
-    load: dict[str, TimeResponse]
-    gangs: dict[str, GangOfFour]
+    limits: dict[Rail, rs.limits.Limits]
+    reference: dict[str, responses.TimeResponse]
+    load: dict[str, responses.TimeResponse]
+    gangs: dict[str, deadtime.GangOfFour]
 
     def row(self, design: str, rail: Rail) -> Row:
         """One row by name."""
         return next(row for row in self.rows if (row.design, row.rail) == (design, rail))
 
 
-def plants() -> dict[Rail, Rational]:
+def plants() -> dict[Rail, rs.Rational]:
     """From commanded torque to slip velocity, without the dead time."""
-    return {rail: actuated_plant(plant_at("bristle", PARK2008, rail, SPEED_KMH), ACTUATOR) for rail in Rail}
+    return {rail: rs.actuated_plant(rs.plant_at("bristle", PARK2008, rail, SPEED_KMH), ACTUATOR) for rail in Rail}
 
 
-def best(both: list[Rational], lead: float, lead_filter: float) -> PIController:
+def best(both: list[rs.Rational], lead: float, lead_filter: float) -> PIController:
     """The least worst Ms over both rails."""
-    compensator = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
-    tuned = tune_pi(both, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
-    return PIController(PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
+    compensator = PIController(rs.PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    tuned = rs.tune_pi(both, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=compensator)
+    return PIController(rs.PIGains(kp=tuned.kp, ki=tuned.ki), lead, lead_filter)
 
 
-def fixed_designs(both: list[Rational]) -> dict[str, PIController]:
+def fixed_designs(both: list[rs.Rational]) -> dict[str, PIController]:
     """The designs that are one transfer function for both rails."""
     return {
-        "published PI (Table 4)": PIController(TABLE4_PI["bristle"]),
+        "published PI (Table 4)": PIController(rs.TABLE4_PI["bristle"]),
         "best PI": best(both, 0.0, 0.0),
         "PI-lead": best(both, ACTUATOR.lag, 0.06),
     }
 
 
-def predictors(plant: Rational, lead: Rational) -> dict[str, Callable[[], Compensator]]:
+def predictors(plant: rs.Rational, lead: rs.Rational) -> dict[str, Callable[[], rs.compensators.Compensator]]:
     """The compensators of the dead time, each designed when it is called."""
     tau = ACTUATOR.dead_time
     return {
-        "Smith predictor": lambda: smith_predictor(plant, tau, lead),
-        "filtered Smith predictor": lambda: filtered_smith_predictor(plant, tau, lead, filter_time=0.1),
-        "observer with prediction": lambda: observer_compensator(
+        "Smith predictor": lambda: rs.compensators.smith_predictor(plant, tau, lead),
+        "filtered Smith predictor": lambda: rs.compensators.filtered_smith_predictor(plant, tau, lead, filter_time=0.1),
+        "observer with prediction": lambda: rs.compensators.observer_compensator(
             plant, tau, feedback_poles=FEEDBACK_POLES, observer_poles=OBSERVER_POLES
         ),
     }
 
 
-def rows_for(rail: Rail, plant: Rational, fixed: dict[str, PIController]) -> list[Row]:
+def rows_for(rail: Rail, plant: rs.Rational, fixed: dict[str, PIController]) -> list[Row]:
     """Every design on one rail."""
     tau = ACTUATOR.dead_time
     rows = [plain_row(name, rail, plant, controller.transfer_function) for name, controller in fixed.items()]
     lead = fixed["PI-lead"].transfer_function
-    made: dict[str, Callable[[], Compensator | RuleTuning]] = {
-        "SIMC rule": lambda: simc_pi(plant, tau),
-        "Rotstein-Lewin rule": lambda: rotstein_lewin(plant, tau, closed_loop_time=RULE_TIME),
+    made: dict[str, Callable[[], rs.compensators.Compensator | tuning.RuleTuning]] = {
+        "SIMC rule": lambda: tuning.simc_pi(plant, tau),
+        "Rotstein-Lewin rule": lambda: tuning.rotstein_lewin(plant, tau, closed_loop_time=RULE_TIME),
         **predictors(plant, lead),
     }
     for name, make in made.items():
@@ -133,27 +109,27 @@ def tried(name: str, rail: Rail, make: Callable[[], Row]) -> Row:
     """A design's row, or the reason why there is none."""
     try:
         return make()
-    except (InputError, RailslipError) as error:
+    except (rs.InputError, rs.RailslipError) as error:
         return Row(name, rail, None, None, str(error))
 
 
-def plain_row(name: str, rail: Rail, plant: Rational, controller: Rational) -> Row:
+def plain_row(name: str, rail: Rail, plant: rs.Rational, controller: rs.Rational) -> Row:
     """A design that is a transfer function."""
-    loop = DeadTimeLoop(controller * plant, ACTUATOR.dead_time)
+    loop = rs.DeadTimeLoop(controller * plant, ACTUATOR.dead_time)
     if not loop.is_stable():
         return Row(
             name, rail, None, None, f"unstable: {loop.unstable_closed_loop_poles:g} poles in the right half plane"
         )
-    effort = control_effort(controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
+    effort = rs.limits.control_effort(controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
     return Row(name, rail, loop.margins(), effort, "")
 
 
-def made_row(name: str, rail: Rail, plant: Rational, design: Compensator | RuleTuning) -> Row:
+def made_row(name: str, rail: Rail, plant: rs.Rational, design: rs.compensators.Compensator | tuning.RuleTuning) -> Row:
     """A rule's controller, or a dead-time compensator with the margins of the loop it really closes."""
-    if isinstance(design, RuleTuning):
+    if isinstance(design, tuning.RuleTuning):
         return plain_row(name, rail, plant, design.transfer_function())
     margins = design.margins()  # of an unstable one: UnstableLoopError with the reason
-    effort = control_effort(design.controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
+    effort = rs.limits.control_effort(design.controller, plant, ACTUATOR.dead_time, lag=ACTUATOR.lag)
     return Row(name, rail, margins, effort, "")
 
 
@@ -162,10 +138,10 @@ def run() -> Comparison:
     by_rail = plants()
     fixed = fixed_designs(list(by_rail.values()))
     rows = [row for rail, plant in by_rail.items() for row in rows_for(rail, plant, fixed)]
-    limits = {r: fundamental_limits(p, ACTUATOR.dead_time, lag=ACTUATOR.lag) for r, p in by_rail.items()}
-    wheel = plant_at("bristle", PARK2008, Rail.DRY, SPEED_KMH)
-    bare = Rational(wheel.zeros, wheel.poles, wheel.gain)
-    lag = Rational(np.array([]), np.array([-1 / ACTUATOR.lag]), 1 / ACTUATOR.lag)
+    limits = {r: rs.fundamental_limits(p, ACTUATOR.dead_time, lag=ACTUATOR.lag) for r, p in by_rail.items()}
+    wheel = rs.plant_at("bristle", PARK2008, Rail.DRY, SPEED_KMH)
+    bare = rs.Rational(wheel.zeros, wheel.poles, wheel.gain)
+    lag = rs.Rational(np.array([]), np.array([-1 / ACTUATOR.lag]), 1 / ACTUATOR.lag)
     shown = {name: fixed[name].transfer_function for name in ("best PI", "PI-lead")}
     tau = ACTUATOR.dead_time
     compensators = {name: make() for name, make in predictors(by_rail[Rail.DRY], shown["PI-lead"]).items()}
@@ -173,12 +149,17 @@ def run() -> Comparison:
     return Comparison(
         rows=tuple(rows),
         limits=limits,
-        reference={n: step_response(c, bare, tau, final_time=30.0, actuator=lag, height=KMH) for n, c in shown.items()},
+        reference={
+            n: responses.step_response(c, bare, tau, final_time=30.0, actuator=lag, height=KMH)
+            for n, c in shown.items()
+        },
         load={
-            n: disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, height=100.0) for n, c in shown.items()
+            n: responses.disturbance_response(c, bare, tau, final_time=30.0, actuator=lag, height=100.0)
+            for n, c in shown.items()
         },
         gangs={
-            n: gang_of_four(c, DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0) for n, c in {**shown, **kept}.items()
+            n: deadtime.gang_of_four(c, rs.DeadTimeLoop(by_rail[Rail.DRY], tau), 0.01, 100.0)
+            for n, c in {**shown, **kept}.items()
         },
     )
 
@@ -225,19 +206,18 @@ def line(row: Row) -> str:
 
 def draw(result: Comparison, folder: Path) -> None:
     """Responses of the plain designs, and the gang of four of all that hold, dry rail."""
-    from railslip_ctrl.report.plots import gang_of_four_figure, response_figure, save_figure
 
     folder.mkdir(parents=True, exist_ok=True)
     title = "Bristle model, dry rail, 100 km/h, slip 0.132; dead time exact"
-    figure = response_figure(
+    figure = plots.response_figure(
         result.reference,
         result.load,
         title=title,
         reference_label="step of 1 km/h of the reference slip velocity",
         load_label="step of 100 N·m of torque at the wheel",
     )
-    save_figure(figure, folder / "compare_designs_responses.png")
-    save_figure(gang_of_four_figure(result.gangs, title=title), folder / "compare_designs_gang_of_four.png")
+    plots.save_figure(figure, folder / "compare_designs_responses.png")
+    plots.save_figure(plots.gang_of_four_figure(result.gangs, title=title), folder / "compare_designs_gang_of_four.png")
 
 
 if __name__ == "__main__":

@@ -12,22 +12,14 @@ the rail would.
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from railslip_ctrl import LinearControl, Scenario, built_in_scenario, compare_runs, slide_protection
-from railslip_ctrl.report.document import fixed, heading, render, table
-from railslip_ctrl.report.simulation import run_comparison_text
-from railslip_ctrl.simulation import ScheduledControl
-from railslip_ctrl.simulation.catalogue import (
-    margins_over_points,
-    published_controller,
-    recommended_pi_lead,
-    recommended_schedule,
-)
-from railslip_ctrl.simulation.controllers import Controller
-from railslip_ctrl.simulation.run_comparison import RunComparison
+import railslip_ctrl as rs
+from railslip_ctrl import catalogue, plots
 
 SEEDS = range(32)
 
@@ -49,32 +41,32 @@ class WorstMargins:
 class Comparison:
     """Both readings, and the margins of the linear designs in each."""
 
-    runs: tuple[RunComparison, RunComparison]
+    runs: tuple[rs.RunComparison, rs.RunComparison]
     margins: tuple[tuple[WorstMargins, ...], tuple[WorstMargins, ...]]
 
 
-def controllers(scenario: Scenario) -> dict[str, Controller]:
+def controllers(scenario: rs.Scenario) -> dict[str, Any]:
     """What is compared, by name."""
     vehicle = scenario.vehicle
     return {
-        "PI beam": published_controller("pi", "beam"),
-        "PI bristle": published_controller("pi", "bristle"),
-        "ASMC beam": published_controller("asmc", "beam"),
-        "ASMC bristle": published_controller("asmc", "bristle"),
-        "ASMC, rail unknown": published_controller("asmc", "bristle", knows_rail=False),
-        "slide protection": slide_protection(vehicle),
-        "PI-lead": recommended_pi_lead(vehicle),
-        "PI-lead scheduled": recommended_schedule(vehicle),
+        "PI beam": catalogue.published_controller("pi", "beam"),
+        "PI bristle": catalogue.published_controller("pi", "bristle"),
+        "ASMC beam": catalogue.published_controller("asmc", "beam"),
+        "ASMC bristle": catalogue.published_controller("asmc", "bristle"),
+        "ASMC, rail unknown": catalogue.published_controller("asmc", "bristle", knows_rail=False),
+        "slide protection": rs.slide_protection(vehicle),
+        "PI-lead": catalogue.recommended_pi_lead(vehicle),
+        "PI-lead scheduled": catalogue.recommended_schedule(vehicle),
     }
 
 
-def worst_margins(scenario: Scenario, chosen: Mapping[str, Controller]) -> tuple[WorstMargins, ...]:
+def worst_margins(scenario: rs.Scenario, chosen: Mapping[str, Any]) -> tuple[WorstMargins, ...]:
     """Of every linear controller, over rails, loads, speeds and laws."""
     rows = []
     for name, control in chosen.items():
-        if not isinstance(control, LinearControl | ScheduledControl):
+        if not isinstance(control, rs.LinearControl | rs.ScheduledControl):
             continue
-        found = margins_over_points(control, scenario.vehicle)
+        found = catalogue.margins_over_points(control, scenario.vehicle)
         rows.append(
             WorstMargins(
                 name,
@@ -91,47 +83,39 @@ def worst_margins(scenario: Scenario, chosen: Mapping[str, Controller]) -> tuple
 
 def run(seeds: range = SEEDS) -> Comparison:
     """Every controller in both readings."""
-    scenarios = [built_in_scenario(name) for name in ("park2008", "park2008-si")]
+    scenarios = [rs.built_in_scenario(name) for name in ("park2008", "park2008-si")]
     chosen = [controllers(scenario) for scenario in scenarios]
-    published, si = (compare_runs(scenario, each, seeds) for scenario, each in zip(scenarios, chosen, strict=True))
+    published, si = (rs.compare_runs(scenario, each, seeds) for scenario, each in zip(scenarios, chosen, strict=True))
     margins = tuple(worst_margins(scenario, each) for scenario, each in zip(scenarios, chosen, strict=True))
     return Comparison((published, si), (margins[0], margins[1]))
 
 
 def margins_text(rows: tuple[WorstMargins, ...]) -> str:
     """A table of the worst margins."""
-    columns = ("Linear design, worst over the points", "unstable", "Ms", "gain x", "phase deg", "delay s")
-    cells = [
-        (
-            row.name,
-            f"{row.unstable_points}/{row.points}",
-            *(
-                fixed(value, 4) if row.unstable_points == 0 else "-"
-                for value in (row.ms, row.gain_increase, row.phase_deg, row.delay_s)
-            ),
-        )
-        for row in rows
+    lines = [
+        "Margins, dead time exact, worst over rails, laws, loads and speeds of the designs",
+        f"{'':20s} {'unstable':>8s} {'Ms':>7s} {'gain x':>7s} {'phase, deg':>10s} {'delay, s':>8s}",
     ]
+    for row in rows:
+        lines.append(f"{row.name:20s} {f'{row.unstable_points}/{row.points}':>8s}")
+        if row.unstable_points == 0:
+            lines[-1] += f" {row.ms:7.4g} {row.gain_increase:7.4g} {row.phase_deg:10.4g} {row.delay_s:8.4g}"
     note = (
-        "Over rails, laws, loads and speeds of the designs. The relay of the ASMC and the valve of the slide "
-        "protection have no such margins. Gains that are unstable at the reference slip may still stop the train where "
-        "the stop is over before the slip gets there."
+        "The relay of the ASMC and the valve of the slide protection have no such margins. Gains that are unstable at "
+        "the reference slip may still stop the train where the stop is over before the slip gets there."
     )
-    return render([heading("Margins, dead time exact", "-"), table(columns, cells, whole=1), note])
+    return "\n".join([*lines, *textwrap.wrap(note, 110), ""])
 
 
 def main() -> None:
     """Print a table a reading; with a folder, draw the distances."""
     comparison = run()
     for runs, margins in zip(comparison.runs, comparison.margins, strict=True):
-        print(run_comparison_text(runs))
-        print(margins_text(margins))
+        print(runs, margins_text(margins), sep="\n")
     if len(sys.argv) > 1:
-        from railslip_ctrl.report.plots import run_comparison_figure, save_figure
-
         folder = Path(sys.argv[1])
         folder.mkdir(parents=True, exist_ok=True)
-        save_figure(run_comparison_figure(comparison.runs), folder / "compare_runs.png")
+        plots.save_figure(plots.run_comparison_figure(comparison.runs), folder / "compare_runs.png")
 
 
 if __name__ == "__main__":

@@ -20,35 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl import (
-    LinearControl,
-    LinearPlant,
-    Margins,
-    PIController,
-    PIGains,
-    Rail,
-    ReferenceSlip,
-    Scenario,
-    Vehicle,
-    actuated_plant,
-    linearize,
-    load_vehicle,
-    operating_point,
-    tune_pi,
-    wheel_slip_loop,
-)
-from railslip_ctrl.core.units import KMH
-from railslip_ctrl.design.tuning import PIDesign
-from railslip_ctrl.identification.curves import Options
-from railslip_ctrl.identification.fits import CONFIDENCE, Fit
-from railslip_ctrl.identification.identify import Identification, identify
-from railslip_ctrl.identification.virtual_rig import RigTest, run_tests, write_log
-from railslip_ctrl.model.adhesion import AdhesionLaw, law_class
-from railslip_ctrl.model.numeric import adhesion_coefficient, peak
-from railslip_ctrl.simulation import Disturbances, Event, Run, Simulator
+import railslip_ctrl as rs
+from railslip_ctrl import PIController, Rail, adhesion, curves, fits, numeric, plots, tuning, virtual_rig
 
+KMH = 1 / 3.6  # m/s
 VEHICLE = Path(__file__).parent / "vehicles" / "desiro_classic.toml"
-TRUE_LAW = law_class("burckhardt").model_validate({"c1": 0.31, "c2": 24.0, "c3": 0.11})  # the rig's, not the design's
+TRUE_LAW = adhesion.law_class("burckhardt").model_validate(
+    {"c1": 0.31, "c2": 24.0, "c3": 0.11}
+)  # the rig's, not the design's
 INITIAL_SPEED = 100.0 * KMH
 RANDOM_SHARE = 431.0 / 34_500.0  # of the wheel load: [Park2008]'s random adhesion force
 TESTS = 12
@@ -67,53 +46,55 @@ SEEDS = (0, 1, 2)
 class FromLog:
     """Every station of the way."""
 
-    vehicle: Vehicle
-    found: Identification
-    held: ReferenceSlip
-    plants: tuple[LinearPlant, ...]  # of all laws within the uncertainty, at all operating points
-    design: PIDesign
+    vehicle: rs.Vehicle
+    found: rs.Identification
+    held: rs.ReferenceSlip
+    plants: tuple[rs.LinearPlant, ...]  # of all laws within the uncertainty, at all operating points
+    design: tuning.PIDesign
     controller: PIController
-    true_margins: tuple[Margins, ...]  # with the law the design never saw
-    runs: tuple[Run, ...]  # on that law
+    true_margins: tuple[rs.Margins, ...]  # with the law the design never saw
+    runs: tuple[rs.Run, ...]  # on that law
     slowest_falling: float  # km/h, down to which the loop is stable past the peak too, for all laws within
 
 
-def rig_log(vehicle: Vehicle, path: Path) -> Path:
+def rig_log(vehicle: rs.Vehicle, path: Path) -> Path:
     """The log of the rig's tests with the vehicle's wheel."""
-    test = RigTest(
+    test = virtual_rig.RigTest(
         vehicle, TRUE_LAW, INITIAL_SPEED, rate=8000.0, random_force=RANDOM_SHARE * vehicle.wheel_load, torque_noise=50.0
     )
-    write_log(run_tests(test, tests=TESTS, seed=1), path)
+    virtual_rig.write_log(virtual_rig.run_tests(test, tests=TESTS, seed=1), path)
     return path
 
 
-def laws_within(fit: Fit) -> list[AdhesionLaw]:
+def laws_within(fit: fits.Fit) -> list[adhesion.AdhesionLaw]:
     """The fitted law, and those at the ends of the axes of its joint 99 % ellipsoid."""
     from scipy.stats import chi2
 
     size, axes = np.linalg.eigh(fit.covariance)
-    reach = np.sqrt(chi2.ppf(CONFIDENCE, len(size)) * size) * axes
+    reach = np.sqrt(chi2.ppf(fits.CONFIDENCE, len(size)) * size) * axes
     values = [fit.values, *(fit.values + sign * axis for axis in reach.T for sign in (-1, 1))]
     return [fit.model.make(each, fit.law.rail) for each in values]
 
 
-def held_slip(found: Identification) -> ReferenceSlip:
+def held_slip(found: rs.Identification) -> rs.ReferenceSlip:
     """Where the fitted law, rising, passes `HELD_SHARE` of its peak."""
     law, load = found.chosen.fit.law, found.setting.wheel_load
 
     def slip(rail: Rail) -> float:
-        top = peak(law.on(rail), INITIAL_SPEED, load).slip
+        top = numeric.peak(law.on(rail), INITIAL_SPEED, load).slip
         slips = np.linspace(0.01 * top, top, 400)
-        mu = [float(adhesion_coefficient(law.on(rail), INITIAL_SPEED, each, load)) for each in slips]
+        mu = [float(numeric.adhesion_coefficient(law.on(rail), INITIAL_SPEED, each, load)) for each in slips]
         return float(np.interp(HELD_SHARE * mu[-1], mu, slips))
 
-    return ReferenceSlip(dry=slip(Rail.DRY), wet=slip(Rail.WET))
+    return rs.ReferenceSlip(dry=slip(Rail.DRY), wet=slip(Rail.WET))
 
 
-def operating_plants(laws: list[AdhesionLaw], vehicle: Vehicle, held: ReferenceSlip) -> tuple[LinearPlant, ...]:
+def operating_plants(
+    laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip
+) -> tuple[rs.LinearPlant, ...]:
     """At the slip that is held: rails, speeds, empty and loaded, for each law."""
     return tuple(
-        linearize(operating_point(law.on(rail), each, speed=speed * KMH, slip=getattr(held, rail)))
+        rs.linearize(rs.operating_point(law.on(rail), each, speed=speed * KMH, slip=getattr(held, rail)))
         for law in laws
         for rail in Rail
         for speed in SPEEDS_KMH
@@ -123,28 +104,28 @@ def operating_plants(laws: list[AdhesionLaw], vehicle: Vehicle, held: ReferenceS
 
 def run(folder: Path | None = None) -> FromLog:
     """The whole way; the log is written to `folder`, else to one that is thrown away."""
-    vehicle = load_vehicle(VEHICLE)
+    vehicle = rs.load_vehicle(VEHICLE)
     # 1. The log, and what is found in it.
     with tempfile.TemporaryDirectory() as scratch:
         log = rig_log(vehicle, (folder or Path(scratch)) / "rig.csv")
-        found = identify(log, vehicle, Options())
+        found = rs.identify(log, vehicle, curves.Options())
     # 2. Every law that the log allows, at every operating point.
     held, laws = held_slip(found), laws_within(found.chosen.fit)
     plants = (*operating_plants(laws, vehicle, held), *(past_peak(law, vehicle, held, INITIAL_SPEED) for law in laws))
     # 3. One PI-lead for all of them. The largest ki with Ms <= MS_MAX.
     actuator = vehicle.actuator
     lead, lead_filter = actuator.lag, LEAD_FILTER * actuator.lag
-    shape = PIController(PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
-    design = tune_pi(
-        [actuated_plant(plant, actuator) for plant in extremes(plants)],
+    shape = PIController(rs.PIGains(kp=1.0, ki=0.0), lead, lead_filter).transfer_function
+    design = rs.tune_pi(
+        [rs.actuated_plant(plant, actuator) for plant in extremes(plants)],
         actuator.dead_time,
         ms_max=MS_MAX,
         compensator=shape,
     )
-    controller = PIController(PIGains(kp=design.kp, ki=design.ki), lead, lead_filter)
+    controller = PIController(rs.PIGains(kp=design.kp, ki=design.ki), lead, lead_filter)
     # 4. Its margins with the true law, and the stop on it.
     true_plants = operating_plants([TRUE_LAW], vehicle, held)
-    margins = tuple(wheel_slip_loop(plant, controller, actuator).margins() for plant in true_plants)
+    margins = tuple(rs.wheel_slip_loop(plant, controller, actuator).margins() for plant in true_plants)
     simulator = braking(vehicle, controller, held, initial_torque(laws, vehicle, held))
     return FromLog(
         vehicle,
@@ -159,49 +140,51 @@ def run(folder: Path | None = None) -> FromLog:
     )
 
 
-def past_peak(law: AdhesionLaw, vehicle: Vehicle, held: ReferenceSlip, speed: float) -> LinearPlant:
+def past_peak(law: adhesion.AdhesionLaw, vehicle: rs.Vehicle, held: rs.ReferenceSlip, speed: float) -> rs.LinearPlant:
     """On dry rail at a slip where the adhesion falls, at a speed in m/s."""
-    return linearize(operating_point(law, vehicle, speed=speed, slip=FALLING * held.dry))
+    return rs.linearize(rs.operating_point(law, vehicle, speed=speed, slip=FALLING * held.dry))
 
 
-def initial_torque(laws: list[AdhesionLaw], vehicle: Vehicle, held: ReferenceSlip) -> float:
+def initial_torque(laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, held: rs.ReferenceSlip) -> float:
     """What the dry rail surely takes, N*m."""
-    takes = [float(adhesion_coefficient(law, INITIAL_SPEED, held.dry, vehicle.wheel_load)) for law in laws]
+    takes = [float(numeric.adhesion_coefficient(law, INITIAL_SPEED, held.dry, vehicle.wheel_load)) for law in laws]
     return INITIAL_SHARE * min(takes) * vehicle.wheel_load * vehicle.wheel.radius
 
 
-def slowest_falling(laws: list[AdhesionLaw], vehicle: Vehicle, controller: PIController, held: ReferenceSlip) -> float:
+def slowest_falling(
+    laws: list[adhesion.AdhesionLaw], vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip
+) -> float:
     """Past the peak the slip runs away, the faster the slower the train: the speed down to which the loop is stable."""
     actuator = vehicle.actuator
     for speed in np.arange(100.0, 0.0, -2.0):
         for law in laws:
             plant = past_peak(law, vehicle, held, speed * KMH)
-            if not wheel_slip_loop(plant, controller, actuator).is_stable():
+            if not rs.wheel_slip_loop(plant, controller, actuator).is_stable():
                 return float(speed + 2.0)
     return 2.0
 
 
-def extremes(plants: tuple[LinearPlant, ...]) -> list[LinearPlant]:
+def extremes(plants: tuple[rs.LinearPlant, ...]) -> list[rs.LinearPlant]:
     """Of plants that differ by one pole alone, r/J over s - p, the ends of its range and some between."""
     by_pole = sorted(plants, key=lambda plant: float(plant.poles[0].real))
     return [by_pole[i] for i in np.unique(np.linspace(0, len(by_pole) - 1, 9).astype(int))]
 
 
-def braking(vehicle: Vehicle, controller: PIController, held: ReferenceSlip, begin: float) -> Simulator:
+def braking(vehicle: rs.Vehicle, controller: PIController, held: rs.ReferenceSlip, begin: float) -> rs.Simulator:
     """From 100 km/h on the true law, the rail turning wet on the way; the random force with the wheel load.
 
     `begin` is the torque asked for at once, N*m. The anti-windup tracks as fast as the integral acts.
     """
-    scenario = Scenario(
+    scenario = rs.Scenario(
         name="from-log",
         vehicle=vehicle,
         adhesion=TRUE_LAW,
         initial_speed=INITIAL_SPEED,
-        events=(Event(time=RAIN, rail=Rail.WET),),
-        disturbances=Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
+        events=(rs.Event(time=RAIN, rail=Rail.WET),),
+        disturbances=rs.Disturbances(random_force=RANDOM_SHARE * vehicle.wheel_load),
     )
     limit = vehicle.wheel.radius * vehicle.wheel_load  # mu = 1 is more than any rail gives
-    control = LinearControl(
+    control = rs.LinearControl(
         controller,
         held,
         name="pi-lead",
@@ -211,7 +194,7 @@ def braking(vehicle: Vehicle, controller: PIController, held: ReferenceSlip, beg
         tracking_time=controller.gains.kp / controller.gains.ki,
         initial_torque=begin,
     )
-    return Simulator(scenario, control)
+    return rs.Simulator(scenario, control)
 
 
 def main() -> None:
@@ -245,14 +228,11 @@ def main() -> None:
 
 def draw(result: FromLog, folder: Path) -> None:
     """The log's curve with its models, the stop, and the law as a file for `--adhesion`."""
-    from railslip_ctrl.report.identification import model_toml
-    from railslip_ctrl.report.plots import adhesion_figure, save_figure
-    from railslip_ctrl.report.plots.runs import simulation_figure
 
     held = replace(result.found, reference=result.held)  # the slip that the design holds goes with the law
-    (folder / "model.toml").write_text(model_toml(held), encoding="utf-8")
-    save_figure(adhesion_figure((result.found,)), folder / "from_log_adhesion.png")
-    save_figure(simulation_figure(result.runs[0]), folder / "from_log_stop.png")
+    (folder / "model.toml").write_text(rs.model_toml(held), encoding="utf-8")
+    plots.save_figure(plots.adhesion_figure((result.found,)), folder / "from_log_adhesion.png")
+    plots.save_figure(result.runs[0].plot(), folder / "from_log_stop.png")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl import PARK2008, PIController, PIGains, Rail, actuated_plant, plant_at, tune_pi
-from railslip_ctrl.design.controllers import SampledController, SampledMargins, sampled_margins, suggested_period
-from railslip_ctrl.design.schedule import MarginSweep, sweep_slip, sweep_speed
-from railslip_ctrl.design.tuning import PIDesign
+import railslip_ctrl as rs
+from railslip_ctrl import PARK2008, PIController, PIGains, Rail, assessment, plots, schedule, tuning
 
 ACTUATOR = PARK2008.actuator
 KI_MIN = 5.0  # N*m/m
@@ -27,25 +25,25 @@ FILTERS = (0.02, 0.06, 0.12, 0.2, 0.3)  # s
 class LeadDesign:
     """The optimum at the published filter, over the filter, sampled, and swept."""
 
-    design: PIDesign
+    design: tuning.PIDesign
     controller: PIController
-    by_filter: dict[float, PIDesign]
+    by_filter: dict[float, tuning.PIDesign]
     period: float  # s, suggested
-    sampled: SampledMargins  # at the worst point
-    speed_sweep: MarginSweep
-    slip_sweep: MarginSweep
+    sampled: rs.controllers.SampledMargins  # at the worst point
+    speed_sweep: schedule.MarginSweep
+    slip_sweep: schedule.MarginSweep
 
 
-def tune(lead_filter: float) -> PIDesign:
+def tune(lead_filter: float) -> tuning.PIDesign:
     """The least worst Ms over the twelve points with a lead on the actuator's lag."""
     plants = [
-        actuated_plant(plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed), ACTUATOR)
+        rs.actuated_plant(rs.plant_at("bristle", PARK2008.model_copy(update={"mass": mass}), rail, speed), ACTUATOR)
         for rail in Rail
         for speed in (20.0, 60.0, 100.0)
         for mass in (3517.0, 5276.0)
     ]
     lead = PIController(PIGains(kp=1.0, ki=0.0), ACTUATOR.lag, lead_filter).transfer_function
-    return tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=lead)
+    return rs.tune_pi(plants, ACTUATOR.dead_time, minimise_ms=True, ki_min=KI_MIN, compensator=lead)
 
 
 def run() -> LeadDesign:
@@ -53,17 +51,17 @@ def run() -> LeadDesign:
     by_filter = {lead_filter: tune(lead_filter) for lead_filter in FILTERS}
     design = by_filter[0.06]
     controller = PIController(PIGains(kp=design.kp, ki=design.ki), ACTUATOR.lag, 0.06)
-    worst = plant_at("bristle", PARK2008, Rail.DRY, 100.0)
-    period = suggested_period(design.margins[design.worst.delay_member], share=0.05)
+    worst = rs.plant_at("bristle", PARK2008, Rail.DRY, 100.0)
+    period = rs.controllers.suggested_period(design.margins[design.worst.delay_member], share=0.05)
     controllers = {"PI-lead": controller, "PI (190, 5)": PIController(PIGains(kp=190.0, ki=5.0))}
     return LeadDesign(
         design=design,
         controller=controller,
         by_filter=by_filter,
         period=period,
-        sampled=sampled_margins(SampledController(controller, period), worst, ACTUATOR),
-        speed_sweep=sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
-        slip_sweep=sweep_slip(controllers, [0.004 * i for i in range(5, 101)]),
+        sampled=rs.controllers.sampled_margins(rs.SampledController(controller, period), worst, ACTUATOR),
+        speed_sweep=schedule.sweep_speed(controllers, [5.0 + 5 * i for i in range(28)]),
+        slip_sweep=schedule.sweep_slip(controllers, [0.004 * i for i in range(5, 101)]),
     )
 
 
@@ -84,27 +82,30 @@ def main() -> None:
 
 def draw(result: LeadDesign, folder: Path) -> None:
     """Margins against speed and against slip through the peak."""
-    from railslip_ctrl.report.plots import save_figure, sweep_figure
 
     folder.mkdir(parents=True, exist_ok=True)
-    figure = sweep_figure([result.speed_sweep, result.slip_sweep], title="PI-lead and PI: margins over speed and slip")
-    save_figure(figure, folder / "pi_lead_sweeps.png")
+    figure = plots.sweep_figure(
+        [result.speed_sweep, result.slip_sweep], title="PI-lead and PI: margins over speed and slip"
+    )
+    plots.save_figure(figure, folder / "pi_lead_sweeps.png")
     draw_family(result, folder)
 
 
 def draw_family(result: LeadDesign, folder: Path) -> None:
     """Bode, Nyquist and Nichols of the design at all twelve operating points, empty and loaded side by side."""
-    from railslip_ctrl.design.assessment import assess, controller_group
-    from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
 
     groups = []
     for mass in (3517.0, 5276.0):
         vehicle = PARK2008.model_copy(update={"mass": mass})
-        plants = [plant_at("bristle", vehicle, rail, speed) for rail in Rail for speed in (20.0, 60.0, 100.0)]
-        assessments = tuple(assess(plant, result.controller, ACTUATOR) for plant in plants)
-        groups.append(controller_group(f"PI-lead, {mass:g} kg", assessments))
-    for name, draw_one in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):
-        save_figure(draw_one(tuple(groups)), folder / f"pi_lead_family_{name}.png")
+        plants = [rs.plant_at("bristle", vehicle, rail, speed) for rail in Rail for speed in (20.0, 60.0, 100.0)]
+        assessments = tuple(rs.assess(plant, result.controller, ACTUATOR) for plant in plants)
+        groups.append(assessment.controller_group(f"PI-lead, {mass:g} kg", assessments))
+    for name, draw_one in (
+        ("bode", plots.bode_figure),
+        ("nyquist", plots.nyquist_figure),
+        ("nichols", plots.nichols_figure),
+    ):
+        plots.save_figure(draw_one(tuple(groups)), folder / f"pi_lead_family_{name}.png")
 
 
 if __name__ == "__main__":

@@ -14,64 +14,59 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl import PARK2008, Assessment, PIController, Rail, assess, linearize, operating_point, published_law
-from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, TABLE4_PI
-from railslip_ctrl.report import margins_text
+import railslip_ctrl as rs
+from railslip_ctrl import Rail
 
 SPEED = 100 / 3.6  # m/s
-CONTROLLER = PIController(TABLE4_PI["bristle"])  # 650 N*m per km/h and 27 N*m per km/h per s, in SI
+CONTROLLER = rs.PIController(rs.TABLE4_PI["bristle"])  # 650 N*m per km/h and 27 N*m per km/h per s, in SI
 
 
 @dataclass(frozen=True)
 class PublishedCheck:
     """Assessments by rail, in both readings of the units."""
 
-    si: dict[Rail, Assessment]
-    as_published: dict[Rail, Assessment]
+    si: dict[Rail, rs.Assessment]
+    as_published: dict[Rail, rs.Assessment]
 
 
-def check(rail: Rail, inertia_scale: float) -> Assessment:
+def check(rail: Rail, inertia_scale: float) -> rs.Assessment:
     """The published loop on one rail, in one reading."""
     # 1. The vehicle in this reading, and the adhesion law on this rail.
-    vehicle = PARK2008.model_copy(update={"inertia_scale": inertia_scale})
-    law = published_law("bristle", rail)
+    vehicle = rs.PARK2008.model_copy(update={"inertia_scale": inertia_scale})
+    law = rs.published_law("bristle", rail)
     # 2. Where the loop is asked to work: the published reference slip, the torque that holds it there.
-    point = operating_point(law, vehicle, SPEED, law.reference_slip(rail), rail=rail)
+    point = rs.operating_point(law, vehicle, SPEED, law.reference_slip(rail), rail=rail)
     # 3. The plant there, the loop around it, its margins.
-    return assess(linearize(point), CONTROLLER, vehicle.actuator)
+    return rs.assess(rs.linearize(point), CONTROLLER, vehicle.actuator)
 
 
 def run() -> PublishedCheck:
     """Both rails, both readings."""
     return PublishedCheck(
         si={rail: check(rail, 1.0) for rail in Rail},
-        as_published={rail: check(rail, AS_PUBLISHED_INERTIA_SCALE) for rail in Rail},
+        as_published={rail: check(rail, rs.AS_PUBLISHED_INERTIA_SCALE) for rail in Rail},
     )
 
 
 def main() -> None:
     """Print the margin reports; with a folder, draw Bode, Nyquist and Nichols."""
     result = run()
-    print("IN SI\n")
-    print(margins_text(list(result.si.values())))
-    print("AS PUBLISHED (M, J and B times 3.6)\n")
-    print(margins_text(list(result.as_published.values())))
+    for title, found in (("IN SI", result.si), ("AS PUBLISHED (M, J and B times 3.6)", result.as_published)):
+        print(f"{title}\n", *found.values(), sep="\n")
     if len(sys.argv) > 1:
         draw(result, Path(sys.argv[1]))
 
 
 def draw(result: PublishedCheck, folder: Path) -> None:
     """Bode, Nyquist and Nichols of both readings."""
-    from railslip_ctrl.design.assessment import controller_group
-    from railslip_ctrl.report.plots import bode_figure, nichols_figure, nyquist_figure, save_figure
-
-    groups = (
-        controller_group("Table 4, SI", tuple(result.si.values())),
-        controller_group("Table 4, as published", tuple(result.as_published.values())),
+    plots, folder = rs.plots, Path(folder)
+    groups = tuple(
+        rs.assessment.controller_group(f"Table 4, {name}", tuple(found.values()))
+        for name, found in (("SI", result.si), ("as published", result.as_published))
     )
     folder.mkdir(parents=True, exist_ok=True)
-    for name, figure in (("bode", bode_figure), ("nyquist", nyquist_figure), ("nichols", nichols_figure)):
-        save_figure(figure(groups), folder / f"pi_published_{name}.png")
+    for name in ("bode", "nyquist", "nichols"):
+        plots.save_figure(getattr(plots, f"{name}_figure")(groups), folder / f"pi_published_{name}.png")
 
 
 if __name__ == "__main__":

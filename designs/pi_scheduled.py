@@ -12,28 +12,22 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from railslip_ctrl import PARK2008, Envelope, Judgement, PIController, PIGains, Rail, judge, plant_at
-from railslip_ctrl.design.schedule import (
-    GainSchedule,
-    lowest_held_speed,
-    lowest_stabilisable_speed,
-    schedule_gains,
-    sweep_speed,
-)
+import railslip_ctrl as rs
+from railslip_ctrl import plots
 
 SPEEDS_KMH = (20.0, 40.0, 70.0, 100.0)
 MS_MAX = 1.8
 LEAD, LEAD_FILTER = 0.6, 0.06  # s
-SINGLE = PIController(PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # of designs/pi_lead.py
-ENVELOPE = Envelope(speeds=SPEEDS_KMH, slip=(0.75, 0.9, 1.0, 1.1), laws="bristle")
+SINGLE = rs.PIController(rs.PIGains(kp=229.4, ki=5.0), LEAD, LEAD_FILTER)  # of designs/pi_lead.py
+ENVELOPE = rs.Envelope(speeds=SPEEDS_KMH, slip=(0.75, 0.9, 1.0, 1.1), laws="bristle")
 
 
 @dataclass(frozen=True)
 class ScheduledDesign:
     """The schedule, how the single gain set does on the same range, and the lowest speeds."""
 
-    schedule: GainSchedule
-    single: Judgement
+    schedule: rs.schedule.GainSchedule
+    single: rs.Judgement
     single_suffices: bool
     lowest_pi: float  # km/h, any PI, falling curve, dry
     lowest_lead: float  # km/h, any PI behind the lead
@@ -42,20 +36,20 @@ class ScheduledDesign:
 
 def run() -> ScheduledDesign:
     """Tune, check, and look for the lowest speed on the curve, whose slope in time grows as 1/v."""
-    schedule = schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
-    single = judge(SINGLE, ENVELOPE)
-    actuator = PARK2008.actuator
+    schedule = rs.schedule.schedule_gains(SPEEDS_KMH, ms_max=MS_MAX, lead=LEAD, lead_filter=LEAD_FILTER)
+    single = rs.judge(SINGLE, ENVELOPE)
+    actuator = rs.PARK2008.actuator
 
     def dry_curve(speed_kmh: float):  # type: ignore[no-untyped-def]
-        return plant_at("curve", PARK2008, Rail.DRY, speed_kmh)
+        return rs.plant_at("curve", rs.PARK2008, rs.Rail.DRY, speed_kmh)
 
     return ScheduledDesign(
         schedule=schedule,
         single=single,
         single_suffices=bool(single.ms.max() <= MS_MAX),
-        lowest_pi=lowest_stabilisable_speed(dry_curve, actuator),
-        lowest_lead=lowest_stabilisable_speed(dry_curve, actuator, lead=LEAD, lead_filter=LEAD_FILTER),
-        lowest_single=lowest_held_speed(dry_curve, SINGLE, actuator),
+        lowest_pi=rs.schedule.lowest_stabilisable_speed(dry_curve, actuator),
+        lowest_lead=rs.schedule.lowest_stabilisable_speed(dry_curve, actuator, lead=LEAD, lead_filter=LEAD_FILTER),
+        lowest_single=rs.schedule.lowest_held_speed(dry_curve, SINGLE, actuator),
     )
 
 
@@ -83,21 +77,20 @@ def main() -> None:
 
 def draw(result: ScheduledDesign, folder: Path) -> None:
     """Margins of the schedule and of the single gain set against speed, dry and wet."""
-    from railslip_ctrl.report.plots import save_figure, sweep_figure
 
     speeds = [SPEEDS_KMH[0] + (SPEEDS_KMH[-1] - SPEEDS_KMH[0]) * i / 40 for i in range(41)]
     sweeps = [
-        sweep_speed(
+        rs.schedule.sweep_speed(
             {"scheduled": lambda v, rail=rail: result.schedule.controller(v / 3.6, rail), "one gain set": SINGLE},
             speeds,
             rail=rail,
         )
-        for rail in Rail
+        for rail in rs.Rail
     ]
     points = ", ".join(f"{speed:g}" for speed in SPEEDS_KMH)
     title = f"PI-lead, scheduled for the largest ki with Ms ≤ {MS_MAX:g} at {points} km/h, and one gain set"
-    figure = sweep_figure(sweeps, title=title)
-    save_figure(figure, folder / "pi_scheduled_margins.png")
+    figure = plots.sweep_figure(sweeps, title=title)
+    plots.save_figure(figure, folder / "pi_scheduled_margins.png")
 
 
 if __name__ == "__main__":

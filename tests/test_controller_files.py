@@ -176,6 +176,7 @@ def test_margins_takes_what_simulate_takes(railslip, tmp_path):
         (("--controller", "nope"), "--controller: 'nope' is not one"),
         (("--controller", "relay.py"), "Relay is known by its step alone and has no margins; give it a method linear"),
         (("--controller", "told.py"), "told.py, line 5: linear fails with ZeroDivisionError"),
+        (("--controller", "kept.py"), "kept.py, line 6: linear fails with AttributeError"),
         (("--controller", "discrete.py", "--certify"), "--certify: the loop of a discrete controller has no"),
         (("--controller", "discrete.py", "--lead", "0.6"), "--lead: does not go with --controller"),
         (("--controller", "discrete.py", "--kp", "1", "--ki", "1"), "--kp: does not go with a controller from a file"),
@@ -186,6 +187,7 @@ def test_margins_refuses_in_one_line(railslip, tmp_path, monkeypatch, words, tol
     relay = "class Relay:\n    def step(self, t, v, omega):\n        return 0.0\n{}\nCONTROLLER = Relay()\n"
     Path("relay.py").write_text(relay.format(""))
     Path("told.py").write_text(relay.format("    def linear(self, point):\n        return 1 / 0"))
+    Path("kept.py").write_text(relay.format("    @property\n    def linear(self):\n        return self.gone"))
     Path("discrete.py").write_text("import control as ct\nCONTROLLER = ct.tf([190.0], [1.0], 0.05)\n")
     status, out, err = railslip("margins", *CASE, *words)
     assert (status, out, err.count("\n")) == (2, "", 1)

@@ -95,11 +95,11 @@ RECORDS: list[tuple[Callable[..., object], dict[str, object], str]] = [
     (PIGains, {"kp": "190", "ki": 1.0}, f"PIGains: kp: '190' {NO_TEXT}"),
     (
         *(law_class("table"), {"slip": (0.1, 0.2), "mu": (0.1, "0.2")}),
-        "Table: mu: '0.2' is text; give the number without quotes",
+        "LookupTable: mu: '0.2' is text; give the number without quotes",
     ),
     (
         *(law_class("table"), {"slip": (0.2, 0.1), "mu": (0.1, 0.2)}),
-        "Table: slip: 0.1 after 0.2 is not allowed; give slip ratios that rise strictly",
+        "LookupTable: slip: 0.1 after 0.2 is not allowed; give slip ratios that rise strictly",
     ),
     (
         *(Vehicle, {**VEHICLE, "wheel": {**WHEEL, "radius": -1.0}}),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+
 import control as ct
 import pytest
+from project import ROOT
 
 import railslip_ctrl as rs
 from railslip_ctrl.core.errors import InputError
@@ -60,3 +63,12 @@ def test_a_campaign_is_a_call_away(best, tmp_path):
     assert set(rows) == {"transfer-function-of-order-2", "pi-lead"}
     median = found.controllers["pi-lead"].measures["braking_distance_m"].quantiles[0.5].value
     assert float(rows["pi-lead"][4]) == pytest.approx(median, rel=1e-3)
+
+
+@pytest.mark.parametrize("script", sorted((ROOT / "designs").glob("*.py")), ids=lambda path: path.stem)
+def test_a_design_script_needs_names_from_the_top_alone(script):
+    """No room is named in an import, so that a room may be rebuilt without its users."""
+    tree = ast.parse(script.read_text("utf-8"))
+    modules = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    modules += [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    assert {name for name in modules if name.startswith("railslip_ctrl")} == {"railslip_ctrl"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import itertools
 import math
 import re
@@ -492,8 +493,8 @@ def test_the_head_tells_where_the_code_comes_from_and_what_does_not_hold(tmp_pat
             assert f"held for {HOLD_TIME:g} s" in told
             assert "Units: SI" in told
             if name is not None and code.law.measured == ("v", "omega"):
-                path = Path(railslip_ctrl.__file__).parent / "model" / "adhesion" / f"{name}.py"
-                assert f"{name}.py, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" in told
+                path = Path(inspect.getfile(law_class(name)))
+                assert f"{path.name}, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" in told
             assert ("its state z" in told) == (name in DYNAMIC_LAWS)
     assert "double adhesion_alpha; /* stiffness of the bristles, N/m */" in texts()["bristle"].c
     file = tmp_path / "leaves.toml"

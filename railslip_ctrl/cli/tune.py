@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import tune_over
 from railslip_ctrl.design.tuning import Specification, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -15,6 +18,7 @@ from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.text import tuning_json, tuning_text
 from railslip_ctrl.simulation.catalogue import braking_control
+from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
 from .output import print_json, print_text, progress
@@ -52,6 +56,14 @@ from .settings import HELP
 )
 @click.option("--lead-filter", type=Quantity("s", gt=0), metavar="S", help="Its filter, s.  [default: a tenth of it]")
 @click.option(
+    "--period",
+    default=PERIOD,
+    show_default=True,
+    type=Quantity("s", ge=LEAST_STEP),
+    metavar="S",
+    help="Sampling period of the controller, s; twice the lead's filter where that is less.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE.toml",
@@ -72,10 +84,12 @@ def command(
     ki_min: float | None,
     lead: float | None,
     lead_filter: float | None,
+    period: float,
     out: Path | None,
 ) -> None:
     """One gain set for all operating points of an envelope, empty and loaded together, from a specification, judged
-    over it with its tolerances; or for the points named alone. Exit status 1 if it cannot be met, 2 for bad input.
+    over it with its tolerances and as it runs, sampled; or for the points named alone, as if never sampled. Exit status
+    1 if it cannot be met, 2 for bad input.
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
@@ -100,7 +114,7 @@ def command(
             lead_filter=lead_filter,
         )
         if out is not None and tuned.design is not None:
-            braking_control(tuned.controller(tuned.design), points, _held(points), name=out.stem).save(out)
+            _saved(tuned.controller(tuned.design), points, out, period)
     else:
         tuned, found = tune_over(
             cases.envelope(envelope or DEFAULT_ENVELOPE),
@@ -110,11 +124,11 @@ def command(
             lead=lead,
             lead_filter=lead_filter,
             nominal=nominal,
+            period=period,
         )
-        if found is not None:
-            judgement = found.judgement
-            if out is not None:
-                found.save(out)
+        judgement = None if found is None else found.judgement
+        if found is not None and out is not None:
+            found.save(out)
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     if as_json:
@@ -122,6 +136,16 @@ def command(
     else:
         print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)
+
+
+def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float) -> None:
+    """Write a controller tuned at some points as it brakes, and tell what sampling makes of it there."""
+    control = braking_control(controller, points, _held(points), name=out.stem, period=period)
+    control.save(out)
+    runs = [loop_as_run(control, linearize(point), point.vehicle.actuator) for point in points]
+    worst = max((sampled_peak(run) for run in runs if run is not None), default=0.0)
+    told = "unstable" if math.isinf(worst) else f"Ms {rounded_up(worst):g} at worst"
+    progress(f"sampled every {control.period:g} s: {told}")
 
 
 def _held(points: list[OperatingPoint]) -> ReferenceSlip:

@@ -198,7 +198,7 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
         return controller
     if inspect.isclass(controller):
         raise InputError(f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}()")
-    if callable(linear := getattr(controller, "linear", None)):
+    if callable(linear := linear_of(controller)):
         return _linear_at(point, linear, _name(controller))
     if has_step(controller):
         raise step_alone(controller)
@@ -222,6 +222,18 @@ def linear_controller(controller: Any, point: OperatingPoint | None = None) -> L
     return StateSpaceController(
         tuple(map(tuple, made.a.tolist())), tuple(made.b.tolist()), tuple(made.c.tolist()), float(made.d), period
     )
+
+
+def linear_of(controller: Any) -> Any:
+    """Its `linear`, or None; InputError where it is there and cannot be had, such as a property that fails."""
+    try:
+        return controller.linear
+    except Exception as error:  # a user's property may fail in any way
+        kept = inspect.getattr_static(controller, "linear", None)
+        if kept is None:
+            return None
+        told = call_failure(error, getattr(kept, "fget", kept), "linear", "")
+        raise InputError(f"controller {_name(controller)}: {told}") from error
 
 
 def _linear_at(point: OperatingPoint | None, linear: Any, name: str) -> LinearController:
@@ -368,6 +380,9 @@ _WORTH_MOVING = 1.01  # ratio of rates: double poles, which rounding parts by 1e
 _RINGING, _BELOW_ALL, _GRID, _CLOSE_GRID, _CLOSER = 0.5, 1e-3, 200, 13, 6
 _AT_INFINITY = 1e-12  # relative: a zero so near to 2/h (1/h) is at infinity in z
 
+PERIOD = 0.01
+"""s, at which a controller runs that says none."""
+
 
 class Rule(StrEnum):
     """How s becomes a difference."""
@@ -433,6 +448,15 @@ class SampledController:
             raise InputError(
                 f"tracking time: {self.tracking_time:g} s is not allowed; give a value >= the period {h:g} (s)"
             )
+
+    @property
+    def as_run(self) -> SampledController:
+        """Itself: how its design is run."""
+        return self
+
+    def linear(self, point: OperatingPoint) -> LinearController:
+        """The design, the same at every operating point."""
+        return self.design  # type: ignore[no-any-return]
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -557,6 +581,14 @@ def _check_rule(design: LinearController, rule: Rule, h: float) -> None:
             f"period: {h:g} s is not allowed with a pole of {fastest:g} 1/s; give a value <= {limit / fastest:.3g} (s)"
             f"{other}"
         )
+
+
+def run_period(design: LinearController, period: float = PERIOD) -> float:
+    """The period, s, at which a design runs: of a discrete one its own; less than `period` where the filter of a lead
+    is too fast for that."""
+    if isinstance(design, PIController):
+        return min(period, 2 * design.lead_filter) if design.lead_filter > 0 else period
+    return period if design.period is None else design.period
 
 
 def state_names(design: LinearController) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -33,6 +33,7 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH, quantity, to_unit
 from railslip_ctrl.core.user_files import file_name, given_path, read_toml, validated
+from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_in, load_law, published_law, wheel_load_in
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint, linearize, operating_point
 from railslip_ctrl.model.numeric import peak
@@ -273,6 +274,8 @@ class EnvelopePoints:
         Whether the case is an operating point, all factors 1.
     skipped : tuple of str
         What has no linear plant, and why.
+    made : dict
+        Of `system`; shared by all that was taken of these cases.
     """
 
     vehicle: Vehicle
@@ -284,11 +287,19 @@ class EnvelopePoints:
     actuator: NDArray[np.intp]
     operating: NDArray[np.bool_]
     skipped: tuple[str, ...]
+    made: dict[int, Rational] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return int(self.plant.size)
 
-    @property
+    def system(self, plant: int) -> Rational:
+        """A plant by its number, from torque at the wheel (N*m) to slip velocity (m/s)."""
+        if plant not in self.made:
+            of = self.plants[plant]
+            self.made[plant] = Rational(of.zeros, of.poles, of.gain)
+        return self.made[plant]
+
+    @cached_property
     def speed_kmh(self) -> NDArray[np.float64]:
         """Train speed of each case, km/h, (n,)."""
         return np.array([round(plant.point.speed_kmh, 9) for plant in self.plants])[self.plant]

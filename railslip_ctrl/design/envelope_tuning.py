@@ -17,14 +17,23 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.core.units import KMH
+from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.vehicle import PIGains, Rail
+from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail
 
-from .controllers import PIController, wheel_slip_loop
+from .controllers import (
+    PERIOD,
+    PIController,
+    SampledController,
+    run_period,
+    sampled_loop,
+    sampled_peak,
+    wheel_slip_loop,
+)
 from .envelope import Envelope, EnvelopePoints
 from .judging import Judgement, judge_points, margins_at
-from .specification import Specification, is_robust
+from .specification import ROBUST_MS, Specification, family_margins, is_robust, worst_of
 from .tuning import FILTER_RATIO, TunedCases, tune_cases
 
 Floats = NDArray[np.float64]
@@ -35,11 +44,17 @@ Tuner = Callable[[Sequence[LinearPlant]], TunedCases]
 class EnvelopeDesign(PIController):
     """A tuned controller with its `judgement` over the envelope, and the slip ratios it is to hold.
 
-    `reference` is None where the laws of the envelope have different ones.
+    `reference` is None where the laws of the envelope have different ones; `period` is that at which it runs, s.
     """
 
     judgement: Judgement | None = None
     reference: ReferenceSlip | None = None
+    period: float = PERIOD
+
+    @cached_property
+    def as_run(self) -> SampledController:
+        """Its difference equations, by Tustin's rule."""
+        return SampledController(PIController(self.gains, self.lead, self.lead_filter), self.period)
 
     def __str__(self) -> str:
         lead = f", lead {self.lead:.4g} s / {self.lead_filter:.4g} s" if self.structure == "PI-lead" else ""
@@ -63,6 +78,7 @@ def tune(
     *,
     lead: float | None = None,
     lead_filter: float | None = None,
+    period: float = PERIOD,
 ) -> EnvelopeDesign:
     """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together.
 
@@ -73,9 +89,12 @@ def tune(
     structure : str
         "pi"; "pi-lead", with a lead at the actuator's lag; or "pid", whose derivative time is searched.
     ms_max : float
-        Largest Ms at the operating points, a ratio, > 1. Tolerances are judged, not tuned for.
+        Largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are judged,
+        not tuned for.
     lead, lead_filter : float, optional
         Time constants of the lead, s; left out, the actuator's lag, and a tenth of the lead.
+    period : float
+        Sampling period at which it runs, s, or twice the lead's filter if that is less.
 
     Returns
     -------
@@ -89,7 +108,9 @@ def tune(
     InputError
         An unknown structure, a number out of its range, or an envelope without points.
     """
-    tuned, design = tune_over(envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter)
+    tuned, design = tune_over(
+        envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter, period=period
+    )
     if design is None:
         raise InfeasibleDesignError(tuned.reason)
     return design
@@ -104,14 +125,17 @@ def tune_over(
     lead: float | None = None,
     lead_filter: float | None = None,
     nominal: bool = False,
+    period: float = PERIOD,
 ) -> tuple[TunedCases, EnvelopeDesign | None]:
     """As `tune`, for any specification, judged at the operating points alone if `nominal`; an infeasible one is a
     result, with its reason."""
+    check_period(period)
     points = envelope.points(nominal=nominal)
-
+    actuator = envelope.vehicle.actuator
+    late = _held(actuator, period)
     tuned_at = partial(
         tune_cases,
-        actuator=envelope.vehicle.actuator,
+        actuator=late,
         structure=structure,
         specification=specification,
         ki_min=ki_min,
@@ -119,15 +143,59 @@ def tune_over(
         lead_filter=lead_filter,
     )
     plants = operating_plants(points)
-    tuned = tuned_at(plants) if (early := _early(tuned_at, plants)) is None else early
+    tuned = _early(tuned_at, plants)
+    at_one_lead = partial(tuned_at, structure="pi-lead", lead=tuned.lead) if structure == "pid" else tuned_at
+    if tuned.design is not None and len(tuned.points) < len(plants):
+        search = at_one_lead if len(plants) > _MANY else tuned_at
+        tuned = replace(search(plants), structure=structure)
     if tuned.design is None:
-        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(tuned_at, plants)}"), None
-    controller = tuned.controller(tuned.design)
-    judgement = judge_points(controller, envelope, points, nominal=nominal)
-    # the tuner's own margins are of the scalar engine, those of the judgement of the batch
-    assert math.isclose(judgement.ms[points.operating].max(), tuned.design.worst.ms, rel_tol=1e-6)
-    slips = held_slips(envelope, points)
-    return tuned, EnvelopeDesign(controller.gains, controller.lead, controller.lead_filter, judgement, slips)
+        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(at_one_lead, plants, late)}"), None
+    run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
+    loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
+    worst, gains = worst_of(family_margins(loops)), run.design.gains
+    assert worst is not None, "less dead time than it was tuned with"
+    margins = tuple(loop.margins() for loop in loops)
+    design = replace(tuned.design, kp=gains.kp, ki=gains.ki, worst=worst, margins=margins)
+    return replace(tuned, design=design), judged_design(run, envelope, points, held_slips(envelope, points), nominal)
+
+
+def _held(actuator: Actuator, period: float) -> Actuator:
+    """With the delay of a hold, half a period: sampled loops come out as these to the square of the period."""
+    return actuator.model_copy(update={"dead_time": actuator.dead_time + period / 2})
+
+
+def sampled_below(
+    design: PIController, period: float, plants: Sequence[LinearPlant], actuator: Actuator, ms_max: float | None
+) -> SampledController:
+    """A design tuned with the delay of its hold as it runs, ki so much less that no sampled loop has more than an Ms.
+
+    Where that does not come about in some steps the last is given: its judgement says what it is.
+    """
+    step, looked_at = _KI_STEP, list(plants)
+    for _ in range(_KI_STEPS):
+        run = SampledController(design, run_period(design, period))
+        if ms_max is None or actuator.dead_time > MOST_PERIODS * run.period:
+            break
+        ms = [sampled_peak(sampled_loop(run, plant, actuator)) for plant in looked_at]
+        if max(ms) <= ms_max:
+            break
+        looked_at = [plant for plant, one in zip(looked_at, ms, strict=True) if one > _NEAR * max(ms)]
+        gains = PIGains(kp=design.gains.kp, ki=design.gains.ki * (1 - step))
+        design, step = PIController(gains, design.lead, design.lead_filter), 2 * step
+    return run
+
+
+def judged_design(
+    run: SampledController,
+    envelope: Envelope,
+    points: EnvelopePoints,
+    held: ReferenceSlip | None,
+    nominal: bool = False,
+) -> EnvelopeDesign:
+    """A tuned controller with its judgement."""
+    pi = run.design
+    judgement = judge_points(run, envelope, points, nominal=nominal)
+    return EnvelopeDesign(pi.gains, pi.lead, pi.lead_filter, judgement, held, run.period)
 
 
 def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPlant]:
@@ -137,23 +205,41 @@ def _ends(plants: Sequence[LinearPlant], from_kmh: float = 0.0) -> list[LinearPl
     return [plant for plant in plants if plant.point.speed_kmh in ends]
 
 
-def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases | None:
-    """What is infeasible at the hardest plants alone is so at all: its reason, had in a fraction of the time."""
-    hardest = _ends(plants)
-    if len(hardest) == len(plants) or (tuned := tuned_at(hardest)).design is not None:
-        return None
-    speeds = sorted({plant.point.speed_kmh for plant in hardest})
+def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
+    """At the hardest plants alone: what is infeasible there is so at all, and its reason is had much sooner."""
+    tuned = tuned_at(_ends(plants))
+    if tuned.design is not None or len(tuned.points) == len(plants):
+        return tuned
+    speeds = sorted({point.speed_kmh for point in tuned.points})
     return replace(tuned, reason=f"at {' and '.join(f'{v:g}' for v in speeds)} km/h alone: {tuned.reason}")
 
 
-def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> str:
+def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> str:
     """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
     speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
+
+    def feasible(speed: float) -> bool:
+        above = [plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]
+        ends = tuned_at(_ends(above))
+        return ends.design is not None and (_meets(ends, above, actuator) or tuned_at(above).design is not None)
+
     first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
-    for speed in speeds[first:]:
-        if tuned_at([plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]).design is not None:
-            return f"from {speed:g} km/h up it can"
-    return "at no speed of the envelope it can"
+    if first < len(speeds) and not feasible(speeds[first]):
+        first = bisect_left(speeds, True, first + 1, key=feasible)
+    return "at no speed of the envelope it can" if first == len(speeds) else f"from {speeds[first]:g} km/h up it can"
+
+
+def _meets(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> bool:
+    """Whether gains tuned at some plants meet the specification at all, with no crossover asked for."""
+    assert tuned.design is not None
+    controller, asked = tuned.controller(tuned.design), tuned.specification
+    found = worst_of(family_margins([wheel_slip_loop(plant, controller, actuator) for plant in plants]))
+    return (
+        found is not None
+        and found.ms <= (asked.ms_max or math.inf)
+        and found.phase_deg >= (asked.phase_min_deg or 0.0)
+        and found.delay_s >= (asked.delay_min_s or 0.0)
+    )
 
 
 def operating_plants(points: EnvelopePoints) -> list[LinearPlant]:
@@ -192,8 +278,11 @@ _LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of an interval of gains, in ratio
 _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked at
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
+_MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
 _TIME_STEP = 0.95  # ratio of integral times that are told apart
+_KI_STEP, _KI_STEPS = 2e-4, 10  # of ki, doubled each time, where sampling does more than its delay
+_NEAR = 0.99  # of the largest sampled Ms: loops that may become the worst while ki is taken down
 _NEARLY = 1.05  # times the least Ms that any integral time has, where it is above 2
 _BINDING = 6  # cases of each speed that bound the gains from below, and as many from above, kept for a closer look
 
@@ -205,7 +294,7 @@ class Choice:
     `reference_factor` is that on the envelope's reference slips. `reach_s` is the longest time, s, in which the
     integral builds up the torque that the reference slip takes, over the operating points of highest speed, and
     `stop_s` the time of a stop there with the adhesion of the reference slip. `adhesion_share` is the adhesion at the
-    slips held over that at the envelope's, the least over the operating points.
+    slips held over that at the envelope's, the least over the operating points. `lead_filter` is that of the lead, s.
     """
 
     structure: str
@@ -215,6 +304,7 @@ class Choice:
     reach_s: float = math.inf
     stop_s: float = math.nan
     adhesion_share: float = math.nan
+    lead_filter: float = 0.0
 
     @property
     def reaches(self) -> bool:
@@ -239,7 +329,8 @@ class Choice:
     @property
     def words(self) -> str:
         """What it is and what its judgement says."""
-        name = f"{'PI-lead' if self.structure == 'pi-lead' else 'PI'}, {self.reference_factor:g} of the reference slip"
+        kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
+        name = f"{kind}, {self.reference_factor:g} of the reference slip"
         if self.design is None or self.design.judgement is None:
             return f"{name}: {self.reason}"
         less = f"; adhesion {100 * (self.adhesion_share - 1):+.2g} %" if self.reference_factor != 1.0 else ""
@@ -267,8 +358,9 @@ def select(
     envelope: Envelope,
     structures: Sequence[str] = ("pi", "pi-lead"),
     reference_factors: Sequence[float] = REFERENCE_FACTORS,
+    filter_ratio: float = FILTER_RATIO,
 ) -> Selection:
-    """The best PI or PI-lead for an envelope, at its reference slip or a smaller one.
+    """The best PI or PI-lead for an envelope, at its reference slip or a smaller one, judged as it runs every 10 ms.
 
     The criterion, in this order: robust from some speed up (Ms <= 2 at the operating points, and stable with every
     tolerance), rather than nowhere; stable with every tolerance from the lowest speed; robust from the lowest speed
@@ -282,9 +374,11 @@ def select(
     envelope : Envelope
         What the design must hold.
     structures : sequence of str
-        Of "pi" and "pi-lead"; the lead is at the actuator's lag, its filter a tenth of it.
+        Of "pi" and "pi-lead"; the lead is at the actuator's lag.
     reference_factors : sequence of float
         Reference slips that are tried, over those of the envelope, > 0; 1 alone where the laws have different ones.
+    filter_ratio : float
+        Time constant of the lead's filter over that of the lead, > 0.
 
     Returns
     -------
@@ -310,23 +404,32 @@ def select(
             lead = lag if structure == "pi-lead" else 0.0
             if structure == "pi-lead" and lag == 0.0:
                 continue  # nothing to lead
-            choices.append(_choice(structure, factor, scaled, points, lead, held))
+            choices.append(_choice(structure, factor, scaled, points, (lead, filter_ratio * lead), held))
             if choices[-1].design is not None:
                 choices[-1] = replace(choices[-1], adhesion_share=_adhesion_share(own, points))
     return Selection(tuple(sorted(choices, key=lambda choice: choice.rank)))
 
 
 def _choice(
-    structure: str, factor: float, envelope: Envelope, points: EnvelopePoints, lead: float, held: ReferenceSlip | None
+    structure: str,
+    factor: float,
+    envelope: Envelope,
+    points: EnvelopePoints,
+    lead: tuple[float, float],
+    held: ReferenceSlip | None,
 ) -> Choice:
+    """`lead` and its filter, s."""
+    period = run_period(PIController(PIGains(kp=1.0, ki=0.0), *lead))
+    late = replace(points, actuators=tuple(_held(one, period) for one in points.actuators))
     try:
-        found = _Search(points, lead).best()
+        found, from_kmh = _Search(late, *lead).best()
     except InfeasibleDesignError as error:
-        return Choice(structure, factor, None, str(error))
-    judgement = judge_points(found, envelope, points)
-    design = EnvelopeDesign(found.gains, found.lead, found.lead_filter, judgement, held)
-    reach, stop = _reach(found, points, envelope)
-    return Choice(structure, factor, design, "", reach, stop)
+        return Choice(structure, factor, None, str(error), lead_filter=lead[1])
+    kept = [plant for plant in operating_plants(points) if plant.point.speed_kmh > 0.999 * (from_kmh or 0.0)]
+    run = sampled_below(found, period, kept, envelope.vehicle.actuator, None if from_kmh is None else ROBUST_MS)
+    design = judged_design(run, envelope, points, held)
+    reach, stop = _reach(run.design, points, envelope)
+    return Choice(structure, factor, design, "", reach, stop, lead_filter=lead[1])
 
 
 def _adhesion_share(own: EnvelopePoints, points: EnvelopePoints) -> float:
@@ -376,10 +479,11 @@ class _Held:
 
 @dataclass(frozen=True)
 class _Search:
-    """The gains of a PI behind a lead, s, over some points."""
+    """The gains of a PI behind a lead with its filter, s, over some points."""
 
     points: EnvelopePoints
     lead: float
+    lead_filter: float
 
     @cached_property
     def scale(self) -> float:
@@ -388,10 +492,13 @@ class _Search:
         return (actuator.dead_time + actuator.lag) or 0.02
 
     def controller(self, kp: float, integral_time: float) -> PIController:
-        return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, FILTER_RATIO * self.lead)
+        return PIController(PIGains(kp=kp, ki=kp / integral_time), self.lead, self.lead_filter)
 
-    def best(self) -> PIController:
-        """InfeasibleDesignError if no gains hold the loops at the highest speed."""
+    def best(self) -> tuple[PIController, float | None]:
+        """The controller, and the lowest speed, km/h, from which it has Ms <= 2; None if from none.
+
+        InfeasibleDesignError if no gains hold the loops at the highest speed.
+        """
         hardest, times = _hardest(self.points), (self.scale * _INTEGRAL_TIMES).tolist()
         slowest, few = self.held(times[0], hardest)
         if slowest is None:
@@ -412,9 +519,11 @@ class _Search:
                 return self.faster(checked, times, hardest, few)
         return self.faster(slowest, times, hardest, few)
 
-    def faster(self, held: _Held, times: list[float], points: EnvelopePoints, few: EnvelopePoints) -> PIController:
-        """The controller of gains that hold, or of a shorter integral time, before the next that was tried, that does
-        as well: looked for by halves at a few of the points, asked of all."""
+    def faster(
+        self, held: _Held, times: list[float], points: EnvelopePoints, few: EnvelopePoints
+    ) -> tuple[PIController, float | None]:
+        """`best` from gains that hold, or of a shorter integral time, before the next that was tried, that does as
+        well: looked for by halves at a few of the points, asked of all."""
         best, end = held, max((time for time in times if time < held.integral_time), default=held.integral_time)
         if not is_robust(held.ms):
             end = held.integral_time
@@ -426,7 +535,7 @@ class _Search:
             if found is not None and found.rank <= best.rank:
                 best = found
             ratio **= 0.5
-        return self.controller(best.kp, best.integral_time)
+        return self.controller(best.kp, best.integral_time), best.speed if is_robust(best.ms) else None
 
     def held(self, integral_time: float, points: EnvelopePoints) -> tuple[_Held | None, EnvelopePoints]:
         """The lowest speed from which up some gain holds every loop, with Ms <= 2 if that can be had at any speed;

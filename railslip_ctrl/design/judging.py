@@ -14,20 +14,21 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.loop import DeadTimeLoop, Margins
+from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
 from railslip_ctrl.loop.sampled import SampledLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import LinearPlant
 from railslip_ctrl.model.vehicle import Actuator
 
-from .controllers import linear_controller, loop_as_run, sampled_peak, wheel_slip_loop
+from .controllers import PIController, linear_controller, linear_of, loop_as_run, sampled_peak, wheel_slip_loop
 from .envelope import Case, Envelope, EnvelopePoints
 from .specification import is_robust
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+_LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
 _ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: both find peaks to 1e-9
 
 
@@ -35,12 +36,14 @@ _ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: 
 class WorstCase:
     """The worst of some cases: `case`, its loop, and its margins by the scalar engine, None where it is unstable.
 
-    `as_run` and `sampled` are the same of a continuous controller that says how it is run, else None.
+    `as_run` and `sampled` are the same of the worst sampled loop, that of `run_case`, where a continuous controller
+    says how it is run, else None.
     """
 
     case: Case
     loop: Any
     margins: Margins | None
+    run_case: Case
     as_run: SampledLoop | None = None
     sampled: Margins | None = None
 
@@ -55,26 +58,42 @@ class WorstCase:
         return math.inf if self.margins is None else self.margins.ms
 
     @property
+    def run_ms(self) -> float:
+        """Ms of the worst sampled loop, inf where it is unstable; NaN without one."""
+        if self.as_run is None:
+            return math.nan
+        return math.inf if self.sampled is None else self.sampled.ms
+
+    @property
+    def loop_words(self) -> str:
+        """Ms of its loop, and where that is."""
+        return f"{_kept(self.margins)} at {self.case.words}"
+
+    @property
     def words(self) -> str:
         """Its Ms, also as run, and where it is."""
-        run = f" ({_kept(self.sampled)} sampled every {self.as_run.period:g} s)" if self.as_run is not None else ""
-        return f"{_kept(self.margins)}{run} at {self.case.words}"
+        if self.as_run is None:
+            return self.loop_words
+        run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
+        if self.run_case is self.case:
+            return f"{_kept(self.margins)} ({run}) at {self.case.words}"
+        return f"{self.loop_words} ({run} at {self.run_case.words})"
 
     def table(self) -> dict[str, Any]:
         """For JSON: Ms, phase (deg) and delay margin (s), null where it is unstable or without bound, and the case."""
         m = self.margins
         found = [None] * 3 if m is None else [x if math.isfinite(x) else None for x in (m.ms, m.phase_deg, m.delay_s)]
         names = ("ms", "phase_margin_deg", "delay_margin_s")
-        run = {} if self.as_run is None else {"sampled": {"period_s": self.as_run.period, "ms": _ms(self.sampled)}}
-        return {**dict(zip(names, found, strict=True)), **run, "case": self.case.table()}
+        table: dict[str, Any] = {**dict(zip(names, found, strict=True)), "case": self.case.table()}
+        if self.as_run is not None:
+            table["sampled"] = {"period_s": self.as_run.period, "ms": None if self.sampled is None else self.sampled.ms}
+            if self.run_case is not self.case:
+                table["sampled"]["case"] = self.run_case.table()
+        return table
 
 
 def _kept(margins: Margins | None) -> str:
     return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):.3g}"
-
-
-def _ms(margins: Margins | None) -> float | None:
-    return None if margins is None else margins.ms
 
 
 @dataclass(frozen=True)
@@ -129,20 +148,29 @@ class Judgement:
         return np.where(self.stable, self.margins.ms, np.inf)
 
     @cached_property
-    def run_ms(self) -> Floats:
-        """`ms`, and where a continuous controller says how it is run the larger of that and its sampled Ms, (n,).
+    def sampled_ms(self) -> Floats:
+        """Ms of the sampled loop where a continuous controller says how it is run, inf where that is unstable, (n,).
 
-        The latter of every operating point, and of the worst case of every speed.
+        Of every operating point, and at every speed of the cases of largest Ms and least delay margin, which a hold
+        spoils first; NaN elsewhere.
         """
-        found = self.ms.copy()
+        found = np.full(len(self.points), np.nan)
         if getattr(self.controller, "as_run", None) is None:
             return found
-        speeds = (np.flatnonzero(self.points.speed_kmh == speed) for speed in np.unique(self.points.speed_kmh))
-        worst = [int(cases[np.argmax(self.ms[cases])]) for cases in speeds]
-        for i in {*np.flatnonzero(self.points.operating).tolist(), *worst}:
+        asked = self.points.operating.copy()
+        for speed in np.unique(self.points.speed_kmh):
+            cases = np.flatnonzero(self.points.speed_kmh == speed)
+            asked[cases[np.argsort(self.ms[cases])[-_LOOKED_AT:]]] = True
+            asked[cases[np.argmin(np.where(self.stable[cases], self.margins.delay_s[cases], 0.0))]] = True
+        for i in np.flatnonzero(asked).tolist():
             loop = loop_as_run(self.controller, *_of(self.points, i))
-            found[i] = max(found[i], 0.0 if loop is None else sampled_peak(loop))
+            found[i] = np.nan if loop is None else sampled_peak(loop)
         return found
+
+    @cached_property
+    def run_ms(self) -> Floats:
+        """The larger of `ms` and `sampled_ms`, where that is known, (n,)."""
+        return np.fmax(self.ms, self.sampled_ms)
 
     @property
     def verdict(self) -> str:
@@ -219,7 +247,7 @@ class Judgement:
         return line + (f"; {left_out} left out" if left_out else "")
 
     def __str__(self) -> str:
-        robust = int(np.count_nonzero([is_robust(ms) for ms in self.ms.tolist()]))
+        robust = int(np.count_nonzero([is_robust(ms) for ms in self.run_ms.tolist()]))
         lines = [self.verdict_line, f"Ms <= 2 at {robust} of {len(self.points)} points"]
         lines += [f"left out: {told}" for told in self.points.skipped]
         return "\n".join([*lines, *self.envelope.knife_edges()])
@@ -263,25 +291,28 @@ class Judgement:
         return found
 
     def _worst(self, chosen: Flags) -> WorstCase:
+        """The chosen case of largest Ms, and that of largest sampled Ms, by the scalar engine, which must agree."""
+        index = self._largest(self.ms, chosen)
+        known = np.isfinite(self.ms[index]) and not np.isnan(self.sampled_ms[chosen]).all()
+        run_index = self._largest(self.sampled_ms, chosen) if known else index
+        case = self.points.case(index)
+        run_case = case if run_index == index else self.points.case(run_index)
+        loop = wheel_slip_loop(case.plant, self.controller, case.actuator)
+        run = loop_as_run(self.controller, run_case.plant, run_case.actuator)
+        margins, sampled = (one.margins() if one is not None and one.is_stable() else None for one in (loop, run))
+        found = WorstCase(case, loop, margins, run_case, run, sampled)
+        assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
+        return found
+
+    def _largest(self, ms: Floats, chosen: Flags) -> int:
         """The chosen case of largest Ms; of unstable ones that whose plant is fastest against its actuator."""
-        index = np.flatnonzero(chosen)
-        unstable = index[~np.isfinite(self.run_ms[index])]
+        unstable = np.flatnonzero(chosen & np.isinf(ms))
         if not unstable.size:
-            return self._checked(int(index[np.argmax(self.run_ms[index])]))
+            return int(np.argmax(np.where(chosen, np.nan_to_num(ms), -1.0)))
         poles = np.array([float(plant.poles.real.max(initial=-np.inf)) for plant in self.points.plants])
         times = np.array([one.dead_time + one.lag for one in self.points.actuators])
         hardness = poles[self.points.plant[unstable]] * times[self.points.actuator[unstable]]
-        return self._checked(int(unstable[np.argmax(hardness)]))
-
-    def _checked(self, index: int) -> WorstCase:
-        """One case by the scalar engine, which must agree with the batch."""
-        case = self.points.case(index)
-        loop = wheel_slip_loop(case.plant, self.controller, case.actuator)
-        run = loop_as_run(self.controller, case.plant, case.actuator)
-        margins, sampled = (one.margins() if one is not None and one.is_stable() else None for one in (loop, run))
-        found = WorstCase(case, loop, margins, run, sampled)
-        assert found.ms == self.ms[index] or math.isclose(found.ms, self.ms[index], rel_tol=_ENGINES_AGREE)
-        return found
+        return int(unstable[np.argmax(hardness)])
 
 
 @checked
@@ -320,9 +351,6 @@ def judge_points(controller: Any, envelope: Envelope, points: EnvelopePoints, *,
     return Judgement(controller, envelope, nominal, points, margins_at(controller, points))
 
 
-_NO_BRAKE = Actuator(dead_time=0.0, lag=0.0)
-
-
 def margins_at(
     controller: Any, points: EnvelopePoints, factors: Floats | None = None, *, gain_margins: bool = False
 ) -> BatchMargins:
@@ -331,28 +359,30 @@ def margins_at(
     With `factors` on the loop gain, those of each factor, one after the other: entries of (factors, cases), flat. Gain
     margins are those of the operating points, or of all if `gain_margins`; Ms is then left out.
     """
-    if not callable(getattr(controller, "linear", None)):
-        controller = linear_controller(controller)  # once, not at every plant
     used = np.unique(points.plant).tolist()
-    bare = dict(zip(used, (wheel_slip_loop(points.plants[i], controller, _NO_BRAKE) for i in used), strict=True))
-    if not all(isinstance(loop, DeadTimeLoop) for loop in bare.values()):
+    if callable(linear_of(controller)):
+        designs = [linear_controller(controller, points.plants[i].point) for i in used]
+    else:
+        designs = [linear_controller(controller)] * len(used)
+    if any(not isinstance(design, PIController) and design.period is not None for design in designs):
         return _one_by_one(controller, points)
+    bare = {i: design.transfer_function * points.system(i) for i, design in zip(used, designs, strict=True)}
     times = factors if factors is not None else np.ones(1)
     lags = np.array([one.lag for one in points.actuators])[points.actuator]
     dead_times = np.array([one.dead_time for one in points.actuators])[points.actuator]
     found = {field.name: np.full((times.size, len(points)), np.nan) for field in fields(BatchMargins)}
     shapes = np.zeros((len(points.plants), 2), dtype=int)
-    shapes[used] = [(loop.system.zeros.size, loop.system.poles.size) for loop in bare.values()]
+    shapes[used] = [(one.zeros.size, one.poles.size) for one in bare.values()]
     asked = (points.operating, ~points.operating) if factors is None else (np.ones(len(points), dtype=bool),)
     kinds = product(np.unique(shapes[used], axis=0).tolist(), (lags > 0, lags == 0), asked)
     for (zeros, poles), braked, kind in kinds:
         mine = np.flatnonzero((shapes == (zeros, poles)).all(axis=1)[points.plant] & braked & kind)
         if not mine.size:
             continue
-        loops = [bare[i] for i in points.plant[mine]]
-        z = np.array([loop.system.zeros for loop in loops], dtype=complex).reshape(mine.size, zeros)
-        p = np.array([loop.system.poles for loop in loops], dtype=complex).reshape(mine.size, poles)
-        gain = np.array([loop.system.gain for loop in loops])
+        systems = [bare[i] for i in points.plant[mine]]
+        z = np.array([one.zeros for one in systems], dtype=complex).reshape(mine.size, zeros)
+        p = np.array([one.poles for one in systems], dtype=complex).reshape(mine.size, poles)
+        gain = np.array([one.gain for one in systems])
         if lags[mine[0]] > 0:
             p, gain = np.column_stack([p, -1 / lags[mine]]), gain / lags[mine]
         n = times.size

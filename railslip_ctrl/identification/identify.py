@@ -477,9 +477,28 @@ def identify(
 ) -> Identification:
     """Identify a log: its curve, fits of the models asked for, their comparison, and the slip to hold.
 
-    The CSV at `path` is as `railslip identify --help` says; `vehicle` gives wheel and load, `options` the rest;
-    `progress` is told the share that is read, 0 to 1; `observed` is given the observed samples as they come.
-    InputError in one line for a log or an option that cannot be used.
+    Parameters
+    ----------
+    path : Path
+        The CSV, as `railslip identify --help` says.
+    vehicle : Vehicle
+        Its wheel and load, SI.
+    options : Options
+        The rest.
+    progress : callable, optional
+        Told the share that is read, a ratio of 0 to 1.
+    observed : callable, optional
+        Given the observed samples as they come, SI.
+
+    Returns
+    -------
+    Identification
+        In SI.
+
+    Raises
+    ------
+    InputError
+        A log or an option that cannot be used, in one line.
     """
     _model_names(options)  # before a large log is read
     curve = read_curve(path, vehicle, options, progress=progress, observed=observed)

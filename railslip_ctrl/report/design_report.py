@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from railslip_ctrl import __version__
-from railslip_ctrl.design.judging import Judgement
+from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
@@ -99,7 +99,7 @@ def _why(report: DesignReport) -> str:
     operating = int(judged.points.operating.sum())
     robust = None if report.judgement is None else report.judgement.robust_from_kmh
     if report.above_kmh is None and robust is not None:
-        return "The best PI or PI-lead is robust by its margins, but its slip passes 0.5 in a stop."
+        return "The best PI or PI-lead is robust by its margins, but in a stop the wheel slides: slip over 0.5."
     if report.above_kmh is None:
         ms = "unstable loops" if math.isinf(judged.worst.ms) else f"Ms {above(judged.worst.ms)}"
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
@@ -107,7 +107,7 @@ def _why(report: DesignReport) -> str:
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
-    slides = "" if robust == report.above_kmh else " Used at less speed, its slip passes 0.5 in a stop."
+    slides = "" if robust == report.above_kmh else " Used at lower speeds, a wheel slides: slip over 0.5."
     factor = report.best.reference_factor
     less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip; with more, fewer points are robust."
     return f"{told}.{slides}{less}"
@@ -121,16 +121,19 @@ def _to_do(report: DesignReport) -> str:
             f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m, without slip "
             "control."
         )
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
+    brake = ""
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
+    if slow:
+        reach = f"; to reach it: {brake}" if brake and report.faster is not None and report.faster.reaches else ""
+        told.append(f"On {' and '.join(slow)} rail the slip stays below its reference{reach}.")
+    if brake and not (report.judgement is not None and report.judgement.robust_from_kmh == min(report.envelope.speeds)):
         told.append(f"For Ms ≤ 2 from {min(report.envelope.speeds):g} km/h up: {brake}.")
     elif not report.usable:
         told.append("Take a brake with less dead time and lag, or hold less slip.")
     if report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
-    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
-    if slow:
-        told.append(f"In stops on {' and '.join(slow)} rail the slip stays below its reference.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
 
@@ -142,16 +145,26 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield "Least Ms of any linear controller", below(limits.ms_bound), f"{point.rail}, {point.speed_kmh:g} km/h"
         return
     worst = judged.worst
-    yield "Ms", _ms(worst.ms), worst.case.words
+    yield "Ms", *_worst_cells(worst)
     if not judged.nominal:
-        beyond = judged.worst_with_tolerances
-        yield "Ms with tolerances", _ms(beyond.ms), beyond.case.words
+        yield "Ms with tolerances", *_worst_cells(judged.worst_with_tolerances)
     if worst.margins is not None:
         yield from _margin_rows(judged)
     for stop in report.first_stops:
         yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {_locks(report, stop)}"
     if report.usable:
         yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
+    car = report.vehicle
+    if "loaded" in report.envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
+        where = f"more mass alone: its wheel load stays {short(car.wheel_load)} N"
+        yield "Loaded", f"{short(car.mass_loaded)} kg", where
+
+
+def _worst_cells(worst: WorstCase) -> tuple[str, str]:
+    """The larger Ms, of the loop or of the sampled one that runs, and its case."""
+    if worst.as_run is None or worst.run_ms <= worst.ms:
+        return _ms(worst.ms), worst.case.words
+    return _ms(worst.run_ms), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {_ms(worst.ms)}"
 
 
 def _chosen(report: DesignReport) -> str:
@@ -279,9 +292,6 @@ def _envelope(report: DesignReport) -> Section:
             table(worst_head, rows, caption="Worst cases from the usable speed up."),
             table(head, axes, caption="The whole envelope by axis: what costs margin."),
         ]
-    car = envelope.vehicle
-    if "loaded" in envelope.loads and car.wheel_load_loaded == car.wheel_load and car.mass_loaded > car.mass:
-        blocks.append(Paragraph(f"Loaded, this vehicle has more mass; its wheel load stays {short(car.wheel_load)} N."))
     told = (*(judged.points.skipped if judged is not None else ()), *envelope.knife_edges())
     blocks += [Paragraph(minus(text) + ".") for text in told[:_MOST_TOLD]]
     return Section("envelope", "Envelope and worst cases", tuple(blocks))

@@ -20,6 +20,13 @@ from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import limits_of
+from railslip_ctrl.design.controllers import (
+    LinearController,
+    SampledController,
+    linear_controller,
+    linear_of,
+    run_period,
+)
 from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import Choice, Selection, operating_plants, select
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
@@ -192,11 +199,13 @@ class Sliding:
 
 @dataclass(frozen=True)
 class FasterBrake:
-    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout."""
+    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout,
+    and if `reaches` its integral builds up the torque of the reference slip in half a stop (`Choice.reaches`)."""
 
     factor: float
     dead_time: float
     lag: float
+    reaches: bool
 
 
 @dataclass(frozen=True)
@@ -428,6 +437,7 @@ _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
 _FASTER = (0.75, 0.5, 0.25)  # times dead time and lag, tried in turn
+_QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
 
 
 def design_report(
@@ -515,6 +525,8 @@ def _report(
     submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
     lead = select(envelope, ("pi-lead",)).choices if envelope.vehicle.actuator.lag > 0 else ()
+    if lead and lead[0].design is not None:
+        lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
     report = _designed(envelope, nominal, selection, submit, progress)
     rivals = []
@@ -546,7 +558,8 @@ def _designed(
     assert best.design.judgement is not None
     plain, judgement = control.design, best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
-    faster = (lambda: None) if robust else submit(_faster, envelope, best.structure, judgement.envelope)
+    enough = robust and best.reaches
+    faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
     found = replace(
@@ -563,7 +576,7 @@ def _designed(
         gains=_gain_map(in_use, plain),
         responses=_responses(in_use.worst, plain),
     )
-    if not robust:
+    if not enough:
         progress("the brake that would do")
     return replace(found, faster=faster())
 
@@ -593,8 +606,12 @@ def _trial(choice: Choice, nominal: bool) -> Trial:
 
 
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
-    judgement = judge(controller, envelope, nominal=nominal)
     runs = isinstance(controller, Controller)  # of a file: as that says
+    design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
+    discrete = not isinstance(design, PIController) and getattr(design, "period", None) is not None
+    continuous = isinstance(design, LinearController) and not discrete
+    judged = SampledController(design, run_period(design)) if continuous else design
+    judgement = judge(judged, envelope, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
     return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
 
@@ -607,7 +624,7 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
     return tuple(
-        ShownLoop(case.words, case.loop, case.margins, frequency_curve(case.loop, low, high)) for case in cases
+        ShownLoop(case.loop_words, case.loop, case.margins, frequency_curve(case.loop, low, high)) for case in cases
     )
 
 
@@ -660,16 +677,18 @@ def _lag(actuator: Actuator) -> Rational:
     return Rational(none, np.array([-1 / lag]), 1 / lag) if lag > 0 else Rational(none, none, 1)
 
 
-def _faster(envelope: Envelope, structure: str, held: Envelope) -> FasterBrake | None:
-    """The brake with which a structure is robust over the whole envelope, at the slip `held`; None if none tried is."""
+def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
+    """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
+    to it; None if none tried is."""
     for factor in _FASTER:
         old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
-        found = select(faster, (structure,), (1.0,)).choices[0].design
-        judgement = None if found is None else found.judgement
-        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds):
-            return FasterBrake(factor, actuator.dead_time, actuator.lag)
+        ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
+        found = select(ends, (structure,), (1.0,)).choices[0]
+        judgement = None if found.design is None else judge(found.design, faster)
+        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds) and found.reaches >= reaching:
+            return FasterBrake(factor, actuator.dead_time, actuator.lag, found.reaches)
     return None
 
 

@@ -16,7 +16,15 @@ from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.core.user_files import close_match
-from railslip_ctrl.design.controllers import PIController, actuated_plant, wheel_slip_loop
+from railslip_ctrl.design.controllers import (
+    PERIOD,
+    PIController,
+    Rule,
+    actuated_plant,
+    linear_controller,
+    run_period,
+    wheel_slip_loop,
+)
 from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, operating_plants
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
@@ -216,9 +224,16 @@ def recommended_pi_lead(
 
 
 def braking_control(
-    design: Any, points: Sequence[OperatingPoint], reference: ReferenceSlip, *, name: str, hand_over_kmh: float = 0.0
+    design: Any,
+    points: Sequence[OperatingPoint],
+    reference: ReferenceSlip,
+    *,
+    name: str,
+    hand_over_kmh: float = 0.0,
+    period: float = PERIOD,
 ) -> LinearControl:
-    """A linear design for some operating points as it brakes: within 0 and their full brake, with anti-windup.
+    """A linear design for some operating points as it brakes: sampled by Tustin's rule, at its own period if it has one
+    (`controllers.run_period`), within 0 and their full brake, with anti-windup.
 
     It begins with `SURE_SHARE` of the torque that the least adhesive point takes, which every rail surely does, and
     hands over to it below a speed (km/h; 0: never).
@@ -228,9 +243,11 @@ def braking_control(
         design,
         reference,
         name=name,
+        period=run_period(linear_controller(design), period),
         torque_low=0.0,
         torque_high=max(full_brake_torque(point.vehicle) for point in points),
         tracking_time=TRACKING_TIME,
+        rule=Rule.TUSTIN,
         initial_torque=sure,
         cut_out_speed=hand_over_kmh * KMH,
         cut_out_torque=sure if hand_over_kmh else 0.0,
@@ -257,10 +274,15 @@ def tuned_control(
         raise InputError("controller: the laws of its envelope hold different slips; give the envelope a reference")
     judged = design.judgement
     assert judged is not None, "a tuned controller has been judged"
-    pi = PIController(design.gains, design.lead, design.lead_filter)
     points = [plant.point for plant in operating_plants(judged.points)]
-    over = hand_over_of(judged)
-    return braking_control(pi, points, held, name=name or design.structure.lower(), hand_over_kmh=over)
+    return braking_control(
+        design.as_run.design,
+        points,
+        held,
+        name=name or design.structure.lower(),
+        hand_over_kmh=hand_over_of(judged),
+        period=design.period,
+    )
 
 
 def recommended_schedule(

@@ -41,6 +41,7 @@ from railslip_ctrl.core.user_files import (
     validated,
 )
 from railslip_ctrl.design.controllers import (
+    PERIOD,
     LinearController,
     PIController,
     PolynomialController,
@@ -55,7 +56,6 @@ from railslip_ctrl.sliding.law import LawGains
 from .catalogue import FILTER_TIME, published_reference
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .scenario import LEAST_STEP
-from .step_objects import PERIOD
 
 
 class ControllerKeys(Record):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -50,12 +51,16 @@ class ControllerRow:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """Rows of controllers over one scenario, with the bound that none can beat."""
+    """`rows` of controllers over one scenario, each over all `seeds`, with the `bound` that none can beat."""
 
     scenario: Scenario
     seeds: tuple[int, ...]
     bound: ClairvoyantStop
     rows: tuple[ControllerRow, ...]
+
+    def __str__(self) -> str:
+        text = import_module("railslip_ctrl.report.simulation")  # a room above this one, asked for by the user
+        return str(text.run_comparison_text(self))
 
     def row(self, name: str) -> ControllerRow:
         """The row of a controller by name; KeyError for another."""

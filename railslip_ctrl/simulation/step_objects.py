@@ -23,12 +23,14 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
 from railslip_ctrl.design.controllers import (
+    PERIOD,
     PIController,
     Rule,
     has_step,
     is_function,
     is_system,
     linear_controller,
+    linear_of,
     step_alone,
 )
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
@@ -45,9 +47,6 @@ if TYPE_CHECKING:
     from railslip_ctrl.model.linearization import OperatingPoint
 
     Floats = NDArray[np.float64]
-
-PERIOD = 0.01
-"""s, of a controller that says none."""
 
 ADDRESS = 2
 """Place of the step's address in a controller's row; see `steps.called`."""
@@ -155,7 +154,7 @@ class StepControl:
 
     def linear(self, point: OperatingPoint) -> Any:
         """What the object says of itself at an operating point; InputError where it says nothing."""
-        own = getattr(self.step.thing, "linear", None)
+        own = linear_of(self.step.thing)
         if own is None:
             raise step_alone(self.step.thing)
         return own(point)
@@ -361,7 +360,7 @@ def as_control(
         return StepControl(
             controller, held, str(own_name or type(controller).__name__), PERIOD if period is None else period
         )
-    if callable(getattr(controller, "linear", None)) and not inspect.isclass(controller):
+    if callable(linear_of(controller)) and not inspect.isclass(controller):
         raise InputError(
             f"controller: {type(controller).__name__} is linear at an operating point and has no step to run by; give "
             "it step(t, v, omega)"
