@@ -12,7 +12,6 @@ design is the one `railslip verify --law layered` decides.
 from __future__ import annotations
 
 import sys
-import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,9 +117,7 @@ def main() -> None:
     print(cycle_table(effects))
     print()
     print(survivors_table(effects))
-    behind = actuator_effects.PublishedBehind(result["SI"].published[: len(Rail)], result["SI"].advice, {})
-    told = rs.findings_text(behind)
-    print(f"\n{textwrap.fill(told, 110, break_on_hyphens=False)}\n")
+    print()
     print("THE LAYERED LAW WITH A LEAD ON THE LAG")
     for name, found in result.items():
         d = found.design

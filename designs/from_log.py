@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import railslip_ctrl as rs
-from railslip_ctrl import PIController, Rail, adhesion, curves, fits, numeric, plots, tuning, virtual_rig
+from railslip_ctrl import PIController, Rail, adhesion, fits, numeric, plots, tuning, virtual_rig
 
 KMH = 1 / 3.6  # m/s
 VEHICLE = Path(__file__).parent / "vehicles" / "desiro_classic.toml"
@@ -108,7 +108,7 @@ def run(folder: Path | None = None) -> FromLog:
     # 1. The log, and what is found in it.
     with tempfile.TemporaryDirectory() as scratch:
         log = rig_log(vehicle, (folder or Path(scratch)) / "rig.csv")
-        found = rs.identify(log, vehicle, curves.Options())
+        found = rs.identify(log, vehicle)
     # 2. Every law that the log allows, at every operating point.
     held, laws = held_slip(found), laws_within(found.chosen.fit)
     plants = (*operating_plants(laws, vehicle, held), *(past_peak(law, vehicle, held, INITIAL_SPEED) for law in laws))

@@ -74,7 +74,6 @@ if TYPE_CHECKING:
     from .model.vehicle_files import load_vehicle as load_vehicle
     from .report import plots as plots
     from .report.identification import model_toml as model_toml
-    from .report.verification import findings_text as findings_text
     from .simulation import Disturbances as Disturbances
     from .simulation import Event as Event
     from .simulation import LinearControl as LinearControl
@@ -157,7 +156,6 @@ _HOME = {
     "curves": ".identification",
     "deadtime": ".loop",
     "derive": ".sliding.derivation",
-    "findings_text": ".report.verification",
     "fits": ".identification",
     "fixed_step": ".verification",
     "fundamental_limits": ".design.limits",
@@ -252,7 +250,6 @@ __all__ = [
     "curves",
     "deadtime",
     "derive",
-    "findings_text",
     "fits",
     "fixed_step",
     "fundamental_limits",

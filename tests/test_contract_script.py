@@ -41,7 +41,8 @@ def test_the_script_runs_from_start_to_end(tmp_path: Path, monkeypatch: pytest.M
     plt.close("all")
     assert found["envelope"].reference.dry == 0.1  # of the file
     assert found["check"].verdict == "unstable"
-    assert found["best"].judgement.worst.ms == pytest.approx(2.0, rel=1e-6)
+    # of the loop that runs: with less ki than Ms 2 of the continuous one leaves
+    assert 1.95 < found["best"].judgement.worst.ms < 2.0
     assert found["best"].judgement.verdict == "robust"
     assert found["run"].stopped
     assert found["run"].braking_distance < found["many"].controllers["transfer-function-of-order-2"].measures[

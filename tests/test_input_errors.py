@@ -43,6 +43,7 @@ from railslip_ctrl.core.arguments import check_fields, checked, complexes, numbe
 from railslip_ctrl.design import actuated_plant, margin_grid
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.identification.curves import Options
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.rational import pade
 from railslip_ctrl.model import vehicle
@@ -244,6 +245,8 @@ VALID: dict[str, object] = {
     "controller": PI,
     "controllers": {"pi": published_controller("pi")},
     "dead_time": 0.1,
+    "found": None,
+    "options": Options(),
     "envelope": Envelope(laws="bristle", rails="dry", speeds=60),
     "law": LAW,
     "loop": LOOP,

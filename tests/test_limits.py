@@ -280,6 +280,9 @@ def test_a_delayed_loop_is_multiplied_and_drawn_as_its_dead_time_loop():
     omega = np.geomspace(0.01, 30.0, 50)  # the phase turns nearly twice
     assert product.response(omega) == pytest.approx(expected.response(omega), rel=1e-12)
     assert product.phase(omega) == pytest.approx(expected.phase(omega), rel=1e-12)
+    assert product.integrators == expected.integrators == 1
+    assert product.open_loop_unstable_poles == expected.open_loop_unstable_poles == 0
+    assert product.nyquist_plot().axes
     low, high = product.feature_band()
     assert low < expected.feature_band()[0]
     assert high > expected.gain_crossovers[-1]

@@ -535,7 +535,9 @@ def least_ms(family: Family, specification: Specification, ki_min: float) -> tup
 
 def _no_such_ki(family: Family, specification: Specification, ki_min: float) -> InfeasibleDesignError:
     """Nothing holds with that much integral action: say how much there may be, or what the other bounds cost."""
-    largest, _ = next(_highest_rows(family, Specification()), (0.0, []))
+    largest, _ = next(_highest_rows(family, Specification()), (math.nan, []))
+    if math.isnan(largest):
+        return _infeasible(family, specification)
     if largest > ki_min and specification.words:
         return InfeasibleDesignError(f"with ki >= {ki_min:g} no PI meets it: {_infeasible(family, specification)}")
     return InfeasibleDesignError(

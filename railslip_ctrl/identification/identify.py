@@ -18,6 +18,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -467,10 +468,11 @@ def speeds_shown(curve: AdhesionCurve, setting: Setting) -> tuple[float, float]:
     return (min(survey.slowest_start, v0) if survey.is_mixed else v0), v0
 
 
+@checked
 def identify(
-    path: Path,
+    path: str | Path,
     vehicle: Vehicle,
-    options: Options,
+    options: Options | None = None,
     *,
     progress: Callable[[float], None] | None = None,
     observed: Callable[[Observed], None] | None = None,
@@ -479,12 +481,12 @@ def identify(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         The CSV, as `railslip identify --help` says.
     vehicle : Vehicle
         Its wheel and load, SI.
-    options : Options
-        The rest.
+    options : Options, optional
+        The rest; without it, what `railslip identify` takes unless told.
     progress : callable, optional
         Told the share that is read, a ratio of 0 to 1.
     observed : callable, optional
@@ -500,6 +502,7 @@ def identify(
     InputError
         A log or an option that cannot be used, in one line.
     """
+    path, options = Path(path), options or Options()
     _model_names(options)  # before a large log is read
     curve = read_curve(path, vehicle, options, progress=progress, observed=observed)
     return identify_curve(curve, vehicle, options)

@@ -57,6 +57,16 @@ class Loop(ABC):
     def __rmul__(self, other: Any) -> Self:
         return self.__mul__(other)
 
+    @property
+    @abstractmethod
+    def integrators(self) -> int:
+        """Poles of L at s = 0, or of a sampled one at z = 1."""
+
+    @property
+    @abstractmethod
+    def open_loop_unstable_poles(self) -> int:
+        """Poles of L right of the imaginary axis, or of a sampled one outside the unit circle."""
+
     @abstractmethod
     def scaled(self, factor: float) -> Self:
         """The loop with its gain multiplied by `factor`, of either sign. InputError for one that is not finite."""

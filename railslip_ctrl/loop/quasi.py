@@ -94,6 +94,14 @@ class QuasiPolynomial:
         return reduce(lambda a, b: np.asarray(np.polyadd(a, b), dtype=float), self.terms)
 
     @property
+    def zeros_at_origin(self) -> int:
+        """How often F vanishes at s = 0, to rounding."""
+        count, one = 0, self
+        while count <= self.degree and abs(one(0.0)) <= _ROUNDING * one.size(0.0):
+            count, one = count + 1, one.slope
+        return count
+
+    @property
     def degree(self) -> int:
         """Highest power of s."""
         return max(c.size - 1 for c in self.terms)
@@ -223,11 +231,25 @@ class DelayedLoop(BoundedLoop):
         return self.characteristic.count_right()
 
     @cached_property
-    def dc_gain(self) -> float:
+    def open_loop_unstable_poles(self) -> int:
+        """Zeros of D right of the imaginary axis, those at 0 left out. InputError where some are elsewhere on it."""
         den = self.ratio.denominator
-        with np.errstate(divide="ignore"):
-            at_pole = abs(den(0.0)) <= _ROUNDING * den.size(0.0)
-            return math.inf if at_pole else float((self.ratio.numerator(0.0) / den(0.0)).real)
+        at_origin = min(c.size - 1 - int(np.flatnonzero(c)[-1]) for c in den.terms if np.any(c))
+        rest = QuasiPolynomial([c[: max(c.size - at_origin, 1)] for c in den.terms], den.delay)
+        count = rest.count_right()
+        if count.marginal:
+            raise InputError("delayed loop: L has poles on the imaginary axis; give it some damping")
+        return int(count.right)
+
+    @cached_property
+    def integrators(self) -> int:
+        return max(self.ratio.denominator.zeros_at_origin - self.ratio.numerator.zeros_at_origin, 0)
+
+    @cached_property
+    def dc_gain(self) -> float:
+        if self.ratio.denominator.zeros_at_origin:
+            return math.inf
+        return float((self.ratio.numerator(0.0) / self.ratio.denominator(0.0)).real)
 
     def response_and_slope(self, omega: Floats) -> tuple[Complexes, Complexes]:
         s, (num, den) = 1j * omega, (self.ratio.numerator, self.ratio.denominator)

@@ -14,6 +14,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from railslip_ctrl import __version__
+from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
@@ -216,6 +217,7 @@ def _doubt(found: Identification) -> str:
 # --- the model's file ----------------------------------------------------------------------------------------------
 
 
+@checked
 def model_toml(found: Identification) -> str:
     """The chosen law of an identified log, for `--adhesion FILE`.
 
