@@ -393,7 +393,7 @@ def select(
     choices = []
     own = envelope.points(nominal=True)
     slips = held_slips(envelope, own)
-    for factor in reference_factors if slips is not None else (1.0,):
+    for factor in reference_factors if slips is not None else [one for one in reference_factors if one == 1.0]:
         held = (
             slips if slips is None or factor == 1.0 else ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet)
         )

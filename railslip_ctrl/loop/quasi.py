@@ -206,6 +206,9 @@ class DelayedLoop(BoundedLoop):
             raise InputError("delayed loop: L must tend to 0 at infinity with a denominator of retarded type")
         self.ratio = ratio
 
+    def __repr__(self) -> str:
+        return f"loop with delays of {self.ratio.denominator.delay:g} s in it, order {self.ratio.denominator.degree}"
+
     @property
     def characteristic(self) -> QuasiPolynomial:
         """N + D, whose zeros are the closed-loop poles."""

@@ -175,7 +175,9 @@ def _chosen(report: DesignReport) -> str:
         return told
     after = others[0]
     usable = "of no use" if after.above_kmh is None else f"above {after.above_kmh:g} km/h"
-    return f"{told}; next: {short(after.distance())} m with {after.choice.reference_factor:g} of the slip, {usable}"
+    factor = after.choice.reference_factor
+    slip = "" if factor == 1.0 else f" with {factor:g} of the slip"
+    return f"{told}; next: {short(after.distance())} m{slip}, {usable}"
 
 
 def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ from railslip_ctrl.design.controllers import (
     run_period,
 )
 from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
-from railslip_ctrl.design.envelope_tuning import Choice, Selection, operating_plants, select
+from railslip_ctrl.design.envelope_tuning import REFERENCE_FACTORS, Choice, Selection, operating_plants, select
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
@@ -490,7 +491,13 @@ def _beside() -> Iterator[Beside]:
         return
     cache_folder()  # the other process's too, where there is none but for this run
     with processes(1) as submit:
-        yield lambda function, *arguments: submit(function, *arguments).result
+        # as it is now: what a record computes when asked would come in while the pool's thread takes it down
+        yield lambda function, *arguments: submit(_called, pickle.dumps((function, arguments))).result
+
+
+def _called(content: bytes) -> Any:
+    function, arguments = pickle.loads(content)
+    return function(*arguments)
 
 
 def _may_be_sent(envelope: Envelope) -> bool:
@@ -524,7 +531,11 @@ def _report(
     started = time.perf_counter()
     submit, plain, sliding = beside
     progress(f"the best design over the envelope of {envelope.vehicle.name}")
-    lead = select(envelope, ("pi-lead",)).choices if envelope.vehicle.actuator.lag > 0 else ()
+    lead: tuple[Choice, ...] = ()
+    if envelope.vehicle.actuator.lag > 0:
+        rest = submit(select, envelope, ("pi-lead",), REFERENCE_FACTORS[-1:])  # while this process looks at the others
+        lead = select(envelope, ("pi-lead",), REFERENCE_FACTORS[:-1]).choices + rest().choices
+        lead = tuple(sorted(lead, key=lambda choice: choice.rank))
     if lead and lead[0].design is not None:
         lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
@@ -562,6 +573,7 @@ def _designed(
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
+    gains = submit(_gain_map, in_use, plain)
     found = replace(
         empty,
         selection=selection,
@@ -573,12 +585,11 @@ def _designed(
         stops=trials[0].stops,
         limits=_limits(judgement),
         curves=_curves(judgement),
-        gains=_gain_map(in_use, plain),
         responses=_responses(in_use.worst, plain),
     )
     if not enough:
         progress("the brake that would do")
-    return replace(found, faster=faster())
+    return replace(found, gains=gains(), faster=faster())
 
 
 def _trial(choice: Choice, nominal: bool) -> Trial:
