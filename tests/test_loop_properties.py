@@ -290,3 +290,10 @@ def test_zero_gain_loop():
 def test_stabilising_range_of_an_unstable_loop_of_tiny_gain():
     loop = DeadTimeLoop(1.5e-6 / ((4 * S - 1) * (0.6 * S + 1)), dead_time=0.15)
     assert np.multiply(loop.stabilizing_gain_range, 1.5e-6) == pytest.approx((1.0, 23.3988133859), rel=1e-11)
+
+
+@pytest.mark.parametrize("a", [1e-160, 1e150])
+def test_margins_are_free_of_scale_as_far_as_numbers_go(a):
+    found, expected = (DeadTimeLoop(one / (S + one), 0.1 / one).margins() for one in (a, 1.0))
+    assert found.ms == pytest.approx(expected.ms, rel=1e-9)
+    assert found.gain_increase == pytest.approx(expected.gain_increase, rel=1e-9)

@@ -53,7 +53,8 @@ class Certificate:
     stable : bool
         Whether every closed-loop pole lies left of the imaginary axis.
     marginal : bool
-        Whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`.
+        Whether a closed-loop pole lies on the imaginary axis, or cannot be told from it at `bits`; False where
+        infinitely many poles are not left of it.
     unstable_poles : float
         Number of closed-loop poles with real part >= 0, as `DeadTimeLoop.unstable_closed_loop_poles`.
     gain_crossovers : tuple of tuple

@@ -248,7 +248,7 @@ def _around(response: Response, best: Peaks) -> Floats:
         s, t = 1 / np.abs(1 + loop), np.abs(loop / (1 + loop))
         curvature = (s + t) * (np.abs(second) + np.abs(slope) ** 2 * (s + t))
         nearest = np.sqrt(_PEAK / curvature)
-    nearest = np.clip(nearest, _NARROWEST * peaks, _FAR_FROM_PEAK * peaks)
+    nearest = np.fmin(np.fmax(nearest, _NARROWEST * peaks), _FAR_FROM_PEAK * peaks)  # the bounds of one not finite
     number = np.ceil(np.log(_FAR_FROM_PEAK * peaks / nearest) / np.log(_NEAR_PEAK)).astype(int) + 1
     away = np.concatenate([d * _NEAR_PEAK ** np.arange(n) for d, n in zip(nearest, number, strict=True)])
     centre = np.repeat(peaks, number)
