@@ -313,6 +313,18 @@ def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):
     assert "below its reference" in dict(first_page(replace(robust, stops=tuple(slow))).lines)["To do"]
 
 
+def test_a_stop_in_which_the_wheel_oscillates_is_told(robust):
+    assert not any(one.swings for one in robust.stops)
+    assert "oscillates" not in dict(first_page(robust).lines)["Why"]
+    one = robust.stops[0]
+    signals = one.run.signals._replace(slip=one.reference * np.sin(one.run.signals.time))
+    swung = replace(one, run=replace(one.run, signals=signals))
+    assert swung.swings
+    told = first_page(replace(robust, stops=(swung, *robust.stops[1:])))
+    assert "With curve the wheel oscillates" in dict(told.lines)["Why"]
+    assert words(told) <= MOST_FIRST_WORDS
+
+
 def test_every_section_fits_its_table(robust):
     for section in design_sections(robust):
         for block in section.blocks:

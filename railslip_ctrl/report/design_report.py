@@ -110,7 +110,9 @@ def _why(report: DesignReport) -> str:
     slides = "" if robust == report.above_kmh else " Used at lower speeds, a wheel slides: slip over 0.5."
     factor = report.best.reference_factor
     less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip; with more, fewer points are robust."
-    return f"{told}.{slides}{less}"
+    laws = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
+    swings = f" With {' and '.join(laws)} the wheel oscillates." if laws else ""
+    return f"{told}.{slides}{less}{swings}"
 
 
 def _to_do(report: DesignReport) -> str:

@@ -111,6 +111,12 @@ class Stop:
     reference: float
 
     @property
+    def swings(self) -> bool:
+        """Whether in `run` the braked wheel turns faster than the train, by half the reference slip: it oscillates."""
+        assert self.run.signals is not None, "the run is recorded"
+        return bool(self.run.signals.slip.min() < -0.5 * self.reference)
+
+    @property
     def runs(self) -> tuple[Run, ...]:
         """Of all seeds."""
         return (self.run, *self.others)
