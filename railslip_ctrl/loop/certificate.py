@@ -28,6 +28,7 @@ WIDTH = 1e-9
 
 _BITS = (80, 320, 1280, 4000)
 _ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained
+_BESIDE = 1e-6  # relative: how far a peak may be from where doubles see it
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is cut first
 _MOST_PARTS = 50_000
 _FARTHEST = arb(2) ** 1000  # rad/s
@@ -280,7 +281,7 @@ class _Cover:
     def _peak(self, shape: tuple[float, float], omega: float) -> arb:
         """|S| or |T| where it is largest, near a frequency, or in the limit to 0 or infinity."""
         if 0 < omega < math.inf:
-            found, peak = self._response.exact.peak(*shape, omega)
+            found, peak = self._response.exact.peak(*shape, omega * (1 - _BESIDE), omega, omega * (1 + _BESIDE))
             self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
             return peak
         num, den = self._fraction_at(omega)

@@ -7,13 +7,14 @@ then refined to the last bits (`monotone_roots`).
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from flint import acb, arb, ctx, fmpq, fmpq_poly
+from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
 from .rational import (
@@ -96,39 +97,33 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
 
 @np.errstate(all="ignore")
 def monotone_roots(
-    function: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]],
-    start: Floats,
-    low: Floats,
-    high: Floats,
-    side: Floats,
+    function: Callable[[Floats], tuple[Floats, Floats]], start: Floats, low: Floats, high: Floats, side: Floats
 ) -> Floats:
     """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
 
-    `function` gives f and df/dx as for `bracketed_roots`; `start` are first guesses. Brackets, (n,), may begin at 0
-    and end at infinity; `side` is the sign of f at the lower end.
+    `function` gives f and df/dx, all (n,); `start` are first guesses. Brackets may begin at 0 and end at infinity;
+    `side` is the sign of f at the lower end.
     """
-    root, low, high = start.astype(float), low.astype(float), high.astype(float)
-    index = np.arange(root.size)
-    x, width = root, np.full(root.size, np.inf)
+    root, width, done = start, np.full(start.size, np.inf), np.zeros(start.size, dtype=bool)
     for _ in range(_MOST_STEPS):
-        f, slope = function(x, index)
+        f, slope = function(root)
         below = f * side > 0
-        low, high = np.where(below, x, low), np.where(below, high, x)
-        new = x - f / slope
-        zero, inside = f == 0, (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
-        if not inside.all():
-            wide = high > 4 * low
-            middle = np.where(wide, np.sqrt(np.maximum(low, x / 64) * np.minimum(high, x * 64)), 0.5 * (low + high))
-            new = np.where(zero, x, np.where(inside, new, middle))
-        width = np.abs(new - x)
+        low, high = np.where(below, root, low), np.where(below, high, root)
+        new = root - f / slope
+        inside = (new > low) & (new < high) & (np.abs(new - root) < 0.5 * width)
         # Newton's method doubles the digits, so that half of them before the step are all after it
-        left = ~(zero | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x))
-        root[index] = new
-        if not left.any():
+        last = inside & (np.abs(new - root) <= _HALF_OF_THE_DIGITS * root)
+        halved = ~(inside | done)
+        if halved.any():
+            middle = np.sqrt(np.maximum(low, root / 64) * np.minimum(high, root * 64))
+            new = np.where(inside, new, np.where(high > 4 * low, middle, 0.5 * (low + high)))
+            last |= high - low <= 4e-16 * root
+            new, last = np.where(f == 0, root, new), last | (f == 0)
+        width = np.abs(new - root)
+        root = np.where(done, root, new)
+        done |= last
+        if done.all():
             break
-        if not left.all():
-            new, index, width, low, high, side = (one[left] for one in (new, index, width, low, high, side))
-        x = new
     return root
 
 
@@ -137,9 +132,9 @@ def monotone_roots(
 # With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, dead
 # time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
 
-_NEWTON_STEPS = 4  # from a double
+_NEWTON_STEPS = 60  # halving included
+_NOTHING_GAINED = 1e-18  # relative, of a peak by a step
 _BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
-_NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
 """Precision at which a sign that is still open is given up as zero."""
@@ -156,6 +151,7 @@ class ExactLoop:
         self._given, self._dead_time = dead_time, fraction(dead_time)
         self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
         self._roots: dict[int, tuple[list[acb], list[acb]]] = {}
+        self._made: dict[int, list[tuple[acb_poly, acb_poly]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
         """To another process go the numbers it was made from: FLINT's do not."""
@@ -203,17 +199,19 @@ class ExactLoop:
 
     def value(self, omega: arb) -> tuple[acb, acb]:
         """L(j omega) and d ln L/d omega, at the precision of the context."""
-        s, slope = acb(0, omega), acb(0)
-        value = acb(self.numerator.leading_coefficient() / self.denominator.leading_coefficient())
-        zeros, poles = self.roots()
-        for root in zeros:
-            away = s - root
-            value, slope = value * away, slope + 1 / away
-        for root in poles:
-            away = 1 / (s - root)
-            value, slope = value * away, slope - away
-        delay = arb(self._dead_time)
-        return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
+        s, delay = acb(0, omega), arb(self._dead_time)
+        (num, den), (num_slope, den_slope) = ([one(s) for one in pair] for pair in self._balls[:2])
+        return num / den * (s * -delay).exp(), acb(0, 1) * (num_slope / num - den_slope / den - delay)
+
+    @property
+    def _balls(self) -> list[tuple[acb_poly, acb_poly]]:
+        """N and D, their first and their second derivatives in balls of the context's precision."""
+        if ctx.prec not in self._made:
+            both = [(self.numerator, self.denominator)]
+            for _ in range(2):
+                both.append((both[-1][0].derivative(), both[-1][1].derivative()))
+            self._made[ctx.prec] = [(acb_poly(arb_poly(num)), acb_poly(arb_poly(den))) for num, den in both]
+        return self._made[ctx.prec]
 
     def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
         """The frequency near `omega`, rad/s, where arg L is `odd` times pi, refined; `slope` is d(arg L)/d omega."""
@@ -222,25 +220,38 @@ class ExactLoop:
             refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
         return refined
 
-    def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
-        """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
+    def size_at(self, a: float, b: float, omega: arb | float) -> arb:
+        """|a + b L|/|1 + L|."""
+        s = acb(0, omega)
+        num, den = (one(s) for one in self._balls[0])
+        num *= (s * acb(-self._dead_time)).exp()
+        return abs(a * den + b * num) / abs(den + num)
 
-        def slope(at: arb) -> arb:
-            """Of half the square of the inverse, which is nearly a parabola however sharp the peak is."""
-            loop, rate = self.value(at)
-            inverse = (1 + loop) / (a + b * loop)
-            return (inverse.conjugate() * (a - b) * rate * loop / (a + b * loop) ** 2).real
-
-        found = arb(omega)
+    def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
+        """Where, rad/s, |a + b L|/|1 + L| has a peak between `low` and `high`, by Newton's method from `start`, and the
+        peak. What is searched is the least square of the inverse, nearly a parabola however sharp the peak is."""
+        delay, below, found, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
-            step = found * arb(2) ** (-ctx.prec // 3)
-            here = slope(found)
-            change = here * step / (slope(found + step) - here)
-            if not abs(change) < found * _NEAR:
-                break  # no peak so near: a resonance beside it, or the precision does not tell
-            found = (found - change).mid()
-        loop, _ = self.value(found)
-        return found, abs((a + b * loop) / (1 + loop))
+            s = acb(0, found)
+            (n, d), (n1, d1), (n2, d2) = ([one(s) for one in pair] for pair in self._balls)
+            turn = (s * -delay).exp()
+            e, e1, e2 = n * turn, (n1 - delay * n) * turn, (n2 - delay * (2 * n1 - delay * n)) * turn
+            size, size1, size2 = a * d + b * e, a * d1 + b * e1, a * d2 + b * e2
+            inverse = (d + e) / size
+            first = (d1 + e1 - inverse * size1) / size
+            second = (d2 + e2 - 2 * first * size1 - inverse * size2) / size
+            slope = -(inverse.conjugate() * first).imag
+            curvature = abs(first) ** 2 - (inverse.conjugate() * second).real
+            below, above = (found, above) if slope < 0 else (below, found)
+            new = (found - slope / curvature).mid()
+            step = new - found
+            if not (below < new < above and curvature > 0):
+                new = ((below + above) / 2).mid() if above.is_finite() else 2 * found
+            elif abs(step) < _HALF_OF_THE_DIGITS * found and abs(step * slope) < _NOTHING_GAINED * abs(inverse) ** 2:
+                found = new
+                break
+            found = new
+        return found, self.size_at(a, b, found)
 
     def peaks(self) -> list[tuple[arb, float]]:
         """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and where they are attained, rad/s."""
@@ -285,8 +296,9 @@ class ExactLoop:
     @cached_property
     def _polynomials(self) -> dict[str, fmpq_poly]:
         num, den = self._axis
-        common = num.power.gcd(den.power)
-        p, r = num.power // common, den.power // common
+        powers = num.power, den.power
+        common = powers[0].gcd(powers[1])
+        p, r = (one // common for one in powers)
         turned = num.turning * r - den.turning * p - self._dead_time * common * p * r
         undamped = num.undamped * den.undamped
         size, phase = (without(undamped, one) for one in (p.derivative() * r - p * r.derivative(), turned))
@@ -396,10 +408,28 @@ class Response:
             slope = 1j * (inverse @ self.system.signs - self.dead_time)
             return value, slope, (inverse * inverse) @ self.system.signs
 
+    def at(self, omega: float) -> tuple[complex, complex, complex]:
+        """`value_and_slopes` at one frequency, in Python's numbers: ten times as fast; ArithmeticError on overflow."""
+        zeros, poles = self._listed_roots
+        s = complex(0, omega)
+        value, slope, second = self.system.gain * cmath.exp(-self.dead_time * s), complex(-self.dead_time), 0j
+        for zero in zeros:
+            away = s - zero
+            inverse = 1 / away
+            value, slope, second = value * away, slope + inverse, second + inverse * inverse
+        for pole in poles:
+            inverse = 1 / (s - pole)
+            value, slope, second = value * inverse, slope - inverse, second - inverse * inverse
+        return value, 1j * slope, second
+
+    @cached_property
+    def _listed_roots(self) -> tuple[list[complex], list[complex]]:
+        return self.system.zeros.tolist(), self.system.poles.tolist()
+
     def bend(self, low: Floats, high: Floats) -> Floats:
         """A bound on |d^2 ln L/d omega^2| between two frequencies."""
         roots = self.system.roots
-        offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
+        offset = roots.imag - np.clip(roots.imag, low[..., None], high[..., None])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
@@ -423,13 +453,10 @@ class Pieces:
     def ends(self, response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
         """`size` and `half_turns` of parts of these pieces that reach from `low` to `high`, rad/s."""
         owner = np.searchsorted(self.low, low, side="right") - 1
-        found = []
-        for omega, known, end in ((low, self.low[owner], 0), (high, self.high[owner], 1)):
-            inner = omega != known
-            values = np.array([self.size[end, owner], self.half_turns[end, owner]])
-            values[:, inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
-            found.append(values)
-        size, half_turns = np.stack(found, axis=1)
+        omega = np.stack([low, high])
+        inner = omega != np.stack([self.low[owner], self.high[owner]])
+        size, half_turns = self.size[:, owner], self.half_turns[:, owner]
+        size[inner], half_turns[inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
         return size, half_turns
 
 
@@ -439,7 +466,7 @@ def pieces(response: Response) -> Pieces:
     if system.gain == 0:
         return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
     roots = system.roots
-    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
+    on_axis = roots.imag[(roots.real == 0) & (roots.imag > 0)]
     kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
     found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
     inner = np.array([omega for omega, _, _ in found])
@@ -447,26 +474,24 @@ def pieces(response: Response) -> Pieces:
     half = odd + rest
     half = np.where((half == odd) & (rest != 0), np.nextafter(odd, np.where(rest > 0, np.inf, -np.inf)), half)
     edges, at = np.unique(np.concatenate([inner, on_axis]), return_index=True)
-    ends = []
-    for towards in (np.inf, 0.0):  # what the pieces above and below each edge have there
+    values = np.empty((2, 2, edges.size + 1))
+    values[:, 0, 0], values[:, 1, -1] = limits(response)
+    inner_values = np.array([response.log_size(inner), half])
+    # what the pieces above and below each edge have there
+    for end, places, towards in ((0, slice(1, None), np.inf), (1, slice(-1), 0.0)):
         beside = np.nextafter(on_axis, towards)
-        size = np.concatenate([response.log_size(inner), response.log_size(beside)])
-        half_turns = np.concatenate([half, response.angle(beside) / np.pi])
-        ends.append(np.array([size[at], half_turns[at]]))
-    low, high = limits(response)
-    values = np.stack([np.column_stack([low, ends[0]]), np.column_stack([ends[1], high])], axis=1)
+        there = np.array([response.log_size(beside), response.angle(beside) / np.pi]) if on_axis.size else inner_values
+        values[:, end, places] = (np.hstack([inner_values, there]) if on_axis.size else there)[:, at]
     return Pieces(np.append(0.0, edges), np.append(edges, np.inf), *values)
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
     """ln|L| and arg L/pi as omega tends to 0 and to infinity, the latter exact multiples of a half."""
-    zeros, poles, gain = response.system.zeros, response.system.poles, response.system.gain
-    turned = float(gain < 0)
-    integrators = np.count_nonzero(poles == 0) - np.count_nonzero(zeros == 0)
-    right = np.count_nonzero(zeros.real > 0) - np.count_nonzero(poles.real > 0)
-    level = math.log(abs(gain)) + float(
-        np.log(np.abs(zeros[zeros != 0])).sum() - np.log(np.abs(poles[poles != 0])).sum()
-    )
+    zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
+    turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
+    right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)
+    sizes = ([math.log(abs(root)) for root in roots if root] for roots in (zeros, poles))
+    level = math.log(abs(gain)) + sum(next(sizes)) - sum(next(sizes))
     at_zero = (level if integrators == 0 else math.copysign(math.inf, integrators), turned + right - integrators / 2)
     small = -math.inf if response.system.relative_degree else math.log(abs(gain))
     return at_zero, (small, -math.inf if response.dead_time > 0 else _turned_at_infinity(response))
@@ -503,17 +528,24 @@ def _phases(response: Response, found: list[tuple[float, str, int]], certain: bo
 
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
     """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
-    start, end = cut.half_turns
-    rising = end > start
-    # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached
-    first = np.where(rising, np.floor((start - 1) / 2) + 1, np.ceil((start - 1) / 2) - 1)
-    last = np.where(rising, np.floor((end - 1) / 2), np.ceil((end - 1) / 2))
-    if np.isinf(cut.high[-1]) and end[-1] == 2 * last[-1] + 1:
-        last[-1] += -1 if rising[-1] else 1
-    count = np.maximum(np.where(rising, last - first, first - last) + 1, 0)
-    steps = _listed(response, cut, count, smallest)
-    at, step = np.repeat(np.arange(count.size), [one.size for one in steps]), np.concatenate(steps)
-    return np.unique(located(response, cut, at, 2 * (first[at] + np.where(rising[at], step, -step)) + 1))
+    least, at, odd = math.log(smallest), list[int](), list[float]()
+    for i, (sizes, (start, end)) in enumerate(zip(cut.size.T.tolist(), cut.half_turns.T.tolist(), strict=True)):
+        way = 2 if end > start else -2
+        # odd numbers behind the start, the end included but at infinity, where it is not reached
+        first = 2 * math.floor((start - 1) / 2) + 3 if end > start else 2 * math.ceil((start - 1) / 2) - 1
+        number = max(math.floor((end - first) / way) + 1, 0) if math.isfinite(end) else math.inf
+        if number and i == cut.low.size - 1 and end == first + way * (number - 1):
+            number -= 1
+        wanted = min(number, max(_LISTED_ALWAYS - len(at), 0))
+        if max(sizes) >= least:
+            wanted = max(wanted, min(number, _until(response, cut, least)) if math.isinf(number) else number)
+        steps = list(range(int(wanted) if wanted <= _MOST_LISTED else _MOST_LISTED // 2))
+        if wanted > _MOST_LISTED and math.isfinite(number):
+            # too many: those next to either end, where |L| is nearest to 1 and where it is largest
+            steps += [int(number) - 1 - step for step in reversed(steps)]
+        odd += [first + way * step for step in steps]
+        at += [i] * (len(odd) - len(at))
+    return np.unique(located(response, cut, np.array(at, dtype=int), np.array(odd, dtype=float)))
 
 
 def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) -> Floats:
@@ -528,30 +560,11 @@ def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) 
     scale = np.where(low > 0, 2 * low, np.where(np.isinf(high), 1 / (response.dead_time or 1.0), 0.5 * high))
     start = np.where((start > low) & (start < high) & np.isfinite(start), start, scale)
 
-    def away(omega: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def away(omega: Floats) -> tuple[Floats, Floats]:
         angle, slope = response.phase(omega)
-        return angle - target[index], slope
+        return angle - target, slope
 
     return monotone_roots(away, start, low, high, np.where(last > first, -1.0, 1.0))
-
-
-def _listed(response: Response, cut: Pieces, count: Floats, smallest: float) -> list[Floats]:
-    """Numbers, from 0 at its start, of the crossovers to list of each piece, given how many it has."""
-    least, listed, total = math.log(smallest), [], 0
-    for i, number in enumerate(count.tolist()):
-        start, end = cut.size[:, i].tolist()
-        wanted = min(number, _LISTED_ALWAYS - total) if total < _LISTED_ALWAYS else 0
-        if max(start, end) >= least:
-            wanted = max(wanted, min(number, _until(response, cut, least) if math.isinf(number) else number))
-        if wanted <= _MOST_LISTED:
-            steps = np.arange(wanted)
-        else:  # too many: those next to either end, where |L| is nearest to 1 and where it is largest
-            steps = np.arange(_MOST_LISTED // 2, dtype=float)
-            if math.isfinite(number):
-                steps = np.concatenate([steps, number - 1 - steps[::-1]])
-        listed.append(steps)
-        total += steps.size
-    return listed
 
 
 def _until(response: Response, cut: Pieces, least: float) -> float:
