@@ -20,7 +20,7 @@ from railslip_ctrl.core.errors import InputError
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
-from .margins import box_bounds, responses
+from .margins import SHAPES, box_bounds, responses
 from .rational import Complexes, Floats, Rational
 
 Flags = NDArray[np.bool_]
@@ -343,7 +343,15 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     spans = ranges(pieces, bent)
     may_rise = bounds(pieces, spans) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
-    top = located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
+    a, b = np.array(SHAPES)[kind].T
+
+    def rise(found: Points, index: Indices) -> Floats:
+        """The logarithmic slope of the response of each piece's own kind, but for positive factors."""
+        loop = found.loop()
+        slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
+        return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
+
+    top = located(loops, fine, at, rise)
     own = np.where(kind == np.arange(3)[:, None], top.responses()[0], 0.0)
     _raise(peak, omega, own, top.row, top.omega)
     most = peak * (1 + _PEAK_SURE)
@@ -451,9 +459,12 @@ class Points:
 
     def responses(self) -> tuple[Floats, Floats]:
         """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
-        loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return responses(loop, self.size_slope + 1j * self.phase_slope)
+            return responses(self.loop(), self.size_slope + 1j * self.phase_slope)
+
+    def loop(self) -> Complexes:
+        """L(j omega)."""
+        return np.asarray(np.exp(np.clip(self.size, -300, 300) + 1j * self.phase))
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:

@@ -17,7 +17,7 @@ from flint import arb, ctx
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Pieces, Response, limits, located
+from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Response, limits, phase_crossover
 from .margins import SHAPES, Margins
 from .stability import root_count
 
@@ -214,11 +214,9 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
     """The frequency inside a piece at which arg L is `odd` times pi: Newton's method, then the signs on either side."""
-    ends = [np.array([float(one.omega.mid())]) for one in (start, end)]
-    turns = [-np.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end)]
-    piece = Pieces(ends[0], ends[1], np.zeros((2, 1)), np.array(turns)[:, None])
-    found = located(response, piece, np.array([0]), np.array([float(odd)]))
-    omega = response.exact.phase_crossover(float(found[0]), float(response.phase(found)[1][0]), odd)
+    first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
+    found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
+    omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)
     away = omega * arb(2) ** (-ctx.prec // 2)
     below, above = (response.exact.argument(omega + step) - odd * arb.pi() for step in (-away, away))
     if not (below * above < 0):

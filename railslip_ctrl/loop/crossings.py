@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
@@ -95,36 +96,31 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
     return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))
 
 
-@np.errstate(all="ignore")
-def monotone_roots(
-    function: Callable[[Floats], tuple[Floats, Floats]], start: Floats, low: Floats, high: Floats, side: Floats
-) -> Floats:
-    """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
+def monotone_root(
+    function: Callable[[float], tuple[float, float]], start: float, low: float, high: float, side: float
+) -> float:
+    """The root of `function` in [low, high], to rounding, by Newton's method kept inside the bracket.
 
-    `function` gives f and df/dx, all (n,); `start` are first guesses. Brackets may begin at 0 and end at infinity;
-    `side` is the sign of f at the lower end.
+    `function` gives f and df/dx; `start` is a first guess. The bracket may begin at 0 and end at infinity; `side` is
+    the sign of f at its lower end.
     """
-    root, width, done = start, np.full(start.size, np.inf), np.zeros(start.size, dtype=bool)
+    x, width = start, math.inf
     for _ in range(_MOST_STEPS):
-        f, slope = function(root)
-        below = f * side > 0
-        low, high = np.where(below, root, low), np.where(below, high, root)
-        new = root - f / slope
-        inside = (new > low) & (new < high) & (np.abs(new - root) < 0.5 * width)
-        # Newton's method doubles the digits, so that half of them before the step are all after it
-        last = inside & (np.abs(new - root) <= _HALF_OF_THE_DIGITS * root)
-        halved = ~(inside | done)
-        if halved.any():
-            middle = np.sqrt(np.maximum(low, root / 64) * np.minimum(high, root * 64))
-            new = np.where(inside, new, np.where(high > 4 * low, middle, 0.5 * (low + high)))
-            last |= high - low <= 4e-16 * root
-            new, last = np.where(f == 0, root, new), last | (f == 0)
-        width = np.abs(new - root)
-        root = np.where(done, root, new)
-        done |= last
-        if done.all():
-            break
-    return root
+        f, slope = function(x)
+        if f == 0:
+            return x
+        low, high = (x, high) if f * side > 0 else (low, x)
+        new = x - f / slope if slope else math.nan
+        step = abs(new - x)
+        if low < new < high and step < 0.5 * width:
+            if step <= _HALF_OF_THE_DIGITS * x:
+                return new  # Newton's method doubles the digits, so that half of them before the step are all after it
+        elif high - low <= 4e-16 * x:
+            return x
+        else:
+            new = math.sqrt(max(low, x / 64)) * math.sqrt(min(high, x * 64)) if high > 4 * low else 0.5 * (low + high)
+        x, width = new, abs(new - x)
+    return x
 
 
 # -- what the polynomials of a loop decide ----------------------------------------------------------------------------
@@ -359,11 +355,21 @@ class Response:
 
     def phases_at_crossovers(self, *, certain: bool = False) -> tuple[Floats, Floats]:
         """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
-        return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())], certain)
+        found = [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
+        odd, rest = np.array(found).reshape(-1, 2).T
+        return odd, rest
 
-    def rounding(self, omega: Floats | float) -> Floats:
+    def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
+        """arg L/pi at frequency number `index` of a kind, rad/s, as `crossover_phases` has it."""
+        half = self.turned(omega)[0] / math.pi
+        odd = 2 * math.floor(half / 2) + 1
+        if certain or abs(half - odd) <= self.rounding(omega):
+            return self.exact.offset(kind, index)
+        return odd, half - odd
+
+    def rounding(self, omega: Any) -> Any:
         """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
-        return np.asarray(_ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega))
+        return _ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega)
 
     def log_size(self, omega: Floats) -> Floats:
         """ln|L|."""
@@ -381,6 +387,20 @@ class Response:
         distance = np.hypot(size, offset)
         angle = np.arctan2(offset, size) @ turns + (at_zero - self.dead_time * omega)
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
+
+    def turned(self, omega: float) -> tuple[float, float]:
+        """`phase` at one frequency, in Python's numbers."""
+        total, slope = self._angles[3] - self.dead_time * omega, -self.dead_time
+        for away, height, turn in self._turns:
+            offset = omega - height
+            distance = math.hypot(away, offset)
+            total += turn * math.atan2(offset, away)
+            slope += turn * (away / distance) / distance
+        return total, slope
+
+    @cached_property
+    def _turns(self) -> list[tuple[float, float, float]]:
+        return list(zip(*(one.tolist() for one in self._angles[:3]), strict=True))
 
     @cached_property
     def _angles(self) -> tuple[Floats, Floats, Floats, float]:
@@ -465,24 +485,30 @@ def pieces(response: Response) -> Pieces:
     exact, system = response.exact, response.system
     if system.gain == 0:
         return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
-    roots = system.roots
-    on_axis = roots.imag[(roots.real == 0) & (roots.imag > 0)]
-    kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
-    found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
-    inner = np.array([omega for omega, _, _ in found])
-    odd, rest = _phases(response, found)
-    half = odd + rest
-    half = np.where((half == odd) & (rest != 0), np.nextafter(odd, np.where(rest > 0, np.inf, -np.inf)), half)
-    edges, at = np.unique(np.concatenate([inner, on_axis]), return_index=True)
-    values = np.empty((2, 2, edges.size + 1))
-    values[:, 0, 0], values[:, 1, -1] = limits(response)
-    inner_values = np.array([response.log_size(inner), half])
-    # what the pieces above and below each edge have there
-    for end, places, towards in ((0, slice(1, None), np.inf), (1, slice(-1), 0.0)):
-        beside = np.nextafter(on_axis, towards)
-        there = np.array([response.log_size(beside), response.angle(beside) / np.pi]) if on_axis.size else inner_values
-        values[:, end, places] = (np.hstack([inner_values, there]) if on_axis.size else there)[:, at]
-    return Pieces(np.append(0.0, edges), np.append(edges, np.inf), *values)
+    low, high = limits(response)
+    ends = []  # frequency, and what the pieces above and below it have there
+    for kind in (GAIN, SIZE, PHASE):
+        for i, (ball, _) in enumerate(exact.frequencies(kind)):
+            omega = float(ball.mid())
+            odd, rest = response.half_turns(omega, kind, i)
+            half = odd + rest
+            if half == odd and rest:
+                half = math.nextafter(odd, math.copysign(math.inf, rest))
+            size = float(response.log_size(np.array([omega]))[0])
+            ends.append((omega, size, half, size, half))
+    for omega in {root.imag for root in system.roots.tolist() if root.real == 0 and root.imag > 0}:
+        beside = np.nextafter(omega, [np.inf, 0.0])
+        values = np.column_stack([response.log_size(beside), response.angle(beside) / np.pi])
+        ends.append((omega, *values.ravel().tolist()))
+    ends = sorted({one[0]: one for one in reversed(ends)}.values())
+    edges, above_size, above, below_size, below = np.array(ends).reshape(-1, 5).T
+    return Pieces(
+        *(np.append(0.0, edges), np.append(edges, np.inf)),
+        *(
+            np.array([np.append(first, beyond), np.append(before, last)])
+            for first, last, beyond, before in zip(low, high, (above_size, above), (below_size, below), strict=True)
+        ),
+    )
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -515,56 +541,45 @@ def frequency_nodes(response: Response) -> Floats:
     return np.setdiff1d(np.concatenate(parts), roots.imag[roots.real == 0])
 
 
-def _phases(response: Response, found: list[tuple[float, str, int]], certain: bool = False) -> tuple[Floats, Floats]:
-    """As `Response.crossover_phases`, at frequencies (rad/s, kind, number)."""
-    omega = np.array([one for one, _, _ in found])
-    half = response.angle(omega) / np.pi
-    odd = 2 * np.floor(half / 2) + 1
-    rest = half - odd
-    for i in np.flatnonzero((np.abs(rest) <= response.rounding(omega)) | certain).tolist():
-        odd[i], rest[i] = response.exact.offset(*found[i][1:])
-    return odd, rest
-
-
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
     """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
-    least, at, odd = math.log(smallest), list[int](), list[float]()
-    for i, (sizes, (start, end)) in enumerate(zip(cut.size.T.tolist(), cut.half_turns.T.tolist(), strict=True)):
+    least, found = math.log(smallest), list[float]()
+    for low, high, sizes, turns in zip(*(one.T.tolist() for one in vars(cut).values()), strict=True):
+        start, end = turns
         way = 2 if end > start else -2
         # odd numbers behind the start, the end included but at infinity, where it is not reached
         first = 2 * math.floor((start - 1) / 2) + 3 if end > start else 2 * math.ceil((start - 1) / 2) - 1
         number = max(math.floor((end - first) / way) + 1, 0) if math.isfinite(end) else math.inf
-        if number and i == cut.low.size - 1 and end == first + way * (number - 1):
+        if number and math.isinf(high) and end == first + way * (number - 1):
             number -= 1
-        wanted = min(number, max(_LISTED_ALWAYS - len(at), 0))
+        wanted = min(number, max(_LISTED_ALWAYS - len(found), 0))
         if max(sizes) >= least:
             wanted = max(wanted, min(number, _until(response, cut, least)) if math.isinf(number) else number)
         steps = list(range(int(wanted) if wanted <= _MOST_LISTED else _MOST_LISTED // 2))
         if wanted > _MOST_LISTED and math.isfinite(number):
             # too many: those next to either end, where |L| is nearest to 1 and where it is largest
             steps += [int(number) - 1 - step for step in reversed(steps)]
-        odd += [first + way * step for step in steps]
-        at += [i] * (len(odd) - len(at))
-    return np.unique(located(response, cut, np.array(at, dtype=int), np.array(odd, dtype=float)))
+        found += [phase_crossover(response, low, high, start, end, first + way * step) for step in steps]
+    return np.array(sorted(set(found)))
 
 
-def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) -> Floats:
-    """Frequencies, rad/s, inside the pieces number `at` where arg L is `odd` times pi."""
-    low, high, target = cut.low[at], cut.high[at], np.pi * odd
-    first, last = cut.half_turns[0, at], cut.half_turns[1, at]
-    with np.errstate(all="ignore"):
-        start = low + (high - low) * ((odd - first) / (last - first))
-        start = np.where(high > 4 * low, np.sqrt(low * high), start)
-        if response.dead_time > 0:  # in the last piece the dead time turns the most
-            start = np.where(np.isinf(high), (_turned_at_infinity(response) - odd) * np.pi / response.dead_time, start)
-    scale = np.where(low > 0, 2 * low, np.where(np.isinf(high), 1 / (response.dead_time or 1.0), 0.5 * high))
-    start = np.where((start > low) & (start < high) & np.isfinite(start), start, scale)
+def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
+    """Frequency, rad/s, inside a piece with arg L/pi = `first` to `last` at its ends, where it is `odd`."""
+    target, dead_time = math.pi * odd, response.dead_time
+    if math.isinf(high):  # there the dead time turns the most
+        start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
+    else:
+        start = (
+            math.sqrt(low) * math.sqrt(high) if high > 4 * low else low + (high - low) * (odd - first) / (last - first)
+        )
+    if not low < start < high:
+        start = 2 * low or (0.5 * high if high < math.inf else 1 / (dead_time or 1.0))
 
-    def away(omega: Floats) -> tuple[Floats, Floats]:
-        angle, slope = response.phase(omega)
+    def away(omega: float) -> tuple[float, float]:
+        angle, slope = response.turned(omega)
         return angle - target, slope
 
-    return monotone_roots(away, start, low, high, np.where(last > first, -1.0, 1.0))
+    return monotone_root(away, start, low, high, -1.0 if last > first else 1.0)
 
 
 def _until(response: Response, cut: Pieces, least: float) -> float:

@@ -94,6 +94,8 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
     while polynomial[0] == 0:
         polynomial = polynomial.right_shift(1)
         found.append(acb(0))
+    if polynomial.degree() == 1:
+        return [*found, acb(-polynomial[0] / polynomial[1])]
     undamped = sum(n for _, n in positive_square_roots(Axis(polynomial).undamped))
     while True:
         with ctx.workprec(bits):
@@ -200,10 +202,9 @@ class Rational:
         numerator, denominator = (np.atleast_1d(reals(name, x)) for name, x in (("num", num), ("den", den)))
         if numerator.ndim > 1 or denominator.ndim > 1:
             raise InputError("transfer function: num and den are not 1-D; give the coefficients of one polynomial each")
-        numerator, denominator = np.trim_zeros(numerator, "f"), np.trim_zeros(denominator, "f")
         if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
-        if denominator.size == 0:
+        if not denominator.any():
             raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
         return cls._from_exact(coefficients(numerator[::-1]), coefficients(denominator[::-1]))
 
