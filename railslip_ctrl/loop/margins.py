@@ -196,13 +196,19 @@ def smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
 
 SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))
 """(a, b): (a + b L)/(1 + L) is S, T and 1/2 - S."""
-_A, _B = np.array(SHAPES).T[:, :, None]
+
+
+def heights(loop: Complexes) -> Floats:
+    """|S|, |T| and |S - 1/2|, (3, n)."""
+    s = 1 / (1 + loop)
+    return np.abs([s, loop * s, s - 0.5])
 
 
 def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     """|S|, |T| and |S - 1/2| and their logarithmic slopes, both (3, n), from L and d ln L/d omega."""
-    above, below = _A + _B * loop, 1 + loop
-    return np.abs(above / below), ((_B - _A) * slope * (loop / below) / above).real
+    s = 1 / (1 + loop)
+    t, centred = loop * s, s - 0.5
+    return np.abs([s, t, centred]), np.array([-(t * slope).real, (s * slope).real, -(s * t * slope / centred).real])
 
 
 Peaks = list[tuple[float, float]]
@@ -247,7 +253,9 @@ def _raised(
     response: Response, best: Peaks, low: Floats, high: Floats, size: Floats, half_turns: Floats
 ) -> tuple[Peaks, bool]:
     """The best with the peaks beside the highest of the points `low`, where L is given, and whether any is higher."""
-    sizes = _sizes(np.exp(np.clip(size, -300, 300) + 1j * np.pi * half_turns))
+    with np.errstate(all="ignore"):
+        sizes = heights(np.exp(np.clip(size, -300, 300) + 1j * np.pi * half_turns))
+    sizes[~np.isfinite(sizes)] = 0
     found, higher = best.copy(), False
     for kind, top in enumerate(sizes.argmax(axis=1).tolist()):
         if sizes[kind, top] > best[kind][0] * (1 + _PEAK) and low[top] > 0:
@@ -325,12 +333,6 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
 
 def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
-
-
-def _sizes(loop: Complexes) -> Floats:
-    """|S|, |T| and |S - 1/2|, shape (3, n); 0 where L is not finite."""
-    with np.errstate(all="ignore"):
-        return np.asarray(np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0))
 
 
 def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> NDArray[np.bool_]:
