@@ -50,7 +50,8 @@ class Margins:
     delay_s, delay_frequency : float
         Smallest added dead time that destabilises, s, over all gain crossovers; inf and NaN without one.
     ms, ms_frequency, mt, mt_frequency : float
-        Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, and where, rad/s.
+        Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the last bit, and where, rad/s. (The
+        other margins may lie some last bits outside what `DeadTimeLoop.certificate` encloses them in.)
     disk, disk_frequency : float
         Balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]): gain and phase may
         change together within `disk_gain_range` and +-`disk_phase_deg`.
