@@ -2,7 +2,7 @@
 
 Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
 Between them both are monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is
-then refined to the last bits (`monotone_roots`).
+then refined to the last bits (`monotone_root`).
 """
 
 from __future__ import annotations
