@@ -486,16 +486,16 @@ def pieces(response: Response) -> Pieces:
     if system.gain == 0:
         return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
     low, high = limits(response)
+    kinds = ((kind, exact.frequencies(kind)) for kind in (GAIN, SIZE, PHASE))
+    found = [(float(ball.mid()), kind, i) for kind, balls in kinds for i, (ball, _) in enumerate(balls)]
+    sizes = response.log_size(np.array([omega for omega, _, _ in found])).tolist()
     ends = []  # frequency, and what the pieces above and below it have there
-    for kind in (GAIN, SIZE, PHASE):
-        for i, (ball, _) in enumerate(exact.frequencies(kind)):
-            omega = float(ball.mid())
-            odd, rest = response.half_turns(omega, kind, i)
-            half = odd + rest
-            if half == odd and rest:
-                half = math.nextafter(odd, math.copysign(math.inf, rest))
-            size = float(response.log_size(np.array([omega]))[0])
-            ends.append((omega, size, half, size, half))
+    for (omega, kind, i), size in zip(found, sizes, strict=True):
+        odd, rest = response.half_turns(omega, kind, i)
+        half = odd + rest
+        if half == odd and rest:
+            half = math.nextafter(odd, math.copysign(math.inf, rest))
+        ends.append((omega, size, half, size, half))
     for omega in {root.imag for root in system.roots.tolist() if root.real == 0 and root.imag > 0}:
         beside = np.nextafter(omega, [np.inf, 0.0])
         values = np.column_stack([response.log_size(beside), response.angle(beside) / np.pi])
