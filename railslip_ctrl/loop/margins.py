@@ -121,11 +121,10 @@ def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
         # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
         slope = float(response.phase(1e-12 * response.scales.min(keepdims=True))[1][0])
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
-    log_size = response.log_size(phase_crossings)
-    slopes = response.phase(phase_crossings)[1]
+    factors, slopes = np.exp(-response.log_size(phase_crossings)), response.phase(phase_crossings)[1]
     limits += [
-        GainLimit(float(np.exp(-size)), float(w), 2 if slope < 0 else -2)
-        for w, size, slope in zip(phase_crossings, log_size, slopes, strict=True)
+        GainLimit(factor, omega, 2 if slope < 0 else -2)
+        for omega, factor, slope in zip(phase_crossings.tolist(), factors.tolist(), slopes.tolist(), strict=True)
     ]
     at_infinity = _gain_limit_at_infinity(response)
     if at_infinity is not None:
