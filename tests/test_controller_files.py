@@ -71,6 +71,9 @@ IN_FEW_WORDS = {
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
         LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
     ),
+    'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 0.5\ntorque_high = 2.0': LinearControl(  # as written earlier
+        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, torque_low=0.5, torque_high=2.0, tracking_time=None
+    ),
     'kind = "slide-protection"': SlideProtection(PUBLISHED),
     'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
         PUBLISHED, fill_rate=0.5, torque_high=0.5, filter_time=0.5
@@ -101,10 +104,11 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
         ("kind = 3", "kind: 3 is not one"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_low = 1"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_hi = 1.0', "period, reference, torque_min, torque_max, anti_windup"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_min = 1"),
         (
             'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_max = 1.0\ntorque_high = 2.0',
-            "torque_max: torque_high is given too",
+            "torque_high: torque_max is given too",
         ),
     ],
 )

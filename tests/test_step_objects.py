@@ -13,6 +13,7 @@ import pytest
 import scipy.signal
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import record_in
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
@@ -223,6 +224,9 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
     ("body", "told"),
     [
         ("return {}[v]", "line 6: Numba cannot compile step"),
+        ("x = 1.0\n    return v if t < 1.0 else x * gain", "line 7: Numba cannot compile step: NameError: name 'gain'"),
+        ("x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
+        ('x = 1.0\n    return x + "N*m"', "line 7: Numba cannot compile step: No implementation of function"),
         (
             "x = [1.0]\n    return x[int(9 * t)] if t < 1.0 else 1.0 / (t - t)",
             "line 7: step at t = 0.12 s fails with Index",
@@ -237,7 +241,8 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
 def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
     path = tmp_path / "mine.py"
     path.write_text(
-        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\nCONTROLLER = mine\n"
+        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\n"
+        "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = mine\n"
     )
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
@@ -342,7 +347,7 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
     path = tmp_path / "mine.py"
     path.write_text(KINDS.replace("{}", controller))
-    mine = load_controller(path)
+    mine = record_in(path, "CONTROLLER", ())
     short = SCENARIO.with_changes(longest_time=0.1, events=())
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):

@@ -11,7 +11,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import tune_over
-from railslip_ctrl.design.tuning import Specification, tune_cases
+from railslip_ctrl.design.tuning import Specification, check_structure, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
@@ -93,6 +93,7 @@ def command(
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
+    check_structure(structure)
     if minimise_ms != (ki_min is not None):
         raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
     if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
