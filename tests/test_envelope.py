@@ -165,6 +165,12 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
         ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
         ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
         ("[envelope]\nslip = [inf]", "envelope: slip: inf is not allowed"),
+        (
+            "[envelope]\nslip = [0.1, 7.6]",
+            "envelope: slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576",
+        ),
+        ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
+        ('[envelope]\nlaws = ["curve", "foo"]', "'foo' is not a law"),
         ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed"),
         ("[envelope]\nspeed = [3]", "envelope: speed: unknown key; did you mean 'speeds'"),
         ("[envelope]\nvehicle = 3", "envelope.vehicle: unknown key"),
@@ -199,9 +205,11 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused(tmp_path
 
 
 def test_what_a_law_does_not_reach_is_left_out_with_the_reason():
-    points = Envelope(laws=("bristle", "beam"), speeds=100, slip=(1.0, 8.0)).points()
+    (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
+    slips = {"dry": 2 * kink.slip, "wet": 0.1}
+    points = Envelope(laws=("bristle", "beam"), rails="dry", speeds=36, slip=(0.5, 1.0), reference=slips).points()
     assert points.skipped
-    assert all("slip 8 times the reference: slip:" in told for told in points.skipped)
+    assert all("slip 0.5 times the reference: " in told and "kink" in told for told in points.skipped)
     assert len(points) > 0
 
 
