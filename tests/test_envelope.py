@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import control as ct
@@ -305,6 +306,20 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert (nowhere.verdict, nowhere.usable_from_kmh, nowhere.robust_from_kmh) == ("unstable", None, None)
     assert (nowhere.worst.margins, nowhere.table()["worst"]["ms"]) == (None, None)
     assert "not stable at 100 km/h either" in nowhere.verdict_line
+
+
+def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_use(railslip, tmp_path):
+    envelope = Envelope(speeds=(20, 60, 100))
+    control = LinearControl(PI_LEAD, ReferenceSlip(dry=0.132, wet=0.092), cut_out_speed=60 / 3.6)
+    judged, above = judge(control, envelope), judge(PI_LEAD, envelope.at(speeds=(60, 100)))
+    assert (judged.verdict, judged.hand_over_kmh) == (judge(PI_LEAD, envelope).verdict, 60.0)
+    assert judged.verdict_in_use == above.verdict == "robust"
+    assert f"hands over below 60 km/h, in use robust: {above.worst.words}" in judged.verdict_line
+    assert judge(replace(control, cut_out_speed=30.0), envelope).verdict_in_use is None
+    control.save(tmp_path / "c.toml")
+    words = ("--controller", tmp_path / "c.toml", "--rail", "dry", "--speed")
+    assert "hands over below 60 km/h, and controls no slip at 59 km/h" in railslip("margins", *words, "59")[2]
+    assert railslip("margins", *words, "60")[2] == ""
 
 
 def test_fragile_names_an_operating_point_over_the_limit():
