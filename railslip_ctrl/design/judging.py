@@ -293,7 +293,11 @@ class Judgement:
         if self._in_use.all():
             return ""
         told = f"; hands over below {self.hand_over_kmh:.4g} km/h"
-        return f"{told}, in use {self._decided(self._in_use)}" if self._in_use.any() else f"{told}, above every speed judged"
+        return (
+            f"{told}, in use {self._decided(self._in_use)}"
+            if self._in_use.any()
+            else f"{told}, above every speed judged"
+        )
 
     def _decided(self, cases: Flags) -> str:
         """The verdict over some cases, with the case that decides it."""

@@ -206,8 +206,8 @@ class Sliding:
 
 @dataclass(frozen=True)
 class FasterBrake:
-    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout,
-    and if `reaches` its integral builds up the torque of the reference slip in half a stop (`Choice.reaches`)."""
+    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout at
+    the same slip, and if `reaches` comes to it, without a slide, in each of its stops: both tried."""
 
     factor: float
     dead_time: float
@@ -443,7 +443,9 @@ _LARGEST_SLIP = 0.5  # end of the adhesion curves
 _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
-_FASTER = (0.75, 0.5, 0.25)  # times dead time and lag, tried in turn
+FASTER = (0.75, 0.5, 0.25)
+"""Dead times and lags that are tried in turn where a design does not do, over the brake's."""
+
 _QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
 
 
@@ -565,7 +567,9 @@ def _designed(
     if selection.best is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
-        return replace(empty, limits=_limits(blank), curves=_curves(blank))
+        progress("the brake that would do")
+        found = _faster(envelope, selection.choices[0].structure, envelope, False)
+        return replace(empty, limits=_limits(blank), curves=_curves(blank), faster=found)
     progress("braking runs")
     tied = [one for one in selection.choices if one.tier == selection.best.tier]
     trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
@@ -575,7 +579,7 @@ def _designed(
     assert best.design.judgement is not None
     plain, judgement = control.design, best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = robust and best.reaches
+    enough = robust and best.reaches and trials[0].above_kmh is not None
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
@@ -696,16 +700,22 @@ def _lag(actuator: Actuator) -> Rational:
 
 def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
     """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
-    to it; None if none tried is."""
-    for factor in _FASTER:
+    to it in its stops; None if none tried is."""
+    for factor in FASTER:
         old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
         ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
         found = select(ends, (structure,), (1.0,)).choices[0]
-        judgement = None if found.design is None else judge(found.design, faster)
-        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds) and found.reaches >= reaching:
-            return FasterBrake(factor, actuator.dead_time, actuator.lag, found.reaches)
+        design = found.design
+        judgement = None if design is None else judge(design, faster)
+        if design is None or judgement is None or judgement.robust_from_kmh != min(envelope.speeds):
+            continue
+        plain = PIController(design.gains, design.lead, design.lead_filter)
+        runs = stops(as_run(plain, judgement, hand_over_of(judgement)), judgement)
+        reaches = all(stop.reached and not stop.slides for stop in runs)
+        if reaches or not reaching:
+            return FasterBrake(factor, actuator.dead_time, actuator.lag, reaches)
     return None
 
 
