@@ -311,8 +311,8 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
 def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_use(railslip, tmp_path):
     envelope = Envelope(speeds=(20, 60, 100))
     control = LinearControl(PI_LEAD, ReferenceSlip(dry=0.132, wet=0.092), cut_out_speed=60 / 3.6)
-    judged, above = judge(control, envelope), judge(PI_LEAD, envelope.at(speeds=(60, 100)))
-    assert (judged.verdict, judged.hand_over_kmh) == (judge(PI_LEAD, envelope).verdict, 60.0)
+    judged, above = judge(control, envelope), judge(replace(control, cut_out_speed=0.0), envelope.at(speeds=(60, 100)))
+    assert (judged.verdict, judged.hand_over_kmh) == ("fragile", 60.0)
     assert judged.verdict_in_use == above.verdict == "robust"
     assert f"hands over below 60 km/h, in use robust: {above.worst.words}" in judged.verdict_line
     assert judge(replace(control, cut_out_speed=30.0), envelope).verdict_in_use is None
@@ -377,7 +377,7 @@ def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
     assert judge(PI_LEAD, envelope).verdict == "robust"
     verdicts = {}
     for period in (0.02, 0.3, 1.0):
-        control = LinearControl(PI_LEAD, reference, period=period)
+        control = LinearControl(PI_LEAD, reference, period=period, rule="backward")
         found = judge(control, envelope)
         verdicts[period] = (found.verdict, found.usable_from_kmh, found.robust_from_kmh)
         for worst in (found.worst, found.worst_with_tolerances):

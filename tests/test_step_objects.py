@@ -30,7 +30,7 @@ from railslip_ctrl.simulation.step_objects import StepControl, as_control
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
-BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, period=0.01, name="built-in")
+BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, name="built-in", rule="backward")
 
 
 def as_run(controller: object, name: str | None = None) -> object:
@@ -127,9 +127,9 @@ def test_a_linear_system_runs_as_it_is_given(form):
     }[form]
     limit = full_brake_torque(SCENARIO.vehicle)
     reference = SCENARIO.adhesion.reference
-    own = LinearControl(
-        BUILT_IN.design, reference, period=0.01, torque_low=0.0, torque_high=limit, tracking_time=None, rule="tustin"
-    )
+    own = LinearControl(BUILT_IN.design, reference, torque_low=0.0, torque_high=limit, tracking_time=None)
+    assert (own.period, own.rule) == (0.01, "tustin")  # what a system used alone has, and what is given has
+    assert LinearControl(ct.sample_system(system, 0.02, "tustin"), reference).period == 0.02
     assert as_run(given).torque_high == limit
     found, expected = simulate(SCENARIO, given, seed=1), simulate(SCENARIO, own, seed=1)
     # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki

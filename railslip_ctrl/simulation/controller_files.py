@@ -16,7 +16,8 @@ dry = 0.132
 wet = 0.092
 
 A "transfer-function" has num and den, a "state-space" A, B, C and D, from slip error (m/s) to torque (N*m), and a
-period of 10 ms and Tustin's rule unless said.
+period of 10 ms and Tustin's rule unless said. Unless said the others are sampled at every step, and by the backward
+difference, as they were before files had a rule; what is saved says both.
 """
 
 from __future__ import annotations
