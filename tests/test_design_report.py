@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import control as ct
@@ -337,6 +339,13 @@ def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
     assert len(loops) == found.points
     worst = max(loop.margins().ms if loop.is_stable() else math.inf for loop in loops)
     assert found.ms[i, j] == pytest.approx(worst, rel=1e-6)  # batch and scalar engine
+
+
+def test_a_report_loads_no_sympy_where_nothing_is_derived():
+    """It takes as long as a tenth of a report of which the cache has the sliding-mode law."""
+    code = "import sys, railslip_ctrl.cli.report, railslip_ctrl.report.plots.designs; print('sympy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):

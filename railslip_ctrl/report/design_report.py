@@ -467,7 +467,7 @@ def _sliding(report: DesignReport) -> Section:
     found = report.sliding.found
     if found is None:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
-    conditions = found.verification.conditions
+    conditions = found.conditions
     rows = [(typeset(one.name), _HELD.get(one.how or "", "not decided")) for one in conditions if one.holds]
     use = "may take the PI's place where the rail's holding torque is known"
     if len(rows) < len(conditions):
@@ -548,7 +548,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
             "reason": report.sliding.reason,
             "layered": [
                 exported(one, "name", "holds", "how")
-                for one in (() if report.sliding.found is None else report.sliding.found.verification.conditions)
+                for one in (() if report.sliding.found is None else report.sliding.found.conditions)
             ],
         },
         "seconds": plain(report.seconds),

@@ -44,7 +44,7 @@ from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
-from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+from railslip_ctrl.verification.verdict import Verification
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -200,7 +200,7 @@ class Responses:
 class Sliding:
     """The conditions of the layered sliding-mode law; None with the reason."""
 
-    found: FullVerification | None
+    found: Verification | None
     reason: str = ""
 
 
@@ -521,7 +521,9 @@ def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], S
 
 def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
-    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
+    from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
+
+    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle).verification  # noqa: E731
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
@@ -669,11 +671,14 @@ def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
     kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
-    ms = np.empty((kp.size, ki.size))
-    for i, j in np.ndindex(*ms.shape):
-        gains = PIGains(kp=float(kp[i]), ki=float(ki[j]))
-        found = margins_at(PIController(gains, design.lead, design.lead_filter), some)
-        ms[i, j] = found.ms.max() if found.stable.all() else math.inf
+    n = _GAINS.size
+    ms = np.empty((n, n))
+    for shift in range(1 - n, n):  # a diagonal has one integral time: its controllers differ by a factor
+        i = np.arange(max(0, -shift), min(n, n - shift))
+        gains = PIGains(kp=float(kp[i[0]]), ki=float(ki[i[0] + shift]))
+        found = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
+        worst = np.where(found.stable, found.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
+        ms[i, i + shift] = worst
     return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
 
 
