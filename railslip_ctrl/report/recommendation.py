@@ -523,7 +523,10 @@ def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
     from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
 
-    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle).verification  # noqa: E731
+    def decide() -> Verification:
+        found = verify_with_actuator(law="layered", vehicle=vehicle).verification
+        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
+
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
@@ -570,8 +573,8 @@ def _designed(
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         progress("the brake that would do")
-        found = _faster(envelope, selection.choices[0].structure, envelope, False)
-        return replace(empty, limits=_limits(blank), curves=_curves(blank), faster=found)
+        brake = _faster(envelope, selection.choices[0].structure, envelope, False)
+        return replace(empty, limits=_limits(blank), curves=_curves(blank), faster=brake)
     progress("braking runs")
     tied = [one for one in selection.choices if one.tier == selection.best.tier]
     trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
