@@ -37,17 +37,29 @@ _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossove
 MOST_POLES = 1000
 """Closed-loop poles that are looked for; a few dozen show what a loop does."""
 
+_OF_CONTROL = ("plot_phase", "dt", "ninputs", "frdata", "isctime", "damp")  # what its functions ask of a system first
+
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
 
 class Loop(ABC):
     """What loops have in common, continuous or sampled: operators, plots, and what a python-control user asks first.
 
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops.
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops. python-control's functions take `loop.frequency_response`
+    of some frequencies: `control.margin` says no more than that a loop itself is none of its systems.
     """
 
     __array_ufunc__ = None  # numpy's numbers leave the product to the loop
     _dt: float | None = None  # of python-control's record
+
+    def __getattr__(self, name: str) -> Any:
+        told = f"{type(self).__name__!r} object has no attribute {name!r}"
+        if name in _OF_CONTROL:  # which knows systems by their class, and has no other way in
+            told += (
+                "; give control.bode_plot and its like loop.frequency_response(omega), or call loop.bode_plot(), "
+                "loop.nyquist_plot(), loop.nichols_plot() or loop.margins()"
+            )
+        raise AttributeError(told, name=name, obj=self)
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:

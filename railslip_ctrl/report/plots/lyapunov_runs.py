@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
-
 from .style import legend_of_figure, line_style, new_figure, panels
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the second loads SymPy, which no other figure needs
     from numpy.typing import NDArray
+
+    from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
     Floats = NDArray[np.float64]
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from railslip_ctrl.identification.observer import ObserverResponses
-from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
 
 from .style import PAGE_WIDTH, TEXT, folded, legend_beside, legend_of_figure, line_style, new_figure, panels
+
+if TYPE_CHECKING:  # it loads SymPy, which no other figure needs
+    from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
 
 Floats = NDArray[np.float64]
 
