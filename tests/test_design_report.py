@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 
 import control as ct
 import numpy as np
@@ -26,11 +27,17 @@ from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import recommendation
-from railslip_ctrl.report.design_report import design_report_json, design_report_text, design_sections, first_page
-from railslip_ctrl.report.document import Table
+from railslip_ctrl.report.design_report import (
+    _stops,
+    design_report_json,
+    design_report_text,
+    design_sections,
+    first_page,
+)
+from railslip_ctrl.report.document import Paragraph, Table
 from railslip_ctrl.report.export import Provenance
 from railslip_ctrl.report.page import page
-from railslip_ctrl.report.recommendation import design_report, restricted
+from railslip_ctrl.report.recommendation import _rolling_loops, design_report, restricted
 from railslip_ctrl.simulation import simulate, stop
 from railslip_ctrl.simulation.controller_files import load_controller
 
@@ -219,7 +226,7 @@ def span(envelope: Envelope) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def robust():
-    return design_report(ENVELOPE.at(laws="curve", lag=1.0), sliding=False)
+    return design_report(ENVELOPE.at(lag=1.0), sliding=False)
 
 
 @pytest.fixture(scope="module")
@@ -247,8 +254,9 @@ def test_of_designs_level_in_robustness_the_one_with_the_shortest_stops_is_taken
     assert len(robust.trials) > 1
     means = []
     for trial in robust.trials:
-        cars = (robust.vehicle, robust.vehicle.loaded())
-        runs = [simulate(stop(car, rail), trial.control, seed=0) for car in cars for rail in ("dry", "wet")]
+        cars, laws, rails = (robust.vehicle, robust.vehicle.loaded()), ("curve", "bristle"), ("dry", "wet")
+        plain = [stop(car, rail, adhesion=law) for car, law, rail in product(cars, laws, rails)]
+        runs = [simulate(scenario, trial.control, seed=0) for scenario in plain]
         means.append(np.mean([run.braking_distance for run in runs]))
         assert trial.distance() == pytest.approx(means[-1], rel=1e-12)
     assert means[0] == min(means)
@@ -368,6 +376,53 @@ def test_a_stop_in_which_the_wheel_oscillates_is_told(robust):
     told = first_page(replace(robust, stops=(swung, *robust.stops[1:])))
     assert "With curve the wheel oscillates" in dict(told.lines)["Why"]
     assert words(told) <= MOST_FIRST_WORDS
+
+
+def test_stops_with_the_actuator_s_tolerances(robust):
+    """Every end of dead time and lag, each run as `simulate` runs it."""
+    factors = {(one.law, one.load, one.rail, one.brake) for one in robust.tolerance_stops}
+    assert len(factors) == len(robust.tolerance_stops) == 2 * len(robust.stops)
+    worst = max(robust.tolerance_stops, key=lambda one: one.max_slip)
+    late, slow = (1 + float(text.split()[-2]) / 100 for text in worst.brake.split(", "))
+    car = robust.vehicle.loaded() if worst.load == "loaded" else robust.vehicle
+    brake = Actuator(dead_time=late * car.actuator.dead_time, lag=slow * car.actuator.lag)
+    again = stop(car.model_copy(update={"actuator": brake}), worst.rail, adhesion=worst.law)
+    assert simulate(again, robust.control, seed=0).max_slip == worst.run.max_slip
+    value, where = next(row[1:] for row in first_page(robust).rows if row[0] == "Highest slip")
+    assert worst.max_slip <= float(value) <= 1.01 * worst.max_slip
+    assert where.startswith(f"{worst.law}, {worst.rail}, {worst.load}")
+
+
+def test_of_designs_level_in_speed_one_without_oscillation_goes_first(robust):
+    trial = robust.trials[0]
+    one = trial.stops[0]
+    signals = one.run.signals._replace(slip=one.reference * np.sin(one.run.signals.time))
+    swung = replace(one, run=replace(one.run, signals=signals, braking_distance=1.0))
+    assert replace(trial, stops=(swung,)).distance() < trial.distance()
+    assert trial.rank < replace(trial, stops=(swung,)).rank
+    below = replace(swung, cut_out=1.01 * signals.speed.max())
+    assert not below.swings  # not the controller's doing
+
+
+def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
+    """A loop that takes torque away too late drives a wheel on a spring: Re C Ga < 0 at its frequency."""
+    swings = [one for one in robust.stops if one.law == "bristle"][:1]
+    signals = swings[0].run.signals
+    signals = signals._replace(slip=swings[0].reference * np.sin(signals.time))
+    swung = replace(swings[0], run=replace(swings[0].run, signals=signals))
+    (found,) = _rolling_loops(replace(robust.trials[0], stops=(swung,)), robust.judgement)
+    car = robust.vehicle
+    alpha = published_law("bristle", "dry", wheel_load=car.wheel_load).alpha
+    spring = alpha * (car.wheel.radius**2 / car.wheel.inertia + 1 / car.mass)
+    assert found.frequency == pytest.approx(math.sqrt(spring), rel=1e-6)  # but for the friction
+    s = 1j * found.frequency
+    actuator, design = car.actuator, robust.control.design
+    lead = (design.lead * s + 1) / (design.lead_filter * s + 1)
+    control = (design.gains.kp + design.gains.ki / s) * lead
+    assert found.stable == ((control * np.exp(-s * actuator.dead_time) / (actuator.lag * s + 1)).real > 0)
+    text = [block.text for block in _stops(replace(robust, rolling=(found,))).blocks if isinstance(block, Paragraph)]
+    assert len(text) == 2
+    assert f"{found.frequency / (2 * math.pi):.2g} Hz" in text[1]
 
 
 def test_every_section_fits_its_table(robust):

@@ -17,7 +17,7 @@ from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import law_class, published_law
 from railslip_ctrl.model.adhesion.beam import Beam
-from railslip_ctrl.model.linearization import _residual, linearize, nonlinear_plant, operating_point
+from railslip_ctrl.model.linearization import _residual, linearize, linearize_rolling, nonlinear_plant, operating_point
 from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
@@ -178,6 +178,26 @@ def test_points_out_of_range() -> None:
     for name in DYNAMIC_LAWS:
         with pytest.raises(KinkError, match="undefined"):
             operating_point(sample_law(name), PARK2008, V100, 0.0)
+
+
+@pytest.mark.parametrize("name", DYNAMIC_LAWS)
+def test_a_rolling_wheel_swings_against_its_bristles(name: str) -> None:
+    """Closed form: with z' = sigma and F = F_z z + F_s sigma, s^2 + (k F_s + B/J) s + k F_z, k = 1/M + r^2/J."""
+    law = sample_law(name)
+    plant = linearize_rolling(law, PARK2008, V100)
+    load = PARK2008.wheel_load if name == "tyre_lugre" else 1.0  # its coefficients are normalised
+    stiffness = load * law.alpha  # type: ignore[attr-defined]
+    friction = load * (getattr(law, "alpha1", 0.0) + getattr(law, "alpha2", 0.0))
+    k = 1 / 3517 + 0.43**2 / 60.35
+    expected = np.roots([1.0, k * friction + 0.25 / 60.35, k * stiffness])
+    np.testing.assert_allclose(np.sort_complex(plant.poles), np.sort_complex(expected), rtol=1e-9)
+    assert (plant.point.slip, plant.point.adhesion_state, plant.point.adhesion_force) == (0.0, 0.0, 0.0)
+
+
+def test_a_static_law_rolls_at_slip_0() -> None:
+    law = published_law("curve", Rail.DRY)
+    at_0 = linearize(operating_point(law, PARK2008, V100, 0.0))
+    np.testing.assert_array_equal(linearize_rolling(law, PARK2008, V100).A, at_0.A)
 
 
 @pytest.mark.parametrize("rail", Rail)

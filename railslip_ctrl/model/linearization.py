@@ -7,7 +7,7 @@ with the adhesion state at rest and the brake torque at which lambda' = 0, trave
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -261,6 +261,33 @@ def _polynomial(roots: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 @checked
+def linearize_rolling(law: AdhesionLaw, vehicle: Vehicle, speed: float) -> LinearPlant:
+    """Linearise about free rolling at a speed (m/s): no slip, and a dynamic law with its bristles unbent, z = 0.
+
+    A braked wheel begins there. A dynamic law without damping at rest, as the railway bristle model, is then a spring
+    between wheel and rail, with poles at +-j sqrt(alpha (r^2/J + 1/M)): what damps the wheel is the loop alone.
+
+    Raises
+    ------
+    InputError
+        An argument of another kind, or a published law made for another wheel load.
+    DomainError
+        The speed is not finite and positive.
+    KinkError
+        The law has no derivative there.
+    """
+    if not law.has_state:
+        return linearize(operating_point(law, vehicle, speed, 0.0))
+    slipping = operating_point(law, vehicle, speed, _NEXT_TO_ZERO)
+    unbraked = -vehicle.wheel.viscous_friction * speed / vehicle.wheel.radius
+    point = replace(slipping, slip=0.0, adhesion_state=0.0, adhesion_force=0.0, brake_torque=unbraked, residual=0.0)
+    jacobian = _jacobian(point, 0.0)
+    if not np.isfinite(jacobian).all():
+        raise KinkError(f"slip: 0 is a kink of adhesion {law.name!r}; linearise at a slip > 0")
+    return _linear_plant(point, jacobian, speed_state=False)
+
+
+@checked
 def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlant:
     """Linearise at an operating point, by the analytic Jacobian of the statement.
 
@@ -291,25 +318,30 @@ def linearize(point: OperatingPoint, *, speed_state: bool = False) -> LinearPlan
                 f"slip: {point.slip:.10g} at {point.speed_kmh:g} km/h is a kink of adhesion {law.name!r}: "
                 f"{kink.reason}; linearise on one side of it"
             )
-    functions = numeric_plant(type(law))
-    z = point.adhesion_state or 0.0
-    p = plant_parameters(law, point.vehicle)
-
-    def jacobian_at(sigma: float) -> NDArray[np.float64]:
-        rows = functions.jacobian(point.speed, sigma, z, point.brake_torque, 0.0, 0.0, p)
-        return np.array([[float(entry) for entry in row] for row in rows])
-
-    full = jacobian_at(point.sigma)
+    full = _jacobian(point, point.sigma)
     if point.slip == 0.0:
         step = _NEXT_TO_ZERO * point.speed
-        limit = 2.0 * jacobian_at(step) - jacobian_at(2.0 * step)
+        limit = 2.0 * _jacobian(point, step) - _jacobian(point, 2.0 * step)
         # the two differ where a law is stated with sign(sigma)
         if not np.allclose(full, limit, rtol=0.0, atol=_LIMIT_TOLERANCE * np.max(np.abs(limit))):
             raise KinkError(
                 f"slip: 0 at {point.speed_kmh:g} km/h is a kink of adhesion {law.name!r} as it is stated; linearise at "
                 "a slip > 0"
             )
-    indices = [*([0] if speed_state else []), 1, *([2] if law.has_state else [])]
+    return _linear_plant(point, full, speed_state=speed_state)
+
+
+def _jacobian(point: OperatingPoint, sigma: float) -> NDArray[np.float64]:
+    """Of the rates of v, sigma and z to these and the torques, at another sigma, m/s."""
+    law = point.law
+    functions, p = numeric_plant(type(law)), plant_parameters(law, point.vehicle)
+    z = point.adhesion_state or 0.0
+    rows = functions.jacobian(point.speed, sigma, z, point.brake_torque, 0.0, 0.0, p)
+    return np.array([[float(entry) for entry in row] for row in rows])
+
+
+def _linear_plant(point: OperatingPoint, full: NDArray[np.float64], *, speed_state: bool) -> LinearPlant:
+    indices = [*([0] if speed_state else []), 1, *([2] if point.law.has_state else [])]
     v, slip = point.speed, point.slip
     outputs = np.array([[0.0, 1.0, 0.0], [-slip / v, 1.0 / v, 0.0], [slip, -1.0, 0.0]])
     return LinearPlant(

@@ -166,6 +166,12 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield from _margin_rows(judged)
     for stop in report.first_stops:
         yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {_locks(report, stop)}"
+    if report.tolerance_stops:
+        slipped = max(report.tolerance_stops, key=lambda stop: stop.max_slip)
+        locked = sum(stop.locks for stop in report.tolerance_stops)
+        where = f"{slipped.law}, {slipped.rail}, {slipped.load}, {slipped.brake}"
+        of = f"{len(report.tolerance_stops)} stops with the actuator's tolerances"
+        yield "Highest slip", above(slipped.max_slip), f"{where}; {locked or 'none'} of {of} locks"
     if report.usable:
         yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
     car = report.vehicle
@@ -184,7 +190,7 @@ def _worst_cells(worst: WorstCase) -> tuple[str, str]:
 def _chosen(report: DesignReport) -> str:
     """By what the design was chosen, and what the next would give."""
     tried, (_, *others) = len(report.selection.choices), report.trials
-    told = f"of all laws, loads and rails; best of {tried} tried: robust from the lowest speed, then the shortest stops"
+    told = f"of all laws, loads and rails; best of {tried} tried: robust from the lowest speed, then by stops"
     if not others:
         return told
     after = others[0]
@@ -331,7 +337,7 @@ def _candidates(report: DesignReport) -> Section:
     )  # fmt: skip
     text = (
         f"Best first: robust (Ms ≤ {ROBUST_MS:g}, stable with every tolerance) from the lowest speed. Of designs level "
-        "in that: used from the lowest speed without a slide, then the shortest stops."
+        "in that: used from the lowest speed without a slide, then without oscillation, then the shortest stops."
     )
     shown = table(head, rows, caption="What was tried.", wide=True)
     return Section("candidates", "Candidates", (Paragraph(text), shown))
@@ -384,7 +390,20 @@ def _stops(report: DesignReport) -> Section | None:
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
     shown = table(head, rows, caption="Stops.", wide=True)
-    return Section("stops", "Braking runs", (Paragraph(text), known, shown))
+    return Section("stops", "Braking runs", (Paragraph(text), known, shown, *_rolling(report)))
+
+
+def _rolling(report: DesignReport) -> Iterator[Paragraph]:
+    """Why the wheel oscillates with a dynamic law."""
+    for law in dict.fromkeys(one.law for one in report.rolling):
+        loops = [one for one in report.rolling if one.law == law]
+        where = ", ".join(f"{one.rail} {one.load}: {one.frequency / (2 * math.pi):.2g} Hz" for one in loops)
+        unstable = sum(not one.stable for one in loops)
+        yield Paragraph(
+            f"With {law} the contact of a rolling wheel is a spring, with hardly any damping of its own ({where}). "
+            f"About free rolling the loop is unstable in {unstable} of these {len(loops)} cases, and drives the swing "
+            "until the law's friction bounds it."
+        )
 
 
 def _gains(report: DesignReport) -> Section | None:

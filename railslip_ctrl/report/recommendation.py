@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from railslip_ctrl.design.controllers import (
     linear_controller,
     linear_of,
     run_period,
+    wheel_slip_loop,
 )
 from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import REFERENCE_FACTORS, Choice, Selection, operating_plants, select
@@ -36,7 +38,7 @@ from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_names
-from railslip_ctrl.model.linearization import OperatingPoint
+from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
@@ -98,6 +100,10 @@ class Stop:
         Median of slip over the second half of `run`: what is held, without the noise and the start.
     reference : float
         The slip ratio to be held.
+    cut_out : float
+        Speed below which the slip is not controlled, m/s.
+    brake : str
+        The actuator's tolerances in words; empty: as given.
     """
 
     controller: str
@@ -109,12 +115,17 @@ class Stop:
     bound: ClairvoyantStop | None
     held: float
     reference: float
+    cut_out: float = 0.0
+    brake: str = ""
 
     @property
     def swings(self) -> bool:
-        """Whether in `run` the braked wheel turns faster than the train, by half the reference slip: it oscillates."""
-        assert self.run.signals is not None, "the run is recorded"
-        return bool(self.run.signals.slip.min() < -0.5 * self.reference)
+        """Whether under control in `run` the braked wheel turns faster than the train, by half the reference slip: it
+        oscillates."""
+        signals = self.run.signals
+        assert signals is not None, "the run is recorded"
+        controlled = signals.speed > self.cut_out
+        return bool(signals.slip[controlled].min(initial=0.0) < -0.5 * self.reference)
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -169,9 +180,10 @@ class Trial:
         return sum(run.braking_distance if run.stopped else math.inf for run in runs) / len(runs)
 
     @property
-    def rank(self) -> tuple[bool, float, float]:
-        """Smaller is better: used from the lowest speed, then the shortest stops."""
-        return self.above_kmh is None, self.above_kmh or 0.0, self.distance()
+    def rank(self) -> tuple[bool, float, bool, float]:
+        """Smaller is better: used from the lowest speed, then without oscillation, then the shortest stops."""
+        swings = any(stop.swings for stop in self.stops)
+        return self.above_kmh is None, self.above_kmh or 0.0, swings, self.distance()
 
 
 @dataclass(frozen=True)
@@ -216,6 +228,20 @@ class FasterBrake:
 
 
 @dataclass(frozen=True)
+class RollingLoop:
+    """The recommended loop about free rolling (`linearize_rolling`), of a law with which the wheel oscillates.
+
+    `frequency` is that at which the wheel swings against its contact without a loop, rad/s.
+    """
+
+    law: str
+    load: str
+    rail: Rail
+    frequency: float
+    stable: bool
+
+
+@dataclass(frozen=True)
 class Rival:
     """A controller of the user's, judged and run beside the recommended one."""
 
@@ -251,6 +277,10 @@ class DesignReport:
         Its loops at the worst operating point, and at the worst with tolerances.
     stops : tuple of Stop
         Of the recommended design.
+    tolerance_stops : tuple of Stop
+        Of seed 0 alone, with the ends of the actuator's tolerances.
+    rolling : tuple of RollingLoop
+        Of the laws and loads in whose stops the wheel oscillates.
     rivals : tuple of Rival
         What the user gave.
     limits : tuple of (OperatingPoint, Limits)
@@ -265,6 +295,8 @@ class DesignReport:
     in_use: Judgement | None
     worst_loops: tuple[ShownLoop, ...]
     stops: tuple[Stop, ...]
+    tolerance_stops: tuple[Stop, ...]
+    rolling: tuple[RollingLoop, ...]
     rivals: tuple[Rival, ...]
     limits: tuple[tuple[OperatingPoint, Limits], ...]
     curves: tuple[LawCurve, ...]
@@ -383,7 +415,22 @@ def _running_law(operating: list[OperatingPoint]) -> AdhesionLaw:
     return min((point.law for point in operating), key=lambda law: law.has_state)
 
 
-def _stop(control: Any, scenario: Scenario, load: str) -> Stop:
+def _tolerance_stops(trial: Trial, judgement: Judgement) -> tuple[Stop, ...]:
+    """The stops of a trial with each end of the tolerances on dead time and lag."""
+    envelope = judgement.envelope
+    actuator = envelope.vehicle.actuator
+    found = []
+    for nominal in trial.stops:
+        scenario = stop_scenario(judgement, nominal.law, nominal.load, nominal.rail)
+        for late, slow in product(*(sorted({min(one), max(one)}) for one in (envelope.dead_time, envelope.lag))):
+            brake = Actuator(dead_time=late * actuator.dead_time, lag=slow * actuator.lag)
+            car = scenario.vehicle.model_copy(update={"actuator": brake})
+            words = f"dead time {100 * (late - 1):+.3g} %, lag {100 * (slow - 1):+.3g} %"
+            found.append(_stop(trial.control, scenario.with_changes(vehicle=car), nominal.load, (), words))
+    return tuple(found)
+
+
+def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = OTHER_SEEDS, brake: str = "") -> Stop:
     simulator = Simulator(scenario, control)
     every = max(round(LOG_PERIOD / simulator.period), 1)
     run = simulator.run(SEED, record_every=every)
@@ -393,11 +440,26 @@ def _stop(control: Any, scenario: Scenario, load: str) -> Stop:
         scenario.rail,
         load,
         run,
-        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in OTHER_SEEDS),
-        _bound(scenario, getattr(control, "torque_high", None)),
+        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
+        None if brake else _bound(scenario, getattr(control, "torque_high", None)),
         _held(run),
         reference_slip(control.reference, scenario.rail),
+        getattr(control, "cut_out_speed", 0.0),
+        brake,
     )
+
+
+def _rolling_loops(trial: Trial, judgement: Judgement) -> tuple[RollingLoop, ...]:
+    """Exact loops about free rolling, where the stops oscillate. An operating point of constant slip shows nothing of
+    it: there a dynamic law slides."""
+    found = []
+    for one in trial.stops:
+        if one.swings:
+            scenario = stop_scenario(judgement, one.law, one.load, one.rail)
+            plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
+            stable = wheel_slip_loop(plant, trial.control.design).is_stable()
+            found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))
+    return tuple(found)
 
 
 def _held(run: Run) -> float:
@@ -566,7 +628,7 @@ def _designed(
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
     empty = DesignReport(
-        envelope, nominal, selection, None, None, None, (), (), (), (), (), None, None, None, Sliding(None),
+        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
     if selection.best is None:
@@ -598,6 +660,8 @@ def _designed(
         in_use=in_use,
         worst_loops=_worst_loops(in_use),
         stops=trials[0].stops,
+        tolerance_stops=() if nominal else _tolerance_stops(trials[0], judgement),
+        rolling=_rolling_loops(trials[0], judgement),
         limits=_limits(judgement),
         curves=_curves(judgement),
         responses=_responses(in_use.worst, plain),
