@@ -16,7 +16,7 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.verification import evidence, verification_text
-from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import reaching, robust

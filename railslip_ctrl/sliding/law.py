@@ -74,8 +74,8 @@ KEPT = ("command", "missing", "ready")
 PACKAGE = Path(__file__).parents[1]
 
 SOURCES = (
-    *("model/plant.py", "core/notation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/law.py"),
-    *("sliding/proof.py", "sliding/sampled_law.py"),
+    *("model/plant.py", "core/notation.py", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
+    *("sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
 """What the text of the law without adhesion follows from."""
 
