@@ -107,7 +107,7 @@ def _files(
         wet_and_dry_figure,
     )
     from railslip_ctrl.report.plots.style import figure_files
-    from railslip_ctrl.report.reproduction_page import reproduction_first_page, reproduction_sections
+    from railslip_ctrl.report.reproduction import reproduction_first_page, reproduction_sections
     from railslip_ctrl.sliding.derivation import derive
 
     started = time.perf_counter()
