@@ -234,13 +234,26 @@ def _positive_first(fraction: sp.Expr) -> sp.Expr:
     return -numerator / sp.expand(-denominator) if numerator.could_extract_minus_sign() else numerator / denominator
 
 
+def adhesion_torque() -> sp.Expr:
+    """(25): Ta in omega', omega and Tb, from (3) without the torques that nobody measures (Td = Tr = 0)."""
+    return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
+
+
+def corrected_observer() -> sp.Expr:
+    """(27) with every term of (26) filtered: Ta/(tau s + 1) in what is measured, Tb and omega."""
+    true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
+    return true / (printed.tau * printed.laplace + 1)
+
+
+def passed_at_once(observer: sp.Expr) -> sp.Expr:
+    """The share of a step of Tb that is in the estimate at once."""
+    return sp.limit(sp.diff(observer, plant.Tb), printed.laplace, sp.oo)
+
+
 def _observer() -> Erratum:
     """(27) against Ta/(tau s + 1), the only thing the filter should do to Ta."""
-    s, tau = printed.laplace, printed.tau
-    true = sp.solve(plant.WHEEL.subs({plant.omega_rate: s * plant.omega, plant.Td: 0, plant.Tr: 0}), plant.Ta)[0]
-    derived = true / (tau * s + 1)
-    as_printed = printed.observer
-    jump = [sp.limit(sp.diff(expression, plant.Tb), s, sp.oo) for expression in (as_printed, derived)]
+    as_printed, derived = printed.observer, corrected_observer()
+    jump = [passed_at_once(expression) for expression in (as_printed, derived)]
     return compared(
         "(27)",
         (as_printed,),

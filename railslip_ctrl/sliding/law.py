@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
@@ -33,11 +33,10 @@ class LawGains:
     dead_zone: bool = False
 
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(self) if f.name not in ("box", "dead_zone")):
-            value, positive = getattr(self, name), name in ("D", "rho")
-            if not (math.isfinite(value) and (value > 0 if positive else value >= 0)):
-                sign = ">" if positive else ">="
-                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
+        for name in ("D", "rho"):
+            number(name, getattr(self, name), gt=0)
+        for name in ("K", "k1", "k2", "layer", "leak"):
+            number(name, getattr(self, name), ge=0)
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:

@@ -19,7 +19,6 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,6 +26,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
@@ -53,9 +53,7 @@ class SlidingGains:
 
     def __post_init__(self) -> None:
         for name in ("K", "D", "rho", "k"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
+            number(name, getattr(self, name), ge=0)
 
 
 OMEGA_UNIT_FACTOR = 12.96
