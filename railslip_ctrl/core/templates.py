@@ -1,4 +1,4 @@
-"""Texts with numbers in them: Jinja templates; a float is written as :g unless the filter f(spec) says otherwise."""
+"""Texts and programs as Jinja templates, in a file or with numbers in one line."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from functools import cache
 from typing import Any
 
 
+def environment(package: str, **options: Any) -> Any:
+    """Jinja's environment of the files in `templates/` of a package; lines with nothing but a statement leave none."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    blanks = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    return Environment(loader=PackageLoader(package), undefined=StrictUndefined, **blanks, **options)
+
+
 def filled(text: str, numbers: Mapping[str, Any]) -> str:
-    """The template's text with its numbers, in one line."""
+    """The template's text with its numbers, in one line; a float as :g unless the filter f(spec) says otherwise."""
     return " ".join(_template(text).render(numbers).split())
 
 

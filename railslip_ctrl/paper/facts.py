@@ -1,13 +1,17 @@
-"""What else the published runs show, each statement decided by a run or a computation."""
+"""What else the published runs show, each statement decided by a run or computed; the words are in `facts.toml`."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from railslip_ctrl.core.templates import filled
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, assess
@@ -70,97 +74,73 @@ def pi_loop(column: Column, inertia_scale: float) -> Assessment:
     return assess(plant, PIController(TABLE4_PI[column]), vehicle.actuator)
 
 
+def _fact(name: str, holds: bool, **numbers: Any) -> Fact:
+    """The fact of a name with its words of `facts.toml`."""
+    statement, found, how = (filled(_texts()[name][part], numbers) for part in ("statement", "found", "how"))
+    return Fact(name, statement, found, holds, how)
+
+
+@cache
+def _texts() -> dict[str, dict[str, str]]:
+    return tomllib.loads(Path(__file__).with_name("facts.toml").read_text("utf-8"))
+
+
 def pi_margins() -> Fact:
     """Barely stable as published, unstable in SI."""
     scale = AS_PUBLISHED_INERTIA_SCALE
     published = {column: pi_loop(column, scale) for column in COLUMNS}
     si = {column: pi_loop(column, 1.0) for column in COLUMNS}
     margins = {column: one.margins.phase_deg for column, one in published.items() if one.margins is not None}
-    found = ", ".join(f"{column} {phase:.2f} deg" for column, phase in margins.items())
-    poles = ", ".join(f"{column} {one.unstable_poles:g}" for column, one in si.items())
-    return Fact(
-        "PI loops barely stable",
-        f"On the dry bristle model at 100 km/h both PI loops are stable at inertia scale {scale:g} with a phase margin "
-        "below 30 deg, and unstable at 1.",
-        f"phase margin at {scale:g}: {found or 'none'}; unstable closed-loop poles at 1: {poles}",
-        len(margins) == len(COLUMNS)
-        and all(phase < 30.0 for phase in margins.values())
-        and not any(one.stable for one in si.values()),
-        "linearised loop at the column's reference slip, dead time exact",
-    )
+    barely = len(margins) == len(COLUMNS) and all(phase < 30.0 for phase in margins.values())
+    unstable = {column: one.unstable_poles for column, one in si.items()}
+    holds = barely and not any(one.stable for one in si.values())
+    return _fact("PI loops barely stable", holds, scale=scale, margins=margins, unstable=unstable)
 
 
 def no_sliding() -> Fact:
     """s s' < 0 only part of the time, though nothing random acts."""
-    shares = {}
-    for column in COLUMNS:
-        judged = judge_run(published_scenario(), _asmc(column), seed=None)
-        shares[column] = judged.condition("sliding").share
+    shares = {c: judge_run(published_scenario(), _asmc(c), seed=None).condition("sliding").share for c in COLUMNS}
     low, high = SLIDING_SHARES
-    return Fact(
-        "no sliding",
-        "Without noise s s' < 0 holds about three quarters of the time, and not always.",
-        ", ".join(f"{column} {100 * share:.1f} %" for column, share in shares.items()) + " of the time",
-        all(low < share < high for share in shares.values()),
-        "run without noise, s' from the plant's equations",
-    )
+    return _fact("no sliding", all(low < share < high for share in shares.values()), shares=shares)
 
 
 def reaching_fails(seed: int) -> Fact:
     """(40) with Table 4's gains and the published noise."""
-    shares = {}
-    for column in COLUMNS:
-        shares[column] = judge_run(published_scenario(), _asmc(column), seed=seed).condition("reaching (40)").share
-    return Fact(
-        "(40) fails",
-        "With Table 4's gains the condition (40) fails under the published disturbances.",
-        "it holds " + ", ".join(f"{column} {100 * share:.1f} %" for column, share in shares.items()) + " of the time",
-        all(share < 1.0 for share in shares.values()),
-        f"run with noise, seed {seed}",
-    )
+    judged = {column: judge_run(published_scenario(), _asmc(column), seed=seed) for column in COLUMNS}
+    shares = {column: one.condition("reaching (40)").share for column, one in judged.items()}
+    return _fact("(40) fails", all(share < 1.0 for share in shares.values()), shares=shares, seed=seed)
 
 
 def wet_rail_unknown(seed: int) -> Fact:
     """The ASMC that keeps the dry curve after 25 s."""
-    scenario, found, holds = published_scenario(), [], True
+    scenario, runs, holds = published_scenario(), {}, True
+    change = _rail_change(scenario)
     for column in COLUMNS:
         run = simulate(scenario, _asmc(column, knows_rail=False), seed=seed)
         known = simulate(scenario, _asmc(column), seed=seed, record_every=None)
         signals = _recorded(run)
-        wet = signals.slip[signals.time > _rail_change(scenario)]
-        found.append(
-            f"{column}: mean slip {wet.mean():.2f} after {_rail_change(scenario):g} s, {_locking(run)}; "
-            f"{run.braking_distance:.0f} m, {_end(run)} (known: {known.braking_distance:.0f} m, no lock)"
-        )
+        runs[column] = {
+            "slip": float(signals.slip[signals.time > change].mean()),
+            **{"locking": _locking(run), "end": _end(run)},
+            **{"distance": run.braking_distance, "known": known.braking_distance},
+        }
         holds = holds and run.locked_fraction > 0 and known.locked_fraction == 0
-    return Fact(
-        "wet rail unknown",
-        "With the dry curve kept after the rail turns wet the ASMC's wheel slides and locks; told of it, it does not.",
-        "; ".join(found),
-        holds,
-        f"runs with noise, seed {seed}",
-    )
+    return _fact("wet rail unknown", holds, runs=runs, change=change, seed=seed)
 
 
 def adaptation_unstable(seed: int) -> Fact:
     """The printed k behind the printed actuator."""
     loop = published_loop(Rail.DRY, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion="curve")
     ratio = largest_adaptation(loop) / loop.gains.k
-    scenario, found, holds = published_scenario(), [], ratio < 1.0
+    scenario, runs, holds = published_scenario(), {}, ratio < 1.0
     for column in COLUMNS:
         adaptive, plain = (
             simulate(scenario, _asmc(column, adaptive=on), seed=seed, record_every=None) for on in (True, False)
         )
-        found.append(f"{column}: {_end(adaptive)} (k = 0: {plain.braking_time:.1f} s)")
+        runs[column] = {"end": _end(adaptive), "plain": plain.braking_time}
         holds = holds and (not adaptive.stopped or adaptive.braking_time > SLOW * plain.braking_time)
-    return Fact(
-        "printed adaptation unstable",
-        f"With k = 2.1e-8 behind the actuator the loop is unstable and the stop takes over {SLOW:g} times as long, "
-        f"or does not end within {scenario.longest_time:g} s.",
-        f"largest stable k on the dry curve: {ratio:.2f} times the printed; " + "; ".join(found),
-        holds,
-        f"root count of the linearised loop (bristle column); runs with noise, seed {seed}",
-    )
+    numbers = {"slow": SLOW, "longest": scenario.longest_time, "ratio": ratio, "runs": runs, "seed": seed}
+    return _fact("printed adaptation unstable", holds, **numbers)
 
 
 def si_stops_early(seed: int) -> Fact:
@@ -168,24 +148,16 @@ def si_stops_early(seed: int) -> Fact:
     scenario = published_scenario(as_published=False)
     end = _rail_change(scenario)
     highest = peak(scenario.law(Rail.DRY), scenario.initial_speed, scenario.vehicle.wheel_load).slip
-    found, holds = [], True
+    runs, holds = {}, True
     for case in CASES:
         run = simulate(scenario, published_controller(case.kind, case.gains), seed=seed)
         holds = holds and run.stopped and run.braking_time < end
         if case.kind == "asmc":
             over = np.flatnonzero(_recorded(run).slip > highest)
             holds = holds and over.size > 0 and run.first_lock > (1.0 - LATE_SHARE) * run.braking_time
-            found.append(f"{case.name}: {_end(run)}, {_locking(run)}, highest slip {run.max_slip:.2f}")
-        else:
-            found.append(f"{case.name}: {_end(run)}, highest slip {run.max_slip:.2f}")
-    return Fact(
-        "SI stops before the rail turns wet",
-        f"At inertia scale 1 every stop ends before {end:g} s; the ASMC wheel passes the peak and locks in the second "
-        "half of the stop.",
-        "; ".join(found) + f" (peak at slip {highest:.3f})",
-        holds,
-        f"runs with noise, seed {seed}",
-    )
+        locking = _locking(run) if case.kind == "asmc" else ""
+        runs[case.name] = {"end": _end(run), "locking": locking, "highest": run.max_slip}
+    return _fact("SI stops before the rail turns wet", holds, runs=runs, change=end, peak=highest, seed=seed)
 
 
 def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) -> SlidingControl:

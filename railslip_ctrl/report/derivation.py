@@ -11,6 +11,7 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.templates import environment
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
@@ -164,23 +165,15 @@ def _document(
     code: LawCode,
     numbers: Sequence[LawNumbers],
 ) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    brackets = ("<%", "%>", "<<", ">>", "<#", "#>")  # LaTeX is full of braces
-    environment = Environment(
-        *brackets,
-        loader=PackageLoader("railslip_ctrl.report"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {
+    # LaTeX is full of braces
+    names = ("block_start_string", "block_end_string", "variable_start_string", "variable_end_string")
+    filling = environment("railslip_ctrl.report", **dict(zip(names, ("<%", "%>", "<<", ">>"), strict=True)))
+    filling.filters |= {
         "escaped": lambda text: "".join(escapes.get(letter, letter) for letter in text),
         **{"latex": latex, "mark": _mark, "verdict": _verdict, "title": _numeric_title, "parameters": _parameters},
     }
     case = _case(derivation)
-    return environment.get_template(template).render(
+    return filling.get_template(template).render(
         derivation=derivation,
         errata=errata,
         code=code,

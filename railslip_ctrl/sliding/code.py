@@ -22,6 +22,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.templates import environment
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import Rail
 
@@ -156,15 +157,6 @@ _C = _Language(
 
 def _source(law: SampledLaw, language: _Language) -> str:
     """The program: a Python module, or a translation unit with the types and functions railslip_asmc_*."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("railslip_ctrl.sliding"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     lines = {
         "surface": _statements([("s", law.surface)], law, language),
         "control": [line for one in law.control for line in _statements([one], law, language)],
@@ -173,19 +165,23 @@ def _source(law: SampledLaw, language: _Language) -> str:
         "state": _fields(law, (*law.states, *KEPT), language),
     }
     texts = {name: "\n".join(found) for name, found in lines.items()}
-    text = environment.get_template(language.template).render(
-        texts,
-        law=law,
-        fields=(*law.states, *KEPT),
-        carried=[name for name in law.states if not name.startswith("theta")],
-        started={name: "bounded(v)" if name == "v_filtered" else "0.0" for name in (*law.states, *KEPT[:-1])},
-        rules=[*(_rule(name, rule, language) for name, rule in law.rules.items()), language.finite.format("v")],
-        used=[name for name in _HELPERS if any(f"{name}(" in text for text in texts.values())],
-        head=lambda width, mark: "\n".join((mark + line).rstrip() for line in _head(law.note, width)),
-        options=OPTIONS,
-        doubles=lambda names: ", ".join(f"double {name}" for name in names),
-        hold_time=HOLD_TIME,
-        largest=LARGEST,
+    text = (
+        environment("railslip_ctrl.sliding")
+        .get_template(language.template)
+        .render(
+            texts,
+            law=law,
+            fields=(*law.states, *KEPT),
+            carried=[name for name in law.states if not name.startswith("theta")],
+            started={name: "bounded(v)" if name == "v_filtered" else "0.0" for name in (*law.states, *KEPT[:-1])},
+            rules=[*(_rule(name, rule, language) for name, rule in law.rules.items()), language.finite.format("v")],
+            used=[name for name in _HELPERS if any(f"{name}(" in text for text in texts.values())],
+            head=lambda width, mark: "\n".join((mark + line).rstrip() for line in _head(law.note, width)),
+            options=OPTIONS,
+            doubles=lambda names: ", ".join(f"double {name}" for name in names),
+            hold_time=HOLD_TIME,
+            largest=LARGEST,
+        )
     )
     return "\n".join(part for line in text.split("\n") for part in _short(line))
 
