@@ -11,8 +11,14 @@ def environment(package: str, **options: Any) -> Any:
     """Jinja's environment of the files in `templates/` of a package; lines with nothing but a statement leave none."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    blanks = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
-    return Environment(loader=PackageLoader(package), undefined=StrictUndefined, **blanks, **options)
+    return Environment(
+        loader=PackageLoader(package),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        **options,
+    )
 
 
 def filled(text: str, numbers: Mapping[str, Any]) -> str:

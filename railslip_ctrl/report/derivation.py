@@ -173,7 +173,7 @@ def _document(
         **{"latex": latex, "mark": _mark, "verdict": _verdict, "title": _numeric_title, "parameters": _parameters},
     }
     case = _case(derivation)
-    return filling.get_template(template).render(
+    text: str = filling.get_template(template).render(
         derivation=derivation,
         errata=errata,
         code=code,
@@ -183,3 +183,4 @@ def _document(
         no_formula=_NO_FORMULA,
         sources=_sources_line(),
     )
+    return text

@@ -141,7 +141,7 @@ class Details:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         yield heading(f"{self.title}: {self.verdict}", "-")
-        yield from self.blocks
+        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text has none
         yield ""
 
 

@@ -16,9 +16,8 @@ from railslip_ctrl.design.assessment import ControllerGroup
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum
-from railslip_ctrl.paper.facts import Fact
 from railslip_ctrl.paper.reading import READING, Sensitivity, SensitivityRow
-from railslip_ctrl.paper.tables import DEFAULT_SEEDS, QUANTITIES, TOLERANCE_PERCENT, Row, Table3, Table5
+from railslip_ctrl.paper.tables import DEFAULT_SEEDS, QUANTITIES, TOLERANCE_PERCENT, Fact, Row, Table3, Table5
 
 from .document import (
     MARGIN_HEAD,
