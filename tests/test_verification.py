@@ -33,7 +33,6 @@ from railslip_ctrl.verification.published_law import (
 from railslip_ctrl.verification.reaching import (
     SEARCHED,
     approach,
-    holding_torque,
     least_gain,
     operating_set,
     points_of,
@@ -382,15 +381,6 @@ def test_a_plant_for_which_the_bound_is_no_bound_is_refused(monkeypatch):
         monkeypatch.setattr(module, "derive", lambda changed=changed: changed)
         with pytest.raises(ArithmeticError, match=words):
             function.__wrapped__()
-
-
-def test_holding_torque_is_the_adhesion_torque_less_what_slows_the_wheel():
-    v = 100 / 3.6
-    Ta = rest_adhesion_torque(PARK2008, v, reference_slip())
-    a = (Ta / 0.43 + 0.63 * v**2) / 3517
-    omega = (1 - 0.132) * v / 0.43
-    # J omega' with lambda' = 0
-    assert holding_torque(PARK2008, v) == pytest.approx(Ta - 0.25 * omega + 60.35 * (1 - 0.132) * a / 0.43, rel=1e-9)
 
 
 @pytest.mark.parametrize(

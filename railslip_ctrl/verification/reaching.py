@@ -159,14 +159,6 @@ def wet_share(vehicle: Vehicle) -> float:
     return wet / dry
 
 
-def holding_torque(vehicle: Vehicle, speed: float) -> float:
-    """Brake torque, N*m, that holds the published reference slip on dry rail at a speed, m/s."""
-    functions, p = bristle_plant(vehicle)
-    sigma = reference_slip() * speed
-    z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
-    return float(functions.trim_torque(speed, sigma, z, 0.0, 0.0, 0.0, p))
-
-
 # --- the bound, derived ---------------------------------------------------------------------------------------------
 
 _FRACTION = sp.Symbol("q", real=True)  # Td/Tb
