@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
@@ -55,11 +56,17 @@ def gain_parameters(gains: LawGains) -> dict[str, float]:
     return values
 
 
-_PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
+# Printed are D in 1/h, meant as N*m per km/h, K in km/h^2, meant as N*m, rho in 1/h, meant as 1/s, and one k. In km/h
+# theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
+TABLE4_LAWS = MappingProxyType(
+    {
+        column: LawGains(K=row.K, D=3.6 * row.D, rho=row.rho, k1=row.k, k2=3.6**2 * row.k)
+        for column, row in TABLE4_SLIDING_PRINTED.items()
+    }
+)
+"""[Park2008] Table 4, ASMC, by column, as it must be read, SI."""
 
-# In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
-PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=_PRINTED.k, k2=3.6**2 * _PRINTED.k)
-"""[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
+PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
 
 # --- what generated code shares ---------------------------------------------------------------------------------------

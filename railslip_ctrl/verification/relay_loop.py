@@ -30,7 +30,8 @@ from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
+from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.sliding.law import TABLE4_LAWS
 
 from .reaching import resistance_force
 
@@ -59,12 +60,8 @@ class SlidingGains:
 OMEGA_UNIT_FACTOR = 12.96
 """3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
 
-# [Park2008] Table 4: D printed "1/h" and read as N*m per km/h, K printed "km/h^2" and read as N*m, rho per second.
 TABLE4_SLIDING = MappingProxyType(
-    {
-        name: SlidingGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k=printed.k)
-        for name, printed in TABLE4_SLIDING_PRINTED.items()
-    }
+    {column: SlidingGains(K=row.K, D=row.D, rho=row.rho, k=row.k1) for column, row in TABLE4_LAWS.items()}
 )
 """Table 4's sliding-mode gains by column, SI."""
 
