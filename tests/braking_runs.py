@@ -20,11 +20,12 @@ NO_ADHESION = Curve(alpha=1e-20, beta=0.0475, gamma=41.5, v0=100 / 3.6, referenc
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(PIController(TABLE4_PI["bristle"]), REFERENCE)
+    return LinearControl(PIController(TABLE4_PI["bristle"]), REFERENCE, period=None, rule="backward")
 
 
 def pi(kp: float, ki: float = 0.0, *, slip: float = 0.132, **fields: object) -> LinearControl:
-    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **fields)  # type: ignore[arg-type]
+    as_built_in = {"period": None, "rule": "backward", **fields}
+    return LinearControl(PIController(PIGains(kp=kp, ki=ki)), ReferenceSlip(dry=slip, wet=slip), **as_built_in)  # type: ignore[arg-type]
 
 
 def constant_torque(torque: float, **fields: object) -> TorqueProfile:

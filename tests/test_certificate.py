@@ -85,8 +85,9 @@ def test_enclosures_are_narrow_and_hold_the_margins(certified):
             low, high = getattr(certificate, name)
             value = getattr(margins, name)
             assert high == low or high - low <= 1e-9 * abs(high)
-            # 1e-12: what refined doubles promise
-            assert low * (1 - 1e-12) <= value <= high * (1 + 1e-12), (kind, one, name)
+            # peaks are evaluated in balls; 1e-12: what refined doubles promise
+            slack = 0.0 if name in ("ms", "mt") else 1e-12
+            assert low * (1 - slack) <= value <= high * (1 + slack), (kind, one, name)
 
 
 def test_unstable_loops_have_their_poles_counted_and_no_margins():

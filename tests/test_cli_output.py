@@ -198,7 +198,12 @@ def test_numbers_of_another_law_are_refused():
     ("text", "told"),
     [
         ("x = 1\n", "mine.py: has no CONTROLLER; name it so"),
-        ("CONTROLLER = 'pi'\n", "controller: str is not a linear system; give a python-control"),
+        ("CONTROLLER = 'pi'\n", "mine.py: CONTROLLER: str is not a linear system; give a python-control"),
+        ("class A:\n    step = 0\nCONTROLLER = A\n", "mine.py: CONTROLLER: A is a class; give an object of it, A()"),
+        (
+            "from control import tf\nCONTROLLER = tf(1, [1e-3, 1])\n",
+            "mine.py: period: 0.01 s is not allowed with a pole",
+        ),
         ("x = 1\n1 / 0\n", "mine.py, line 2: running it fails with ZeroDivisionError: division by zero; mend the file"),
         ("\ndef\n", "mine.py, line 2: running it fails with SyntaxError"),
         (None, "mine.py: no such file; check the path"),

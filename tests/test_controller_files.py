@@ -57,12 +57,13 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
 
 
 PUBLISHED = published_reference("bristle")
+AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
 IN_FEW_WORDS = {
     'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(
-        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None
+        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None, **AS_BEFORE
     ),
     'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
-        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5
+        PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5, **AS_BEFORE
     ),
     'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
         StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01, tracking_time=None, rule="tustin"
@@ -70,6 +71,14 @@ IN_FEW_WORDS = {
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
         LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
+    ),
+    'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 0.5\ntorque_high = 2.0': LinearControl(  # as written earlier
+        PIController(PIGains(kp=1.0, ki=1.0)),
+        PUBLISHED,
+        torque_low=0.5,
+        torque_high=2.0,
+        tracking_time=None,
+        **AS_BEFORE,
     ),
     'kind = "slide-protection"': SlideProtection(PUBLISHED),
     'kind = "slide-protection"\nfill_rate = 0.5\ntorque_max = 0.5\nfilter_time = 0.5': SlideProtection(
@@ -87,7 +96,7 @@ def test_what_a_file_leaves_out_is_the_controller_s_own(tmp_path, text):
 
 def test_what_has_no_file_is_told(tmp_path):
     with pytest.raises(InputError, match="period: a file of a transfer function or state space needs one"):
-        LinearControl(NOTCHED, HELD).save(tmp_path / "c.toml")
+        LinearControl(NOTCHED, HELD, period=None).save(tmp_path / "c.toml")
     with pytest.raises(InputError, match="cannot be written"):
         CONTROLS["pi"].save(tmp_path / "none" / "c.toml")
 
@@ -101,10 +110,11 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
         ("kind = 3", "kind: 3 is not one"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_low = 1"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_hi = 1.0', "period, reference, torque_min, torque_max, anti_windup"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_min = 1.0\ntorque_max = 1.0', "give a value > torque_min = 1"),
         (
             'kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_max = 1.0\ntorque_high = 2.0',
-            "torque_max: torque_high is given too",
+            "torque_high: torque_max is given too",
         ),
     ],
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import control as ct
@@ -17,11 +19,13 @@ from test_law_files import LAW
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import select
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.model.adhesion import law_in, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
+from railslip_ctrl.report import recommendation
 from railslip_ctrl.report.design_report import design_report_json, design_report_text, design_sections, first_page
 from railslip_ctrl.report.document import Table
 from railslip_ctrl.report.export import Provenance
@@ -268,13 +272,47 @@ def test_no_design_is_told_as_such_everywhere(hopeless):
     assert len(design_report_text(hopeless, first, "").splitlines()) <= MOST_LINES
 
 
-def test_a_fragile_design_is_not_to_be_used(robust):
-    """Were its judgement that of gains without margin."""
-    weak = judge(PIController(PIGains(kp=90.0, ki=2.0)), robust.envelope)
-    assert weak.robust_from_kmh is None
-    told = first_page(replace(robust, above_kmh=None, in_use=weak))
-    assert told.headline == "DO NOT USE"
+@pytest.mark.parametrize(
+    ("kp", "verdict", "headline"), [(300.0, "fragile", "DO NOT USE: fragile"), (1e6, "unstable", "DO NOT USE")]
+)
+def test_what_is_robust_nowhere_is_not_to_be_used_and_told_as_what_it_is(robust, kp, verdict, headline):
+    """Were the judgement that of gains without margin: headline, reason, table and JSON say the same."""
+    weak = judge(PIController(PIGains(kp=kp, ki=2.0)), robust.envelope)
+    assert (weak.verdict, weak.robust_from_kmh) == (verdict, None)
+    best = replace(robust.best, design=replace(robust.best.design, judgement=weak))
+    report = replace(robust, above_kmh=None, in_use=weak, selection=replace(robust.selection, choices=(best,)))
+    told, said = first_page(report), design_report_json(report)["recommended"]
+    assert told.headline == headline
+    assert (said["verdict"], said["usable_from_kmh"], said["stable_from_kmh"]) == (verdict, None, weak.usable_from_kmh)
+    assert said["worst"] == weak.worst.table()
+    why, (name, worst, _) = dict(told.lines)["Why"], told.rows[0]
+    assert name == "Ms"
+    if verdict == "fragile":
+        assert float(worst) == pytest.approx(weak.worst.ms, rel=5e-3)  # three digits, rounded up
+        assert f"The best is stable at every operating point, Ms {worst} at worst." in why
+    else:
+        assert (worst, "The best has unstable loops." in why) == ("unstable", True)
     assert words(told) <= MOST_FIRST_WORDS
+
+
+def test_a_brake_that_is_named_was_tried():
+    """It is robust as told; that the integral would come to the slip in half a stop is not enough, the stops decide."""
+    brake = Actuator(dead_time=0.5, lag=1.0)
+    car = PARK2008.model_copy(update={"actuator": brake})
+    asked = {"rails": "dry", "laws": "curve", "loads": "empty", "speeds": (60, 100), "slip": 1.0, "radius": 1.0}
+    envelope = Envelope(car, **asked)
+    found = recommendation._faster(envelope, "pi-lead", envelope, reaching=False)
+    quick = {"dead_time": found.factor * brake.dead_time, "lag": found.factor * brake.lag}
+    assert (found.dead_time, found.lag) == tuple(quick.values())
+    faster = car.model_copy(update={"actuator": Actuator(**quick)})
+    (choice,) = select(Envelope(faster, **asked), ("pi-lead",), (1.0,)).choices
+    assert choice.design.judgement.verdict == "robust"
+    assert choice.reaches  # by its integral alone
+    run = simulate(stop(faster, "dry"), choice.design, seed=0)
+    slip = run.signals.slip
+    assert np.median(slip[slip.size // 2 :]) < 0.95 * choice.design.reference.dry
+    assert not found.reaches
+    assert recommendation._faster(envelope, "pi-lead", envelope, reaching=True) is None
 
 
 def test_use_above_a_speed_hands_over_below_it(robust):
@@ -301,6 +339,13 @@ def test_gains_around_the_design_are_worst_cases_of_exact_loops(robust):
     assert len(loops) == found.points
     worst = max(loop.margins().ms if loop.is_stable() else math.inf for loop in loops)
     assert found.ms[i, j] == pytest.approx(worst, rel=1e-6)  # batch and scalar engine
+
+
+def test_a_report_loads_no_sympy_where_nothing_is_derived():
+    """It takes as long as a tenth of a report of which the cache has the sliding-mode law."""
+    code = "import sys, railslip_ctrl.cli.report, railslip_ctrl.report.plots.designs; print('sympy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 def test_the_bound_is_that_of_the_brake_and_what_is_held_is_told(robust):

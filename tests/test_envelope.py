@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import control as ct
@@ -13,7 +15,7 @@ import pytest
 from sample_vehicles import COACH
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
-from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.design import PIController, envelope_tuning, wheel_slip_loop
 from railslip_ctrl.design.controllers import sampled_loop
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.design.envelope_tuning import (
@@ -25,6 +27,8 @@ from railslip_ctrl.design.envelope_tuning import (
     tune,
 )
 from railslip_ctrl.design.judging import judge
+from railslip_ctrl.design.specification import Specification
+from railslip_ctrl.design.tuning import tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
@@ -165,6 +169,12 @@ def test_an_envelope_of_a_vehicle_begins_with_the_table_of_its_file(tmp_path: Pa
         ('[envelope]\nspeeds = ["3 kg"]', "speeds: '3 kg' has the wrong dimension"),
         ("[envelope]\nlag = [-1]", "envelope: lag: -1 is not allowed"),
         ("[envelope]\nslip = [inf]", "envelope: slip: inf is not allowed"),
+        (
+            "[envelope]\nslip = [0.1, 7.6]",
+            "envelope: slip: 7.6 times .* bristle on dry rail, 0.132, .* factors < 7.576",
+        ),
+        ("[envelope]\nslip = 5\nreference = {dry = 0.1, wet = 0.25}", "slip on wet rail, 0.25, .* factors < 4"),
+        ('[envelope]\nlaws = ["curve", "foo"]', "'foo' is not a law"),
         ('[envelope]\nloads = ["half"]', "envelope: loads.0: 'half' is not allowed"),
         ("[envelope]\nspeed = [3]", "envelope: speed: unknown key; did you mean 'speeds'"),
         ("[envelope]\nvehicle = 3", "envelope.vehicle: unknown key"),
@@ -199,9 +209,11 @@ def test_an_envelope_without_points_a_vehicle_or_a_reference_is_refused(tmp_path
 
 
 def test_what_a_law_does_not_reach_is_left_out_with_the_reason():
-    points = Envelope(laws=("bristle", "beam"), speeds=100, slip=(1.0, 8.0)).points()
+    (kink,) = published_law("beam", Rail.DRY).kinks(10.0, PARK2008.wheel_load)
+    slips = {"dry": 2 * kink.slip, "wet": 0.1}
+    points = Envelope(laws=("bristle", "beam"), rails="dry", speeds=36, slip=(0.5, 1.0), reference=slips).points()
     assert points.skipped
-    assert all("slip 8 times the reference: slip:" in told for told in points.skipped)
+    assert all("slip 0.5 times the reference: " in told and "kink" in told for told in points.skipped)
     assert len(points) > 0
 
 
@@ -299,6 +311,20 @@ def test_the_verdict_is_of_the_operating_points_and_of_the_tolerances():
     assert "not stable at 100 km/h either" in nowhere.verdict_line
 
 
+def test_a_controller_that_hands_over_is_judged_over_all_speeds_and_told_as_in_use(railslip, tmp_path):
+    envelope = Envelope(speeds=(20, 60, 100))
+    control = LinearControl(PI_LEAD, ReferenceSlip(dry=0.132, wet=0.092), cut_out_speed=60 / 3.6)
+    judged, above = judge(control, envelope), judge(replace(control, cut_out_speed=0.0), envelope.at(speeds=(60, 100)))
+    assert (judged.verdict, judged.hand_over_kmh) == ("fragile", 60.0)
+    assert judged.verdict_in_use == above.verdict == "robust"
+    assert f"hands over below 60 km/h, in use robust: {above.worst.words}" in judged.verdict_line
+    assert judge(replace(control, cut_out_speed=30.0), envelope).verdict_in_use is None
+    control.save(tmp_path / "c.toml")
+    words = ("--controller", tmp_path / "c.toml", "--rail", "dry", "--speed")
+    assert "hands over below 60 km/h, and controls no slip at 59 km/h" in railslip("margins", *words, "59")[2]
+    assert railslip("margins", *words, "60")[2] == ""
+
+
 def test_fragile_names_an_operating_point_over_the_limit():
     slips = {"dry": 0.1, "wet": 0.1}  # Ms 1.28, 1.84, 2.29: robust below 100 km/h, which no stop begins from
     envelope = Envelope(laws="curve", rails="dry", loads="empty", speeds=(20, 60, 100), reference=slips)
@@ -354,7 +380,7 @@ def test_the_verdict_on_a_controller_with_a_period_follows_what_runs():
     assert judge(PI_LEAD, envelope).verdict == "robust"
     verdicts = {}
     for period in (0.02, 0.3, 1.0):
-        control = LinearControl(PI_LEAD, reference, period=period)
+        control = LinearControl(PI_LEAD, reference, period=period, rule="backward")
         found = judge(control, envelope)
         verdicts[period] = (found.verdict, found.usable_from_kmh, found.robust_from_kmh)
         for worst in (found.worst, found.worst_with_tolerances):
@@ -617,6 +643,26 @@ def test_what_is_tuned_is_what_runs(period, tmp_path):
     assert 1.99 < max(ms) <= 2.0 * (1 + 1e-6)
     assert found.worst.ms < found.worst.run_ms
     assert found.verdict == "robust"
+
+
+@pytest.mark.parametrize("bounds", [(Specification(1.8), None), (Specification(), 5.0)])
+def test_what_is_tuned_at_the_ends_is_what_is_tuned_at_all_plants_at_once(bounds):
+    """Also where plants between the ends bind, which the search then takes in: of more slip."""
+    plants = [
+        linearize(operating_point(published_law("bristle", rail), PARK2008, speed / 3.6, slip, rail=rail))
+        for speed, slip in ((20.0, 0.05), (50.0, 0.06), (60.0, 0.09), (90.0, 0.07), (100.0, 0.05))
+        for rail in Rail
+    ]
+    tuned_at = partial(
+        tune_cases, actuator=PARK2008.actuator, structure="pi-lead", specification=bounds[0], ki_min=bounds[1]
+    )
+    ends = tuned_at([*plants[:2], *plants[-2:]])
+    found = envelope_tuning._for_all(tuned_at, ends, plants, PARK2008.actuator)
+    whole = tuned_at(plants).design
+    assert found.points == tuple(plant.point for plant in plants)
+    assert (found.design.kp, found.design.ki) == pytest.approx((whole.kp, whole.ki), rel=1e-6)  # _KP_TOLERANCE is 1e-8
+    assert found.design.worst.ms == pytest.approx(whole.worst.ms, rel=1e-8)
+    assert ends.design.ki > 1.01 * whole.ki or ends.design.worst.ms < 0.995 * whole.worst.ms
 
 
 @pytest.mark.long

@@ -277,7 +277,7 @@ def test_a_schedule_slide_protection_and_a_profile_as_files(controller_of, tmp_p
         ('kind = "pi"\nkp = 1.0\n', r"ki: missing; give it \(N\*m/m\)"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nled = 0.6\n', "led: unknown key; did you mean 'lead'"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nlead = 0.6\n', "lead filter: 0 s .* is not proper"),
-        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 2.0\n', "give a value > torque_low = 2"),
+        ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_low = 2.0\ntorque_high = 2.0\n', "give a value > torque_min = 2"),
         ('kind = "pi"\nkp = "1 kg"\nki = 1.0\n', "kp: '1 kg' has the wrong dimension"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\nperiod = 1e-9\n', "period: 1e-09 is not allowed"),
         ('kind = "asmc"\nK = 1.0\nD = 0.0\nrho = 1.0\n', "D: 0 is not allowed; give a value > 0"),

@@ -121,7 +121,7 @@ def test_scheduled_control_takes_over_without_a_bump(rail, tracking_time):
     schedule = GainSchedule(
         tuple(ScheduleEntry(r, v, PIGains(kp=kp, ki=ki), 2.0) for r, v, kp, ki in entries), 0.6, 0.06, 5.0, 2.0
     )
-    control = ScheduledControl(schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time)
+    control = ScheduledControl(schedule, REFERENCE, torque_high=5000.0, tracking_time=tracking_time, rule="backward")
     step = Stepped(control, rail)
     held, applied = (REFERENCE.dry if rail is Rail.DRY else REFERENCE.wet), 0.0
     before = lagged = unlimited = 0.0

@@ -13,6 +13,7 @@ import pytest
 import scipy.signal
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.user_files import record_in
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import judge
@@ -29,7 +30,7 @@ from railslip_ctrl.simulation.step_objects import StepControl, as_control
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
-BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, period=0.01, name="built-in")
+BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, name="built-in", rule="backward")
 
 
 def as_run(controller: object, name: str | None = None) -> object:
@@ -126,9 +127,9 @@ def test_a_linear_system_runs_as_it_is_given(form):
     }[form]
     limit = full_brake_torque(SCENARIO.vehicle)
     reference = SCENARIO.adhesion.reference
-    own = LinearControl(
-        BUILT_IN.design, reference, period=0.01, torque_low=0.0, torque_high=limit, tracking_time=None, rule="tustin"
-    )
+    own = LinearControl(BUILT_IN.design, reference, torque_low=0.0, torque_high=limit, tracking_time=None)
+    assert (own.period, own.rule) == (0.01, "tustin")  # what a system used alone has, and what is given has
+    assert LinearControl(ct.sample_system(system, 0.02, "tustin"), reference).period == 0.02
     assert as_run(given).torque_high == limit
     found, expected = simulate(SCENARIO, given, seed=1), simulate(SCENARIO, own, seed=1)
     # a discrete one's anti-windup has the time of its own zero, half a period more than kp/ki
@@ -223,6 +224,9 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
     ("body", "told"),
     [
         ("return {}[v]", "line 6: Numba cannot compile step"),
+        ("x = 1.0\n    return v if t < 1.0 else x * gain", "line 7: Numba cannot compile step: NameError: name 'gain'"),
+        ("x = inner(t)\n    return x", "line 11: Numba cannot compile step: NameError: name 'nothing'"),
+        ('x = 1.0\n    return x + "N*m"', "line 7: Numba cannot compile step: No implementation of function"),
         (
             "x = [1.0]\n    return x[int(9 * t)] if t < 1.0 else 1.0 / (t - t)",
             "line 7: step at t = 0.12 s fails with Index",
@@ -237,7 +241,8 @@ def test_errors_of_a_step_are_one_line_with_the_user_s_line(railslip, tmp_path, 
 def test_errors_of_a_numba_step_too(railslip, tmp_path, body, told):
     path = tmp_path / "mine.py"
     path.write_text(
-        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\nCONTROLLER = mine\n"
+        f"import math\nimport numba\n\n@numba.njit\ndef mine(t, v, omega):\n    {body}\n\n"
+        "@numba.njit\ndef inner(t):\n    return t * nothing\n\nCONTROLLER = mine\n"
     )
     status, out, err = railslip("simulate", "--controller", path)
     assert (status, out, err.count("\n")) == (2, "", 1)
@@ -342,7 +347,7 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     """Asked of `judge` and of `simulate`; None: it does, or is refused as `Linear` is."""
     path = tmp_path / "mine.py"
     path.write_text(KINDS.replace("{}", controller))
-    mine = load_controller(path)
+    mine = record_in(path, "CONTROLLER", ())
     short = SCENARIO.with_changes(longest_time=0.1, events=())
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):

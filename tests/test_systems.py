@@ -139,6 +139,13 @@ def test_a_loop_has_what_python_control_asks_of_it():
     assert magnitude == pytest.approx(np.abs(PLANT(1j * omega)), rel=1e-9)
 
 
+@pytest.mark.parametrize("plot", [ct.bode_plot, ct.nyquist_plot, ct.nichols_plot, ct.singular_values_plot])
+def test_python_control_s_plots_of_a_loop_itself_say_what_they_take(plot):
+    with pytest.raises(AttributeError, match=r"give control.bode_plot and its like loop\.frequency_response\(omega\)"):
+        plot(LOOP)
+    assert not hasattr(LOOP, "dt")  # by which a system is known
+
+
 def test_the_step_response_of_a_loop_is_the_closed_loop_s():
     approximate = ct.feedback(PLANT * ct.tf(*ct.pade(DELAY, 12)))
     time = np.linspace(0, 4, 81)

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import assess
 from railslip_ctrl.design.judging import judge
@@ -30,6 +31,7 @@ from .options import (
     envelope_options,
     gain_options,
     is_controller_file,
+    warn,
 )
 from .output import print_json, print_text
 from .settings import HELP
@@ -98,6 +100,7 @@ def command(
     points = cases.points()
     if controller is not None:
         given = given_controller(controller, points[0], gains)
+        _tell_hand_over(given, points)
     assessments = [
         assess(linearize(point), given or pi_of(gains or table4_gains(point.adhesion)), point.vehicle.actuator)
         for point in points
@@ -111,6 +114,14 @@ def command(
     else:
         print_text(margins_text, assessments, certificates)
     ctx.exit(0 if all(assessment.stable for assessment in assessments) else 1)
+
+
+def _tell_hand_over(controller: Any, points: list[OperatingPoint]) -> None:
+    """A warning of points at which the controller does not control slip."""
+    below = getattr(controller, "cut_out_speed", 0.0) / KMH
+    slow = [point.speed_kmh for point in points if point.speed_kmh < below * (1 - 1e-9)]
+    if slow:
+        warn(f"--controller: hands over below {below:.4g} km/h, and controls no slip at {min(slow):g} km/h")
 
 
 def given_controller(text: str, point: OperatingPoint, gains: PIGains | None) -> Any:

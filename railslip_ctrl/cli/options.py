@@ -16,7 +16,7 @@ from click.core import ParameterSource
 
 from railslip_ctrl.core.errors import InfeasibleDesignError, InputError, RailslipError
 from railslip_ctrl.core.units import KMH, to_unit
-from railslip_ctrl.core.user_files import close_match
+from railslip_ctrl.core.user_files import close_match, file_name
 from railslip_ctrl.design.envelope import Envelope, load_envelope
 from railslip_ctrl.model.adhesion import (
     AdhesionLaw,
@@ -688,10 +688,8 @@ def controller_from_file(text: str, vehicle: Vehicle, reference: ReferenceSlip |
     from railslip_ctrl.simulation.step_objects import as_control
 
     path = Path(text)
-    return naming(
-        "--controller",
-        lambda: as_control(load_controller(path, initial_speed=law_speed), vehicle, reference, path.stem),
-    )
+    given = naming("--controller", lambda: load_controller(path, initial_speed=law_speed))
+    return naming(f"--controller: {file_name(path)}", lambda: as_control(given, vehicle, reference, path.stem))
 
 
 def controller_name(text: str) -> str:

@@ -11,7 +11,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.design.controllers import PERIOD, PIController, loop_as_run, sampled_peak
 from railslip_ctrl.design.envelope_tuning import tune_over
-from railslip_ctrl.design.tuning import Specification, tune_cases
+from railslip_ctrl.design.tuning import Specification, check_structure, tune_cases
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
@@ -93,15 +93,12 @@ def command(
 
     Example: railslip tune --structure pi-lead --ms-max 1.8 --envelope default --speed 60 --speed 100
     """
-    if minimise_ms != (ki_min is not None):
-        raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
-    if not minimise_ms and ms_max is None and phase_min is None and delay_min is None:
-        raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
+    specification, judgement = Specification(ms_max, phase_min, delay_min), None
+    _check_asked(structure, specification, minimise_ms, ki_min)
     if out is not None:
         if out.suffix.lower() != ".toml":
             raise InputError(f"--out: {str(out)!r} is not a TOML file; give FILE.toml")
         check_file(out, "--out")
-    specification, judgement = Specification(ms_max, phase_min, delay_min), None
     if envelope is None and cases.name_points():
         points = cases.points()
         tuned = tune_cases(
@@ -136,6 +133,14 @@ def command(
     else:
         print_text(tuning_text, tuned, judgement)
     ctx.exit(0 if tuned.design is not None else 1)
+
+
+def _check_asked(structure: str, specification: Specification, minimise_ms: bool, ki_min: float | None) -> None:
+    check_structure(structure)
+    if minimise_ms != (ki_min is not None):
+        raise InputError("--minimise-ms and --ki-min: go together; give both, or --ms-max alone to maximise ki")
+    if not minimise_ms and specification == Specification():
+        raise InputError("--ms-max: is missing; give it, --phase-min or --delay-min, or --minimise-ms with --ki-min")
 
 
 def _saved(controller: PIController, points: list[OperatingPoint], out: Path, period: float) -> None:

@@ -23,11 +23,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, InstanceOf, field_validator
+from pydantic import Field, InstanceOf, field_validator, model_validator
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
@@ -61,7 +61,7 @@ class Envelope(Record):
     ------
     InputError
         A list that is empty or too long, a value that is not finite and positive (of dead time and lag: negative), or
-        of another kind.
+        of another kind; a law that is not known; a factor with which the reference slip would be 1 or more.
     """
 
     vehicle: Vehicle = Field(PARK2008, description="the quarter car with its brake")
@@ -107,6 +107,16 @@ class Envelope(Record):
         if bad:
             raise InputError(f"{bad[0]:g} is not allowed; give finite values {'>= 0' if may_vanish else '> 0'}")
         return values
+
+    @model_validator(mode="after")
+    def _laws_are_had_and_slips_below_1(self) -> Self:
+        """Of laws in files not until they are read."""
+        for rail, law in product(self.rails, self.laws):
+            if not _is_file(law):
+                found = _law(law, rail, self.vehicle, self)
+                if self.reference is not None or found.reference_slip(rail) is not None:
+                    _reference(self, found, rail)
+        return self
 
     def at(self, **changes: Any) -> Envelope:
         """The envelope with other values of some of its fields, checked."""
@@ -404,14 +414,20 @@ def _law(law: str | Path | AdhesionLaw, rail: Rail, loaded: Vehicle, envelope: E
     return given.on(rail).at_wheel_load(loaded.wheel_load / (found_at or envelope.vehicle.wheel_load))
 
 
-def _is_file(law: str | Path) -> bool:
-    return Path(law).suffix.lower() in _LAW_FILES
+def _is_file(law: str | Path | AdhesionLaw) -> bool:
+    return not isinstance(law, AdhesionLaw) and Path(law).suffix.lower() in _LAW_FILES
 
 
 def _reference(envelope: Envelope, law: AdhesionLaw, rail: Rail) -> float:
-    if envelope.reference is not None:
-        return float(getattr(envelope.reference, rail.value))
-    slip = law.reference_slip(rail)
+    """The slip held; InputError for none, or where a factor of the envelope makes it that of a locked wheel."""
+    given = envelope.reference
+    slip = law.reference_slip(rail) if given is None else float(getattr(given, rail.value))
+    if slip is not None and slip * max(envelope.slip) >= 1:
+        of = "" if given is not None else f" of {law.name}"
+        raise InputError(
+            f"slip: {max(envelope.slip):g} times the reference slip{of} on {rail} rail, {slip:.4g}, is a locked "
+            f"wheel; give factors < {1 / slip:.4g}"
+        )
     if slip is None:
         raise InputError(
             f"envelope: adhesion {law.name!r} has no reference slip; give the envelope's, reference = {{ dry = 0.13, "

@@ -147,7 +147,7 @@ def tune_over(
     at_one_lead = partial(tuned_at, structure="pi-lead", lead=tuned.lead) if structure == "pid" else tuned_at
     if tuned.design is not None and len(tuned.points) < len(plants):
         search = at_one_lead if len(plants) > _MANY else tuned_at
-        tuned = replace(search(plants), structure=structure)
+        tuned = replace(_for_all(search, tuned, plants, late), structure=structure)
     if tuned.design is None:
         return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(at_one_lead, plants, late)}"), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
@@ -214,6 +214,36 @@ def _early(tuned_at: Tuner, plants: Sequence[LinearPlant]) -> TunedCases:
     return replace(tuned, reason=f"at {' and '.join(f'{v:g}' for v in speeds)} km/h alone: {tuned.reason}")
 
 
+def _for_all(tuned_at: Tuner, tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> TunedCases:
+    """What was tuned at the hardest plants, for all: those that miss the specification worst join, until none does.
+
+    What is the best of some plants and does for all is the best of all.
+    """
+    some, found = _ends(plants), tuned
+    while found.design is not None:
+        known = {id(plant) for plant in some}
+        missed = _missed(found, [plant for plant in plants if id(plant) not in known], actuator)
+        if not missed:
+            return replace(found, points=tuple(plant.point for plant in plants))
+        some += missed
+        found = tuned_at(some)
+    return tuned_at(plants)  # for the reason
+
+
+def _missed(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> list[LinearPlant]:
+    """The few of some plants that miss most of what others were tuned for: the specification, or their least Ms."""
+    assert tuned.design is not None
+    if not plants:
+        return []
+    controller, asked = tuned.controller(tuned.design), tuned.specification
+    most = asked.ms_max if tuned.ki_min is None else tuned.design.worst.ms
+    found = family_margins([wheel_slip_loop(plant, controller, actuator) for plant in plants], gain_margins=False)
+    low = (found.phase_deg < (asked.phase_min_deg or 0.0)) | (found.delay_s < (asked.delay_min_s or 0.0))
+    met = found.stable & ~low & (found.ms <= (most or math.inf))
+    worst = np.argsort(np.where(met, 0.0, -np.nan_to_num(found.ms, nan=np.inf)))[:_JOINING]
+    return [plants[i] for i in worst.tolist() if not met[i]]
+
+
 def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> str:
     """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
     speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
@@ -278,6 +308,7 @@ _LOOKS = (0.5, 0.25, 0.75, 0.1, 0.9)  # shares of an interval of gains, in ratio
 _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked at
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
+_JOINING = 8  # plants at once, of those that miss what was tuned at others
 _MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
 _TIME_STEP = 0.95  # ratio of integral times that are told apart

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.rounding import rounded_up
+from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop import Margins
 from railslip_ctrl.loop.batch import BatchMargins, batch_margins
 from railslip_ctrl.loop.sampled import SampledLoop
@@ -29,6 +30,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _LOOKED_AT = 3  # cases of a speed: of nearly equal Ms the sampled ones may stand in another order
+_ROUNDING = 1 - 1e-9  # of a speed, km/h, from m/s
 _ENGINES_AGREE = 1e-6  # relative, of Ms by the batch and by the scalar engine: both find peaks to 1e-9
 
 
@@ -234,17 +236,25 @@ class Judgement:
     @property
     def verdict_line(self) -> str:
         """The verdict with the case that decides it, and from which speed on the controller may be used."""
-        everywhere = np.ones(len(self.points), dtype=bool)
-        decides = self._worst(everywhere if self.verdict == "fragile" else self.points.operating)
-        line = f"{self.verdict}{' at the operating points' if self.nominal else ''}: {decides.words}"
+        line = self._decided(np.ones(len(self.points), dtype=bool))
         if self.verdict == "robust" and not self.nominal:
             line += f"; with tolerances {self.worst_with_tolerances.words}"
         if self.usable_from_kmh is None:
-            return f"{line}; not stable at {max(self.envelope.speeds):g} km/h either"
+            return f"{line}; not stable at {max(self.envelope.speeds):g} km/h either{self._handed_over}"
         if self.usable_from_kmh > min(self.envelope.speeds):
             line += f"; stable from {self.usable_from_kmh:g} km/h up, there {self.worst_with_tolerances.words}"
         left_out = len(self.points.skipped)
-        return line + (f"; {left_out} left out" if left_out else "")
+        return line + (f"; {left_out} left out" if left_out else "") + self._handed_over
+
+    @property
+    def hand_over_kmh(self) -> float:
+        """Below this speed, km/h, the controller does not control slip, as it says itself; 0: never."""
+        return float(getattr(self.controller, "cut_out_speed", 0.0)) / KMH
+
+    @property
+    def verdict_in_use(self) -> str | None:
+        """The verdict from `hand_over_kmh` up; None where all speeds of the envelope are below."""
+        return self._verdict(self._in_use) if self._in_use.any() else None
 
     def __str__(self) -> str:
         robust = int(np.count_nonzero([is_robust(ms) for ms in self.run_ms.tolist()]))
@@ -259,6 +269,8 @@ class Judgement:
             "nominal": self.nominal,
             "usable_from_kmh": self.usable_from_kmh,
             "robust_from_kmh": self.robust_from_kmh,
+            "hand_over_kmh": self.hand_over_kmh or None,
+            "verdict_in_use": self.verdict_in_use,
             "worst": self.worst.table(),
             "worst_with_tolerances": self.worst_with_tolerances.table(),
             "envelope": self.envelope.table(),
@@ -270,6 +282,28 @@ class Judgement:
     @property
     def _usable(self) -> Flags:
         return self.points.speed_kmh >= (self.usable_from_kmh or 0.0)
+
+    @cached_property
+    def _in_use(self) -> Flags:
+        return self.points.speed_kmh > _ROUNDING * self.hand_over_kmh
+
+    @property
+    def _handed_over(self) -> str:
+        """What the verdict says of a controller that hands over at speeds of the envelope."""
+        if self._in_use.all():
+            return ""
+        told = f"; hands over below {self.hand_over_kmh:.4g} km/h"
+        return (
+            f"{told}, in use {self._decided(self._in_use)}"
+            if self._in_use.any()
+            else f"{told}, above every speed judged"
+        )
+
+    def _decided(self, cases: Flags) -> str:
+        """The verdict over some cases, with the case that decides it."""
+        verdict = self._verdict(cases)
+        worst = self._worst(cases if verdict == "fragile" else cases & self.points.operating)
+        return f"{verdict}{' at the operating points' if self.nominal else ''}: {worst.words}"
 
     def _summary(self, chosen: Flags) -> tuple[float, float]:
         stable = self.stable & chosen

@@ -209,6 +209,12 @@ class TunedCases:
         return PIController(PIGains(kp=design.kp, ki=design.ki), self.lead, self.lead_filter)
 
 
+def check_structure(structure: str) -> None:
+    """InputError for one that is not of `STRUCTURES`."""
+    if structure not in STRUCTURES:
+        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
+
+
 def tune_cases(
     plants: Sequence[LinearPlant],
     actuator: Actuator,
@@ -227,8 +233,7 @@ def tune_cases(
 
     InputError for an unknown structure, a lead for a plain PI, or a contradictory specification.
     """
-    if structure not in STRUCTURES:
-        raise InputError(f"--structure: {structure!r} is not known; choose one of {', '.join(STRUCTURES)}")
+    check_structure(structure)
     if structure == "pi" and (lead is not None or lead_filter is not None):
         raise InputError("--lead: does not go with structure 'pi'; choose 'pi-lead' or 'pid'")
     if structure == "pid" and lead is not None:

@@ -372,7 +372,8 @@ def _tip(family: Family, specification: Specification, gap: Interval, ki: float)
 
     def left(samples: Forbidden, log_ki: float) -> tuple[Interval, ...]:
         here = math.exp(log_ki)
-        return common_intervals([tuple(family.gaps(samples.gaps(here, specification), here, stable)), window])
+        near = common_intervals([tuple(samples.gaps(here, specification)), window])  # stable as a whole, or not
+        return tuple(family.gaps(list(near), here, stable))
 
     # the samples forbid nothing that may be had: a tip that stays where it is on a closer look is the true one
     samples, moved = family.forbidden, _TOP

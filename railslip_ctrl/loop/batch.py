@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from railslip_ctrl.core.errors import InputError
 
 from .crossings import bracketed_roots
 from .deadtime import DeadTimeLoop
-from .margins import box_bounds, responses
+from .margins import SHAPES, box_bounds, heights, responses
 from .rational import Complexes, Floats, Rational
 
 Flags = NDArray[np.bool_]
@@ -37,7 +38,7 @@ _FAR, _NODES_FAR_OUT = 1e3, 2  # of which the outer part, where L is all but its
 _WIDEST = 1e24  # ratio of highest to lowest node beyond which a loop would make its whole chunk slow
 _EXTREME = 1e60  # frequencies beyond it (rad/s), or below its reciprocal, could overflow when squared
 _LEAST_DAMPING = 1e-7  # |Re|/|Im| of a root below which it is taken as on the axis
-_PHASE_STEP = 0.25  # rad, of a piece searched for a peak; as in `margins`
+_PHASE_STEP = 0.5  # rad, of a piece searched for a peak
 _MOST_PARTS = 500
 _MOST_HALVINGS = 6  # of a piece on which |L| may cross 1 unseen; a loop that has one left is delicate
 _BLOCK = 1024  # points evaluated together: few calls where they are few, and in the cache where they are many
@@ -216,7 +217,7 @@ def _solve(
         return delicate
     found = _crossover_margins(crossovers, n)
     if any(asked):
-        points, bent = points.inserted(at, crossovers), np.insert(bent, at + 1, bent[:, at], axis=1)
+        points, bent = points.inserted(at, crossovers), bent[:, _repeated(bent, at)]
         wanted = stable[points.row]
         points, bent = points.take(wanted), bent[:, wanted]
         spans = ranges(points, bent)
@@ -329,11 +330,16 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     peak, omega = np.zeros((3, n)), np.zeros((3, n))
     for loop, end in ((dc, 0.0), (np.zeros_like(dc), np.inf)):
         with np.errstate(divide="ignore", invalid="ignore"):
-            values = responses(loop, loop)[0]
+            values = heights(loop)
         _raise(peak, omega, values, np.arange(n), np.full(n, end))
-    _raise(peak, omega, points.responses()[0], points.row, points.omega)
-    may_rise = bounds(points, spans) > peak[:, points.row[:-1]] * (1 + _PEAK_GAIN)
-    at = np.flatnonzero(may_rise.any(axis=0))
+    _raise(peak, omega, heights(points.loop()), points.row, points.omega)
+    (lowest, highest), rows = spans[0], points.row[:-1]
+    with np.errstate(divide="ignore"):
+        most = -1 / np.expm1(-np.maximum(np.maximum(lowest, -highest), 0))  # of |S| and |T|, whatever the phase
+    sizes = np.array([most - (lowest > 0), most - (highest < 0), most - 0.5])
+    at = np.flatnonzero((rows == points.row[1:]) & (sizes > peak[:, rows]).any(axis=0))
+    may_rise = box_bounds(spans[0][:, at], spans[1][:, at] / np.pi) > peak[:, rows[at]] * (1 + _PEAK_GAIN)
+    at = at[may_rise.any(axis=0)]
     parts = np.ceil(np.abs(points.phase[at + 1] - points.phase[at]) / _PHASE_STEP).astype(int) + 1
     twisted = np.zeros(n, dtype=bool)
     twisted[points.row[at[parts > _MOST_PARTS]]] = True
@@ -343,15 +349,23 @@ def _peaks(loops: Loops, points: Points, bent: Floats, spans: Spans, n: int) -> 
     spans = ranges(pieces, bent)
     may_rise = bounds(pieces, spans) > peak[:, fine.row[:-1]] * (1 + _PEAK_GAIN)
     kind, at = np.nonzero(may_rise & (slopes[:, :-1] > 0) & (slopes[:, 1:] < 0))
-    top = located(loops, fine, at, lambda found, i: found.responses()[1][kind[i], np.arange(i.size)])
-    own = np.where(kind == np.arange(3)[:, None], top.responses()[0], 0.0)
+    a, b = np.array(SHAPES)[kind].T
+
+    def rise(found: Points, index: Indices) -> Floats:
+        """The logarithmic slope of the response of each piece's own kind, but for positive factors."""
+        loop = found.loop()
+        slope = (b - a)[index] * (found.size_slope + 1j * found.phase_slope)
+        return np.asarray((slope * loop / ((1 + loop) * (a[index] + b[index] * loop))).real)
+
+    top = located(loops, fine, at, rise)
+    own = np.where(kind == np.arange(3)[:, None], heights(top.loop()), 0.0)
     _raise(peak, omega, own, top.row, top.omega)
     most = peak * (1 + _PEAK_SURE)
 
     def may_exceed(points: Points, pieces: Points, bent: Floats, spans: Spans) -> Indices:
         """Pieces that may hold a higher one."""
         boxes = bounds(pieces, spans)
-        return np.flatnonzero(exceeding(pieces, bent[0], boxes, points.responses()[0], most[:, points.row[:-1]]))
+        return np.flatnonzero(exceeding(pieces, bent[0], boxes, heights(points.loop()), most[:, points.row[:-1]]))
 
     twisted |= _undecided(loops, fine, bent, may_exceed(fine, pieces, bent, spans), may_exceed)
     peak[2] = 1 / peak[2]
@@ -434,15 +448,17 @@ class Points:
     phase_slope: Floats
 
     def take(self, chosen: Indices | Flags) -> Points:
-        return Points(self.row[chosen], *(a[chosen] for a in self._values()))
+        return Points(*(one[chosen] for one in self._columns()))
 
     def inserted(self, at: Indices, others: Points) -> Points:
         """With `others` put in behind the points number `at`."""
-        pairs = zip(self._values(), others._values(), strict=True)
-        return Points(np.insert(self.row, at + 1, others.row), *(np.insert(a, at + 1, b) for a, b in pairs))
+        size = self.row.size
+        order = np.insert(np.arange(size), at + 1, np.arange(size, size + at.size))
+        pairs = zip(self._columns(), others._columns(), strict=True)
+        return Points(*(np.concatenate(pair)[order] for pair in pairs))
 
-    def _values(self) -> tuple[Floats, ...]:
-        return self.omega, self.size, self.size_slope, self.phase, self.phase_slope
+    def _columns(self) -> tuple[Any, ...]:
+        return self.row, self.omega, self.size, self.size_slope, self.phase, self.phase_slope
 
     def changes(self, value: Floats) -> Indices:
         """Numbers of the pieces (point i to i + 1 of one loop) on which `value` changes sign."""
@@ -451,9 +467,12 @@ class Points:
 
     def responses(self) -> tuple[Floats, Floats]:
         """|S|, |T|, |S - 1/2| and their logarithmic slopes, both of shape (3, N)."""
-        loop = np.exp(np.clip(self.size, -300, 300) + 1j * self.phase)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return responses(loop, self.size_slope + 1j * self.phase_slope)
+            return responses(self.loop(), self.size_slope + 1j * self.phase_slope)
+
+    def loop(self) -> Complexes:
+        """L(j omega)."""
+        return np.asarray(np.exp(np.clip(self.size, -300, 300) + 1j * self.phase))
 
 
 def band(loops: Loops) -> tuple[Floats, Floats, Flags]:
@@ -539,11 +558,16 @@ def monotone(loops: Loops, low: Floats, high: Floats) -> tuple[Points, Floats, F
             return points, bent, delicate
         middle = loops.evaluate(0.5 * (points.omega[pieces] + points.omega[pieces + 1]), points.row[pieces])
         points = points.inserted(pieces, middle)
-        bent = np.insert(bent, pieces + 1, bent[:, pieces], axis=1)  # a bound on the whole holds on the parts
+        bent = bent[:, _repeated(bent, pieces)]  # a bound on the whole holds on the parts
         pieces = pieces + np.arange(pieces.size)
         pieces = np.sort(np.concatenate([pieces, pieces + 1]))
     delicate[points.row[pieces]] = True
     return points, bent, delicate
+
+
+def _repeated(bent: Floats, at: Indices) -> Indices:
+    """The numbers of the pieces, those `at` twice."""
+    return np.insert(np.arange(bent.shape[1]), at, at)
 
 
 def bends(loops: Loops, points: Points) -> Floats:

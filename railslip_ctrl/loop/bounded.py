@@ -19,7 +19,7 @@ from railslip_ctrl.core.arguments import numbers
 
 from .crossings import bracketed_roots
 from .deadtime import Loop, unstable_error
-from .margins import Margins, Peaks, by_distance, responses, smallest_of, top_of
+from .margins import Margins, Peaks, by_distance, heights, responses, smallest_of, top_of
 from .rational import Complexes, Floats
 
 ROUNDING = 1e-12  # of ln L, many times what is seen
@@ -153,9 +153,9 @@ class BoundedLoop(Loop):
             sure &= (sway < _SWAY) & ((np.abs(off) > sway) | (np.abs(slope.imag) > slack))
             if peaks:
                 value = np.exp(logarithm)
-                heights, slopes = responses(value, slope)
-                best = np.maximum(best, np.log(heights.max(axis=1)))
-                bound = np.log(heights) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
+                sizes, slopes = responses(value, slope)
+                best = np.maximum(best, np.log(sizes.max(axis=1)))
+                bound = np.log(sizes) + np.abs(slopes) * half + _shape_rests(value, np.abs(slope) * half, rest)
                 slacks = _shape_rests(value, np.abs(slope) * half * 2, twice) / half
                 sure &= ((bound <= best[:, None] + _PEAK) | (np.abs(slopes) > slacks)).all(axis=0)
             parted = ~sure & (half > _NARROWEST * omega)
@@ -167,8 +167,7 @@ class BoundedLoop(Loop):
     def _at_ends(self) -> Floats:
         """|S|, |T| and |S - 1/2| at the frequencies of `_ENDS`, (3, 1 or 2); with an integrator any large |L| does."""
         values = np.array([np.clip(self.dc_gain, -1e100, 1e100), 0.0], dtype=complex)[: 1 + self._to_infinity]
-        with np.errstate(divide="ignore", invalid="ignore"):  # the slope of S - 1/2 where L = 1
-            return responses(values, values)[0]
+        return heights(values)
 
     def _roots(self, nodes: Floats, values: Floats, function: Callable[[Complexes], Floats]) -> Floats:
         """Refined zeros of a real function of L between nodes where it changes sign."""
@@ -193,9 +192,9 @@ class BoundedLoop(Loop):
             return responses(*self.response_and_slope(omega))[1][kinds[index], np.arange(index.size)]
 
         refined = bracketed_roots(rise, nodes[left], nodes[left + 1])
-        heights = responses(*self.response_and_slope(refined))[0]
+        tops = heights(self.response_and_slope(refined)[0])
         ends = self._at_ends()
-        return top_of(np.hstack([ends, heights, sizes]), np.concatenate([_ENDS[: ends.shape[1]], refined, nodes]))
+        return top_of(np.hstack([ends, tops, sizes]), np.concatenate([_ENDS[: ends.shape[1]], refined, nodes]))
 
 
 def _shape_rests(loop: Complexes, linear: Floats, rest: Floats) -> Floats:

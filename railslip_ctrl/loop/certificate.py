@@ -17,7 +17,7 @@ from flint import arb, ctx
 
 from railslip_ctrl.core.errors import RailslipError
 
-from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Pieces, Response, limits, located
+from .crossings import AXIS, GAIN, MOST_BITS, PHASE, SIZE, Response, limits, phase_crossover
 from .margins import SHAPES, Margins
 from .stability import root_count
 
@@ -28,6 +28,7 @@ WIDTH = 1e-9
 
 _BITS = (80, 320, 1280, 4000)
 _ABOVE = 0.4 * WIDTH  # relative: how far the upper end of a peak's enclosure is above the value attained
+_BESIDE = 1e-6  # relative: how far a peak may be from where doubles see it
 _NEAR_PEAK = 1e-6 * 1.5 ** np.arange(30)  # relative distances from a peak at which the axis is cut first
 _MOST_PARTS = 50_000
 _FARTHEST = arb(2) ** 1000  # rad/s
@@ -213,11 +214,9 @@ def _first_odd(near: _End, far: _End) -> int | None:
 
 def _phase_crossover(response: Response, start: _End, end: _End, odd: int) -> arb:
     """The frequency inside a piece at which arg L is `odd` times pi: Newton's method, then the signs on either side."""
-    ends = [np.array([float(one.omega.mid())]) for one in (start, end)]
-    turns = [-np.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end)]
-    piece = Pieces(ends[0], ends[1], np.zeros((2, 1)), np.array(turns)[:, None])
-    found = located(response, piece, np.array([0]), np.array([float(odd)]))
-    omega = response.exact.phase_crossover(float(found[0]), float(response.phase(found)[1][0]), odd)
+    first, last = (-math.inf if one.half_turns is None else float(one.half_turns.mid()) for one in (start, end))
+    found = phase_crossover(response, float(start.omega.mid()), float(end.omega.mid()), first, last, odd)
+    omega = response.exact.phase_crossover(found, response.turned(found)[1], odd)
     away = omega * arb(2) ** (-ctx.prec // 2)
     below, above = (response.exact.argument(omega + step) - odd * arb.pi() for step in (-away, away))
     if not (below * above < 0):
@@ -280,7 +279,7 @@ class _Cover:
     def _peak(self, shape: tuple[float, float], omega: float) -> arb:
         """|S| or |T| where it is largest, near a frequency, or in the limit to 0 or infinity."""
         if 0 < omega < math.inf:
-            found, peak = self._response.exact.peak(*shape, omega)
+            found, peak = self._response.exact.peak(*shape, omega * (1 - _BESIDE), omega, omega * (1 + _BESIDE))
             self._near += [found * (1 + side * away) for side in (-1, 1) for away in _NEAR_PEAK.tolist()]
             return peak
         num, den = self._fraction_at(omega)

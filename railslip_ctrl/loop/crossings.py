@@ -2,18 +2,20 @@
 
 Gain crossovers and the extrema of |L| and of its phase are roots of polynomials, isolated exactly (`ExactLoop`).
 Between them both are monotone, so that the phase at the ends of a piece tells how many phase crossovers it has; each is
-then refined to the last bits (`monotone_roots`).
+then refined to the last bits (`monotone_root`).
 """
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from flint import acb, arb, ctx, fmpq, fmpq_poly
+from flint import acb, acb_poly, arb, arb_poly, ctx, fmpq, fmpq_poly
 from numpy.typing import NDArray
 
 from .rational import (
@@ -94,42 +96,31 @@ def _next_fraction(x1: Floats, x2: Floats, x3: Floats, f1: Floats, f2: Floats, f
     return np.asarray(np.minimum(np.maximum(np.where(trusted, quadratic, 0.5), edge), 1 - edge))
 
 
-@np.errstate(all="ignore")
-def monotone_roots(
-    function: Callable[[Floats, NDArray[np.intp]], tuple[Floats, Floats]],
-    start: Floats,
-    low: Floats,
-    high: Floats,
-    side: Floats,
-) -> Floats:
-    """Roots of `function`, one in each [low, high], to rounding, by Newton's method kept inside the bracket.
+def monotone_root(
+    function: Callable[[float], tuple[float, float]], start: float, low: float, high: float, side: float
+) -> float:
+    """The root of `function` in [low, high], to rounding, by Newton's method kept inside the bracket.
 
-    `function` gives f and df/dx as for `bracketed_roots`; `start` are first guesses. Brackets, (n,), may begin at 0
-    and end at infinity; `side` is the sign of f at the lower end.
+    `function` gives f and df/dx; `start` is a first guess. The bracket may begin at 0 and end at infinity; `side` is
+    the sign of f at its lower end.
     """
-    root, low, high = start.astype(float), low.astype(float), high.astype(float)
-    index = np.arange(root.size)
-    x, width = root, np.full(root.size, np.inf)
+    x, width = start, math.inf
     for _ in range(_MOST_STEPS):
-        f, slope = function(x, index)
-        below = f * side > 0
-        low, high = np.where(below, x, low), np.where(below, high, x)
-        new = x - f / slope
-        zero, inside = f == 0, (new > low) & (new < high) & (np.abs(new - x) < 0.5 * width)
-        if not inside.all():
-            wide = high > 4 * low
-            middle = np.where(wide, np.sqrt(np.maximum(low, x / 64) * np.minimum(high, x * 64)), 0.5 * (low + high))
-            new = np.where(zero, x, np.where(inside, new, middle))
-        width = np.abs(new - x)
-        # Newton's method doubles the digits, so that half of them before the step are all after it
-        left = ~(zero | (inside & (width <= _HALF_OF_THE_DIGITS * x)) | (high - low <= 4e-16 * x))
-        root[index] = new
-        if not left.any():
-            break
-        if not left.all():
-            new, index, width, low, high, side = (one[left] for one in (new, index, width, low, high, side))
-        x = new
-    return root
+        f, slope = function(x)
+        if f == 0:
+            return x
+        low, high = (x, high) if f * side > 0 else (low, x)
+        new = x - f / slope if slope else math.nan
+        step = abs(new - x)
+        if low < new < high and step < 0.5 * width:
+            if step <= _HALF_OF_THE_DIGITS * x:
+                return new  # Newton's method doubles the digits, so that half of them before the step are all after it
+        elif high - low <= 4e-16 * x:
+            return x
+        else:
+            new = math.sqrt(max(low, x / 64)) * math.sqrt(min(high, x * 64)) if high > 4 * low else 0.5 * (low + high)
+        x, width = new, abs(new - x)
+    return x
 
 
 # -- what the polynomials of a loop decide ----------------------------------------------------------------------------
@@ -137,9 +128,9 @@ def monotone_roots(
 # With x = omega^2, |N|^2, |D|^2 and the numerators of d|L|^2/d omega and of d(arg L)/d omega are polynomials in x, dead
 # time included; their positive roots are isolated with certainty (FLINT). No grid is asked.
 
-_NEWTON_STEPS = 4  # from a double
+_NEWTON_STEPS = 60  # halving included
+_NOTHING_GAINED = 1e-18  # relative, of a peak by a step
 _BITS_OF_A_STEP = 50  # or more, that a step with a slope good to double precision adds
-_NEAR = 1e-6  # relative: how far a peak may lie from where doubles see it
 REFINED_BITS = 160  # of margins that doubles would give with fewer digits
 MOST_BITS = 4000
 """Precision at which a sign that is still open is given up as zero."""
@@ -156,6 +147,7 @@ class ExactLoop:
         self._given, self._dead_time = dead_time, fraction(dead_time)
         self._found: dict[tuple[str, int], list[tuple[arb, int]]] = {}
         self._roots: dict[int, tuple[list[acb], list[acb]]] = {}
+        self._made: dict[int, list[tuple[acb_poly, acb_poly]]] = {}
 
     def __reduce__(self) -> tuple[type[ExactLoop], tuple[Rational, float]]:
         """To another process go the numbers it was made from: FLINT's do not."""
@@ -203,17 +195,19 @@ class ExactLoop:
 
     def value(self, omega: arb) -> tuple[acb, acb]:
         """L(j omega) and d ln L/d omega, at the precision of the context."""
-        s, slope = acb(0, omega), acb(0)
-        value = acb(self.numerator.leading_coefficient() / self.denominator.leading_coefficient())
-        zeros, poles = self.roots()
-        for root in zeros:
-            away = s - root
-            value, slope = value * away, slope + 1 / away
-        for root in poles:
-            away = 1 / (s - root)
-            value, slope = value * away, slope - away
-        delay = arb(self._dead_time)
-        return value * (s * -delay).exp(), acb(0, 1) * (slope - delay)
+        s, delay = acb(0, omega), arb(self._dead_time)
+        (num, den), (num_slope, den_slope) = ([one(s) for one in pair] for pair in self._balls[:2])
+        return num / den * (s * -delay).exp(), acb(0, 1) * (num_slope / num - den_slope / den - delay)
+
+    @property
+    def _balls(self) -> list[tuple[acb_poly, acb_poly]]:
+        """N and D, their first and their second derivatives in balls of the context's precision."""
+        if ctx.prec not in self._made:
+            both = [(self.numerator, self.denominator)]
+            for _ in range(2):
+                both.append((both[-1][0].derivative(), both[-1][1].derivative()))
+            self._made[ctx.prec] = [(acb_poly(arb_poly(num)), acb_poly(arb_poly(den))) for num, den in both]
+        return self._made[ctx.prec]
 
     def phase_crossover(self, omega: float, slope: float, odd: int) -> arb:
         """The frequency near `omega`, rad/s, where arg L is `odd` times pi, refined; `slope` is d(arg L)/d omega."""
@@ -222,25 +216,38 @@ class ExactLoop:
             refined = (refined - (self.argument(refined) - odd * arb.pi()) / slope).mid()
         return refined
 
-    def peak(self, a: float, b: float, omega: float) -> tuple[arb, arb]:
-        """Where, rad/s, |a + b L|/|1 + L| has its peak near `omega`, refined by Newton's method, and the peak."""
+    def size_at(self, a: float, b: float, omega: arb | float) -> arb:
+        """|a + b L|/|1 + L|."""
+        s = acb(0, omega)
+        num, den = (one(s) for one in self._balls[0])
+        num *= (s * acb(-self._dead_time)).exp()
+        return abs(a * den + b * num) / abs(den + num)
 
-        def slope(at: arb) -> arb:
-            """Of half the square of the inverse, which is nearly a parabola however sharp the peak is."""
-            loop, rate = self.value(at)
-            inverse = (1 + loop) / (a + b * loop)
-            return (inverse.conjugate() * (a - b) * rate * loop / (a + b * loop) ** 2).real
-
-        found = arb(omega)
+    def peak(self, a: float, b: float, low: float, start: float, high: float) -> tuple[arb, arb]:
+        """Where, rad/s, |a + b L|/|1 + L| has a peak between `low` and `high`, by Newton's method from `start`, and the
+        peak. What is searched is the least square of the inverse, nearly a parabola however sharp the peak is."""
+        delay, below, found, above = arb(self._dead_time), arb(low), arb(start), arb(high)
         for _ in range(_NEWTON_STEPS):
-            step = found * arb(2) ** (-ctx.prec // 3)
-            here = slope(found)
-            change = here * step / (slope(found + step) - here)
-            if not abs(change) < found * _NEAR:
-                break  # no peak so near: a resonance beside it, or the precision does not tell
-            found = (found - change).mid()
-        loop, _ = self.value(found)
-        return found, abs((a + b * loop) / (1 + loop))
+            s = acb(0, found)
+            (n, d), (n1, d1), (n2, d2) = ([one(s) for one in pair] for pair in self._balls)
+            turn = (s * -delay).exp()
+            e, e1, e2 = n * turn, (n1 - delay * n) * turn, (n2 - delay * (2 * n1 - delay * n)) * turn
+            size, size1, size2 = a * d + b * e, a * d1 + b * e1, a * d2 + b * e2
+            inverse = (d + e) / size
+            first = (d1 + e1 - inverse * size1) / size
+            second = (d2 + e2 - 2 * first * size1 - inverse * size2) / size
+            slope = -(inverse.conjugate() * first).imag
+            curvature = abs(first) ** 2 - (inverse.conjugate() * second).real
+            below, above = (found, above) if slope < 0 else (below, found)
+            new = (found - slope / curvature).mid()
+            step = new - found
+            if not (below < new < above and curvature > 0):
+                new = ((below + above) / 2).mid() if above.is_finite() else 2 * found
+            elif abs(step) < _HALF_OF_THE_DIGITS * found and abs(step * slope) < _NOTHING_GAINED * abs(inverse) ** 2:
+                found = new
+                break
+            found = new
+        return found, self.size_at(a, b, found)
 
     def peaks(self) -> list[tuple[arb, float]]:
         """Suprema over omega >= 0 of |S|, |T| and |S - 1/2| without dead time, and where they are attained, rad/s."""
@@ -285,8 +292,9 @@ class ExactLoop:
     @cached_property
     def _polynomials(self) -> dict[str, fmpq_poly]:
         num, den = self._axis
-        common = num.power.gcd(den.power)
-        p, r = num.power // common, den.power // common
+        powers = num.power, den.power
+        common = powers[0].gcd(powers[1])
+        p, r = (one // common for one in powers)
         turned = num.turning * r - den.turning * p - self._dead_time * common * p * r
         undamped = num.undamped * den.undamped
         size, phase = (without(undamped, one) for one in (p.derivative() * r - p * r.derivative(), turned))
@@ -347,11 +355,21 @@ class Response:
 
     def phases_at_crossovers(self, *, certain: bool = False) -> tuple[Floats, Floats]:
         """As `crossover_phases`, by balls everywhere, if that is to be `certain`."""
-        return _phases(self, [(omega, GAIN, i) for i, omega in enumerate(self.gain_crossovers.tolist())], certain)
+        found = [self.half_turns(one, GAIN, i, certain=certain) for i, one in enumerate(self.gain_crossovers.tolist())]
+        odd, rest = np.array(found).reshape(-1, 2).T
+        return odd, rest
 
-    def rounding(self, omega: Floats | float) -> Floats:
+    def half_turns(self, omega: float, kind: str, index: int, *, certain: bool = False) -> tuple[float, float]:
+        """arg L/pi at frequency number `index` of a kind, rad/s, as `crossover_phases` has it."""
+        half = self.turned(omega)[0] / math.pi
+        odd = 2 * math.floor(half / 2) + 1
+        if certain or abs(half - odd) <= self.rounding(omega):
+            return self.exact.offset(kind, index)
+        return odd, half - odd
+
+    def rounding(self, omega: Any) -> Any:
         """Bound on the rounding of L, relative, and of `angle` over pi: of each root and of tau omega."""
-        return np.asarray(_ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega))
+        return _ROUNDING * (8 + 2 * self.system.poles.size + self.dead_time * omega)
 
     def log_size(self, omega: Floats) -> Floats:
         """ln|L|."""
@@ -369,6 +387,20 @@ class Response:
         distance = np.hypot(size, offset)
         angle = np.arctan2(offset, size) @ turns + (at_zero - self.dead_time * omega)
         return np.asarray(angle), np.asarray((size / distance / distance) @ turns - self.dead_time)
+
+    def turned(self, omega: float) -> tuple[float, float]:
+        """`phase` at one frequency, in Python's numbers."""
+        total, slope = self._angles[3] - self.dead_time * omega, -self.dead_time
+        for away, height, turn in self._turns:
+            offset = omega - height
+            distance = math.hypot(away, offset)
+            total += turn * math.atan2(offset, away)
+            slope += turn * (away / distance) / distance
+        return total, slope
+
+    @cached_property
+    def _turns(self) -> list[tuple[float, float, float]]:
+        return list(zip(*(one.tolist() for one in self._angles[:3]), strict=True))
 
     @cached_property
     def _angles(self) -> tuple[Floats, Floats, Floats, float]:
@@ -396,10 +428,28 @@ class Response:
             slope = 1j * (inverse @ self.system.signs - self.dead_time)
             return value, slope, (inverse * inverse) @ self.system.signs
 
+    def at(self, omega: float) -> tuple[complex, complex, complex]:
+        """`value_and_slopes` at one frequency, in Python's numbers: ten times as fast; ArithmeticError on overflow."""
+        zeros, poles = self._listed_roots
+        s = complex(0, omega)
+        value, slope, second = self.system.gain * cmath.exp(-self.dead_time * s), complex(-self.dead_time), 0j
+        for zero in zeros:
+            away = s - zero
+            inverse = 1 / away
+            value, slope, second = value * away, slope + inverse, second + inverse * inverse
+        for pole in poles:
+            inverse = 1 / (s - pole)
+            value, slope, second = value * inverse, slope - inverse, second - inverse * inverse
+        return value, 1j * slope, second
+
+    @cached_property
+    def _listed_roots(self) -> tuple[list[complex], list[complex]]:
+        return self.system.zeros.tolist(), self.system.poles.tolist()
+
     def bend(self, low: Floats, high: Floats) -> Floats:
         """A bound on |d^2 ln L/d omega^2| between two frequencies."""
         roots = self.system.roots
-        offset = roots.imag - np.clip(roots.imag, low[:, None], high[:, None])
+        offset = roots.imag - np.clip(roots.imag, low[..., None], high[..., None])
         with np.errstate(divide="ignore"):
             return np.asarray((1 / (roots.real**2 + offset**2)).sum(axis=-1))
 
@@ -423,13 +473,10 @@ class Pieces:
     def ends(self, response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
         """`size` and `half_turns` of parts of these pieces that reach from `low` to `high`, rad/s."""
         owner = np.searchsorted(self.low, low, side="right") - 1
-        found = []
-        for omega, known, end in ((low, self.low[owner], 0), (high, self.high[owner], 1)):
-            inner = omega != known
-            values = np.array([self.size[end, owner], self.half_turns[end, owner]])
-            values[:, inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
-            found.append(values)
-        size, half_turns = np.stack(found, axis=1)
+        omega = np.stack([low, high])
+        inner = omega != np.stack([self.low[owner], self.high[owner]])
+        size, half_turns = self.size[:, owner], self.half_turns[:, owner]
+        size[inner], half_turns[inner] = response.log_size(omega[inner]), response.angle(omega[inner]) / np.pi
         return size, half_turns
 
 
@@ -438,35 +485,39 @@ def pieces(response: Response) -> Pieces:
     exact, system = response.exact, response.system
     if system.gain == 0:
         return Pieces(np.array([0.0]), np.array([np.inf]), np.full((2, 1), -np.inf), np.zeros((2, 1)))
-    roots = system.roots
-    on_axis = np.unique(roots.imag[(roots.real == 0) & (roots.imag > 0)])
-    kinds = {kind: exact.frequencies(kind) for kind in (GAIN, SIZE, PHASE)}
-    found = [(float(w.mid()), kind, i) for kind, balls in kinds.items() for i, (w, _) in enumerate(balls)]
-    inner = np.array([omega for omega, _, _ in found])
-    odd, rest = _phases(response, found)
-    half = odd + rest
-    half = np.where((half == odd) & (rest != 0), np.nextafter(odd, np.where(rest > 0, np.inf, -np.inf)), half)
-    edges, at = np.unique(np.concatenate([inner, on_axis]), return_index=True)
-    ends = []
-    for towards in (np.inf, 0.0):  # what the pieces above and below each edge have there
-        beside = np.nextafter(on_axis, towards)
-        size = np.concatenate([response.log_size(inner), response.log_size(beside)])
-        half_turns = np.concatenate([half, response.angle(beside) / np.pi])
-        ends.append(np.array([size[at], half_turns[at]]))
     low, high = limits(response)
-    values = np.stack([np.column_stack([low, ends[0]]), np.column_stack([ends[1], high])], axis=1)
-    return Pieces(np.append(0.0, edges), np.append(edges, np.inf), *values)
+    kinds = ((kind, exact.frequencies(kind)) for kind in (GAIN, SIZE, PHASE))
+    found = [(float(ball.mid()), kind, i) for kind, balls in kinds for i, (ball, _) in enumerate(balls)]
+    sizes = response.log_size(np.array([omega for omega, _, _ in found])).tolist()
+    ends = []  # frequency, and what the pieces above and below it have there
+    for (omega, kind, i), size in zip(found, sizes, strict=True):
+        odd, rest = response.half_turns(omega, kind, i)
+        half = odd + rest
+        if half == odd and rest:
+            half = math.nextafter(odd, math.copysign(math.inf, rest))
+        ends.append((omega, size, half, size, half))
+    for omega in {root.imag for root in system.roots.tolist() if root.real == 0 and root.imag > 0}:
+        beside = np.nextafter(omega, [np.inf, 0.0])
+        values = np.column_stack([response.log_size(beside), response.angle(beside) / np.pi])
+        ends.append((omega, *values.ravel().tolist()))
+    ends = sorted({one[0]: one for one in reversed(ends)}.values())
+    edges, above_size, above, below_size, below = np.array(ends).reshape(-1, 5).T
+    return Pieces(
+        *(np.append(0.0, edges), np.append(edges, np.inf)),
+        *(
+            np.array([np.append(first, beyond), np.append(before, last)])
+            for first, last, beyond, before in zip(low, high, (above_size, above), (below_size, below), strict=True)
+        ),
+    )
 
 
 def limits(response: Response) -> tuple[tuple[float, float], tuple[float, float]]:
     """ln|L| and arg L/pi as omega tends to 0 and to infinity, the latter exact multiples of a half."""
-    zeros, poles, gain = response.system.zeros, response.system.poles, response.system.gain
-    turned = float(gain < 0)
-    integrators = np.count_nonzero(poles == 0) - np.count_nonzero(zeros == 0)
-    right = np.count_nonzero(zeros.real > 0) - np.count_nonzero(poles.real > 0)
-    level = math.log(abs(gain)) + float(
-        np.log(np.abs(zeros[zeros != 0])).sum() - np.log(np.abs(poles[poles != 0])).sum()
-    )
+    zeros, poles, gain = response.system.zeros.tolist(), response.system.poles.tolist(), response.system.gain
+    turned, integrators = float(gain < 0), poles.count(0) - zeros.count(0)
+    right = sum(root.real > 0 for root in zeros) - sum(root.real > 0 for root in poles)
+    sizes = ([math.log(abs(root)) for root in roots if root] for roots in (zeros, poles))
+    level = math.log(abs(gain)) + sum(next(sizes)) - sum(next(sizes))
     at_zero = (level if integrators == 0 else math.copysign(math.inf, integrators), turned + right - integrators / 2)
     small = -math.inf if response.system.relative_degree else math.log(abs(gain))
     return at_zero, (small, -math.inf if response.dead_time > 0 else _turned_at_infinity(response))
@@ -490,68 +541,45 @@ def frequency_nodes(response: Response) -> Floats:
     return np.setdiff1d(np.concatenate(parts), roots.imag[roots.real == 0])
 
 
-def _phases(response: Response, found: list[tuple[float, str, int]], certain: bool = False) -> tuple[Floats, Floats]:
-    """As `Response.crossover_phases`, at frequencies (rad/s, kind, number)."""
-    omega = np.array([one for one, _, _ in found])
-    half = response.angle(omega) / np.pi
-    odd = 2 * np.floor(half / 2) + 1
-    rest = half - odd
-    for i in np.flatnonzero((np.abs(rest) <= response.rounding(omega)) | certain).tolist():
-        odd[i], rest[i] = response.exact.offset(*found[i][1:])
-    return odd, rest
-
-
 def phase_crossovers(response: Response, cut: Pieces, *, smallest: float = SMALLEST_LISTED) -> Floats:
     """Frequencies omega > 0 with arg L = pi modulo 2 pi, ascending, rad/s: those with |L| >= smallest and 20."""
-    start, end = cut.half_turns
-    rising = end > start
-    # odd numbers 2 k + 1 behind the start, the end included but at infinity, where it is not reached
-    first = np.where(rising, np.floor((start - 1) / 2) + 1, np.ceil((start - 1) / 2) - 1)
-    last = np.where(rising, np.floor((end - 1) / 2), np.ceil((end - 1) / 2))
-    if np.isinf(cut.high[-1]) and end[-1] == 2 * last[-1] + 1:
-        last[-1] += -1 if rising[-1] else 1
-    count = np.maximum(np.where(rising, last - first, first - last) + 1, 0)
-    steps = _listed(response, cut, count, smallest)
-    at, step = np.repeat(np.arange(count.size), [one.size for one in steps]), np.concatenate(steps)
-    return np.unique(located(response, cut, at, 2 * (first[at] + np.where(rising[at], step, -step)) + 1))
+    least, found = math.log(smallest), list[float]()
+    for low, high, sizes, turns in zip(*(one.T.tolist() for one in vars(cut).values()), strict=True):
+        start, end = turns
+        way = 2 if end > start else -2
+        # odd numbers behind the start, the end included but at infinity, where it is not reached
+        first = 2 * math.floor((start - 1) / 2) + 3 if end > start else 2 * math.ceil((start - 1) / 2) - 1
+        number = max(math.floor((end - first) / way) + 1, 0) if math.isfinite(end) else math.inf
+        if number and math.isinf(high) and end == first + way * (number - 1):
+            number -= 1
+        wanted = min(number, max(_LISTED_ALWAYS - len(found), 0))
+        if max(sizes) >= least:
+            wanted = max(wanted, min(number, _until(response, cut, least)) if math.isinf(number) else number)
+        steps = list(range(int(wanted) if wanted <= _MOST_LISTED else _MOST_LISTED // 2))
+        if wanted > _MOST_LISTED and math.isfinite(number):
+            # too many: those next to either end, where |L| is nearest to 1 and where it is largest
+            steps += [int(number) - 1 - step for step in reversed(steps)]
+        found += [phase_crossover(response, low, high, start, end, first + way * step) for step in steps]
+    return np.array(sorted(set(found)))
 
 
-def located(response: Response, cut: Pieces, at: NDArray[np.intp], odd: Floats) -> Floats:
-    """Frequencies, rad/s, inside the pieces number `at` where arg L is `odd` times pi."""
-    low, high, target = cut.low[at], cut.high[at], np.pi * odd
-    first, last = cut.half_turns[0, at], cut.half_turns[1, at]
-    with np.errstate(all="ignore"):
-        start = low + (high - low) * ((odd - first) / (last - first))
-        start = np.where(high > 4 * low, np.sqrt(low * high), start)
-        if response.dead_time > 0:  # in the last piece the dead time turns the most
-            start = np.where(np.isinf(high), (_turned_at_infinity(response) - odd) * np.pi / response.dead_time, start)
-    scale = np.where(low > 0, 2 * low, np.where(np.isinf(high), 1 / (response.dead_time or 1.0), 0.5 * high))
-    start = np.where((start > low) & (start < high) & np.isfinite(start), start, scale)
+def phase_crossover(response: Response, low: float, high: float, first: float, last: float, odd: float) -> float:
+    """Frequency, rad/s, inside a piece with arg L/pi = `first` to `last` at its ends, where it is `odd`."""
+    target, dead_time = math.pi * odd, response.dead_time
+    if math.isinf(high):  # there the dead time turns the most
+        start = (math.pi * _turned_at_infinity(response) - target) / dead_time if dead_time else math.inf
+    else:
+        start = (
+            math.sqrt(low) * math.sqrt(high) if high > 4 * low else low + (high - low) * (odd - first) / (last - first)
+        )
+    if not low < start < high:
+        start = 2 * low or (0.5 * high if high < math.inf else 1 / (dead_time or 1.0))
 
-    def away(omega: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        angle, slope = response.phase(omega)
-        return angle - target[index], slope
+    def away(omega: float) -> tuple[float, float]:
+        angle, slope = response.turned(omega)
+        return angle - target, slope
 
-    return monotone_roots(away, start, low, high, np.where(last > first, -1.0, 1.0))
-
-
-def _listed(response: Response, cut: Pieces, count: Floats, smallest: float) -> list[Floats]:
-    """Numbers, from 0 at its start, of the crossovers to list of each piece, given how many it has."""
-    least, listed, total = math.log(smallest), [], 0
-    for i, number in enumerate(count.tolist()):
-        start, end = cut.size[:, i].tolist()
-        wanted = min(number, _LISTED_ALWAYS - total) if total < _LISTED_ALWAYS else 0
-        if max(start, end) >= least:
-            wanted = max(wanted, min(number, _until(response, cut, least) if math.isinf(number) else number))
-        if wanted <= _MOST_LISTED:
-            steps = np.arange(wanted)
-        else:  # too many: those next to either end, where |L| is nearest to 1 and where it is largest
-            steps = np.arange(_MOST_LISTED // 2, dtype=float)
-            if math.isfinite(number):
-                steps = np.concatenate([steps, number - 1 - steps[::-1]])
-        listed.append(steps)
-        total += steps.size
-    return listed
+    return monotone_root(away, start, low, high, -1.0 if last > first else 1.0)
 
 
 def _until(response: Response, cut: Pieces, least: float) -> float:

@@ -19,7 +19,7 @@ from railslip_ctrl.core.errors import InputError, UnstableLoopError
 
 from .certificate import Certificate, certify
 from .crossings import GAIN, REFINED_BITS, SMALLEST_LISTED, Pieces, Response, phase_crossovers, pieces
-from .margins import SHAPES, GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
+from .margins import GainLimit, Margins, compute_margins, gain_limits, smallest_at, stabilizing_range
 from .rational import Complexes, Floats, Rational, pade
 from .responses import TimeResponse, step_response
 from .stability import RootCount, count_right_of, rightmost_poles, root_count
@@ -31,12 +31,13 @@ if TYPE_CHECKING:
 # unless a resonance hides behind another.
 _MOST_LISTINGS = 5
 _ALL_LISTED = 1000  # unstable poles up to which surely every gain limit that makes them is listed
-# Relative errors and sizes of peaks beyond which balls refine what doubles gave, and for how many gain limits
-_SHARP, _BLUNT, _MOST_SHARPENED = 1e-12, 100.0, 20
+_SHARP, _MOST_SHARPENED = 1e-12, 20  # relative error beyond which balls refine a margin, and for how many gain limits
 _NEAR_ONE = 1e-12  # from a gain limit to 1: what rounding of the phase crossover may do to it
 
 MOST_POLES = 1000
 """Closed-loop poles that are looked for; a few dozen show what a loop does."""
+
+_OF_CONTROL = ("plot_phase", "dt", "ninputs", "frdata", "isctime", "damp")  # what its functions ask of a system first
 
 _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or make G strictly proper"
 
@@ -44,11 +45,21 @@ _ILL_POSED = "the loop is not well posed: 1 + L(inf) = 0; change the gain or mak
 class Loop(ABC):
     """What loops have in common, continuous or sampled: operators, plots, and what a python-control user asks first.
 
-    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops.
+    `2 * loop`, `loop / 2`, `C * loop` and `-loop` are loops. python-control's functions take `loop.frequency_response`
+    of some frequencies: `control.margin` says no more than that a loop itself is none of its systems.
     """
 
     __array_ufunc__ = None  # numpy's numbers leave the product to the loop
     _dt: float | None = None  # of python-control's record
+
+    def __getattr__(self, name: str) -> Any:
+        told = f"{type(self).__name__!r} object has no attribute {name!r}"
+        if name in _OF_CONTROL:  # which knows systems by their class, and has no other way in
+            told += (
+                "; give control.bode_plot and its like loop.frequency_response(omega), or call loop.bode_plot(), "
+                "loop.nyquist_plot(), loop.nichols_plot() or loop.margins()"
+            )
+        raise AttributeError(told, name=name, obj=self)
 
     @abstractmethod
     def __mul__(self, other: Any) -> Self:
@@ -346,14 +357,7 @@ class DeadTimeLoop(Loop):
         for i in {*smallest_at(rest, crossovers)} if rest.size else ():
             if response.rounding(crossovers[i]) > _SHARP * abs(rest[i]):
                 rest[i] = response.exact.offset(GAIN, i)[1]
-        found = compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
-        frequencies = found.ms_frequency, found.mt_frequency, found.disk_frequency
-        if self.dead_time == 0 or found.ms < _BLUNT or not all(0 < omega < math.inf for omega in frequencies):
-            return found
-        with ctx.workprec(REFINED_BITS):
-            peaks = [response.exact.peak(*ab, omega)[1] for ab, omega in zip(SHAPES, frequencies, strict=True)]
-        ms, mt, centred = (float(peak.mid()) for peak in peaks)
-        return replace(found, ms=ms, mt=mt, disk=1 / centred)
+        return compute_margins(response, self._pieces, crossovers, rest, crossings, self._gain_limits)
 
     def certificate(self) -> Certificate:
         """Stability and margins as enclosures by ball arithmetic; see `Certificate`.

@@ -11,19 +11,19 @@ import numpy as np
 from flint import ctx, fmpq
 from numpy.typing import NDArray
 
-from .crossings import REFINED_BITS, Pieces, Response, monotone_roots
+from .crossings import REFINED_BITS, Pieces, Response
 from .rational import Complexes, Floats
 from .stability import count_right_of
 
-_STEP = 0.25  # phase change, rad, between the points at which |S|, |T| and |S - 1/2| are first looked at for peaks
-_SMALL = 0.02  # |L| below which the phase does not matter there
-_PER_DECADE, _BEYOND = 8, 100.0  # of these points, and how far they reach beyond the features
+_NEWTON_STEPS, _HALF_OF_THE_DIGITS = 8, 1e-9  # for a peak by doubles
+_BLUNT = 100.0  # up to here they place it well enough
+_STEP = 0.25  # phase change, rad, of the dead time over the parts that one is divided into
+_PER_DECADE, _BEYOND = 8, 100.0  # of the points that part the axis first, and how far they reach beyond the features
 _PEAK = 1e-11  # relative: no peak exceeds the one reported by more
 # Around a peak the axis is cut at distances from it that grow by this factor: a bound good to second order shows each
 # part to be lower if it is short against its distance.
-_NEAR_PEAK = 1.5
-_FAR_FROM_PEAK = 0.2  # relative to its frequency
-_NEARLY_HIGHEST = 0.8  # of the highest point: lower ones are refined only if a bound does not exclude them
+_GROWING = np.outer([-1, 1], 1.5 ** np.arange(70)).ravel()
+_FAR_FROM_PEAK = 0.6  # relative to its frequency
 _NOTHING = 1e-100  # a |T| that is not looked for; bounds are cut off below it
 _NARROWEST = 1e-15  # relative: a part that no double divides
 _FARTHEST = 1e150  # rad/s: beyond it, and below its inverse, the limits to infinity and 0 stand for L
@@ -50,7 +50,8 @@ class Margins:
     delay_s, delay_frequency : float
         Smallest added dead time that destabilises, s, over all gain crossovers; inf and NaN without one.
     ms, ms_frequency, mt, mt_frequency : float
-        Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, and where, rad/s.
+        Peaks of |S| = |1/(1 + L)| and |T| = |L/(1 + L)| over all frequencies, to the last bit, and where, rad/s. (The
+        other margins may lie some last bits outside what `DeadTimeLoop.certificate` encloses them in.)
     disk, disk_frequency : float
         Balanced disk margin alpha = 1/||S - 1/2||_inf, a ratio, and where, rad/s ([Seiler2020]): gain and phase may
         change together within `disk_gain_range` and +-`disk_phase_deg`.
@@ -120,11 +121,10 @@ def gain_limits(response: Response, phase_crossings: Floats) -> list[GainLimit]:
         # near the origin L ~ dc (1 + s L'/L): with k growing the real pole moves by -1/(L'/L), L'/L = d(arg L)/d omega
         slope = float(response.phase(1e-12 * response.scales.min(keepdims=True))[1][0])
         limits.append(GainLimit(-1.0 / dc, 0.0, 1 if slope < 0 else -1))
-    log_size = response.log_size(phase_crossings)
-    slopes = response.phase(phase_crossings)[1]
+    factors, slopes = np.exp(-response.log_size(phase_crossings)), response.phase(phase_crossings)[1]
     limits += [
-        GainLimit(float(np.exp(-size)), float(w), 2 if slope < 0 else -2)
-        for w, size, slope in zip(phase_crossings, log_size, slopes, strict=True)
+        GainLimit(factor, omega, 2 if slope < 0 else -2)
+        for omega, factor, slope in zip(phase_crossings.tolist(), factors.tolist(), slopes.tolist(), strict=True)
     ]
     at_infinity = _gain_limit_at_infinity(response)
     if at_infinity is not None:
@@ -160,7 +160,7 @@ def compute_margins(
     room = smallest_of(_room(rest, crossovers), crossovers)
     if response.dead_time == 0 and abs(response.system.feedthrough) >= 1:
         room = 0.0, float("inf")  # any dead time makes a neutral loop of gain >= 1
-    ms, mt, (disk, disk_frequency) = _peaks(response, cut, crossings)
+    ms, mt, (disk, disk_frequency) = _peaks(response, cut)
     at_zero = [limit for limit in limits if limit.frequency == 0]
     gains = np.exp(-response.log_size(crossings))
     return Margins(
@@ -196,80 +196,117 @@ def smallest_of(values: Floats, frequencies: Floats) -> tuple[float, float]:
 
 SHAPES = ((1.0, 0.0), (0.0, 1.0), (0.5, -0.5))
 """(a, b): (a + b L)/(1 + L) is S, T and 1/2 - S."""
-_A, _B = np.array(SHAPES).T[:, :, None]
+
+
+def heights(loop: Complexes) -> Floats:
+    """|S|, |T| and |S - 1/2|, (3, n)."""
+    s = 1 / (1 + loop)
+    return np.abs([s, loop * s, s - 0.5])
 
 
 def responses(loop: Complexes, slope: Complexes) -> tuple[Floats, Floats]:
     """|S|, |T| and |S - 1/2| and their logarithmic slopes, both (3, n), from L and d ln L/d omega."""
-    above, below = _A + _B * loop, 1 + loop
-    return np.abs(above / below), ((_B - _A) * slope * (loop / below) / above).real
+    s = 1 / (1 + loop)
+    t, centred = loop * s, s - 0.5
+    return np.abs([s, t, centred]), np.array([-(t * slope).real, (s * slope).real, -(s * t * slope / centred).real])
 
 
 Peaks = list[tuple[float, float]]
 """Of |S|, |T| and |S - 1/2| the size and where, rad/s."""
 
 
-def _peaks(response: Response, cut: Pieces, crossings: Floats) -> Peaks:
-    """Suprema over omega >= 0.
-
-    Local peaks between some points are refined. Then the axis is divided until a bound on every part shows that it has
-    nothing higher.
-    """
+def _peaks(response: Response, cut: Pieces) -> Peaks:
+    """Suprema over omega >= 0: the axis is divided until a bound on every part shows that it has nothing higher."""
     best = [max(ends) for ends in _end_values(response)]
     if response.system.gain == 0:
         return best
     if response.dead_time == 0:
         with ctx.workprec(REFINED_BITS):
             return [(float(peak.mid()), omega) for peak, omega in response.exact.peaks()]
-    points = _first_points(response, cut, crossings)
-    if points.size:
-        best = _higher(best, _local_peaks(response, points))
-    edges = np.unique(np.concatenate([cut.low, cut.high, points, _around(response, best)]))
-    edges = edges[(edges >= cut.low[0]) & (edges <= cut.high[-1])]
-    low, high = edges[:-1], edges[1:]
-    while (open_ones := _may_exceed(response, cut, low, high, best)).any():
-        low, high = _divided(response, low[open_ones], high[open_ones])
-        if any(one > other for one, other in zip(_highest(response, low), best, strict=True)):
-            best = _higher(best, _local_peaks(response, np.unique(np.concatenate([low, high[np.isfinite(high)]]))))
+    edges = _first_points(response, cut)
+    low, high = np.append(0.0, edges), np.append(edges, np.inf)
+    while low.size:
+        size, half_turns = cut.ends(response, low, high)
+        best, higher = _raised(response, best, low, high, size[0], half_turns[0])
+        left = _may_be_higher(box_bounds(size, half_turns), response.rounding(0.0), best)
+        left &= (high > low * (1 + _NARROWEST)) & (high > 1 / _FARTHEST) & (low < _FARTHEST)
+        low, high = low[left], high[left]
+        if higher and low.size:
+            low, high = _cut_around(response, low, high, best)
+        left = _may_be_higher(*_second_order_bounds(response, low, high), best)
+        if not left.any():
+            break
+        low, high = _divided(response, low[left], high[left])
     return best
 
 
-def _higher(first: Peaks, second: Peaks) -> Peaks:
-    return [max(pair, key=lambda peak: peak[0]) for pair in zip(first, second, strict=True)]
-
-
-def _around(response: Response, best: Peaks) -> Floats:
-    """Frequencies, rad/s, on either side of the peaks: from so near that the curvature is below `_PEAK`."""
-    peaks = np.array([w for _, w in best if 0 < w < np.inf])
-    if peaks.size == 0:
-        return peaks
-    loop, slope, second = response.value_and_slopes(peaks)
-    with np.errstate(all="ignore"):
-        s, t = 1 / np.abs(1 + loop), np.abs(loop / (1 + loop))
-        curvature = (s + t) * (np.abs(second) + np.abs(slope) ** 2 * (s + t))
-        nearest = np.sqrt(_PEAK / curvature)
-    nearest = np.fmin(np.fmax(nearest, _NARROWEST * peaks), _FAR_FROM_PEAK * peaks)  # the bounds of one not finite
-    number = np.ceil(np.log(_FAR_FROM_PEAK * peaks / nearest) / np.log(_NEAR_PEAK)).astype(int) + 1
-    away = np.concatenate([d * _NEAR_PEAK ** np.arange(n) for d, n in zip(nearest, number, strict=True)])
-    centre = np.repeat(peaks, number)
-    return np.concatenate([centre - away, centre + away])
-
-
-def _first_points(response: Response, cut: Pieces, crossings: Floats) -> Floats:
-    """Frequencies, rad/s, that separate the peaks of most loops."""
-    inner = np.concatenate([cut.low[1:], crossings, response.scales])
+def _first_points(response: Response, cut: Pieces) -> Floats:
+    """Frequencies, rad/s, ascending, the ends of the pieces among them, between which boxes tell of most loops."""
+    inner = np.concatenate([cut.low[1:], response.scales])
     low, high = inner.min() / _BEYOND, inner.max() * _BEYOND
-    wide = np.exp(np.linspace(np.log(low), np.log(high), int(_PER_DECADE * np.log10(high / low)) + 2))
-    points = np.unique(np.concatenate([inner, wide]))
-    phase, size = response.angle(points), response.log_size(points)
-    matters = np.maximum(size[:-1], size[1:]) > np.log(_SMALL)
-    parts = np.where(matters, np.ceil(np.abs(np.diff(phase)) / _STEP), 1).astype(int)
-    low, high = _spread(points[:-1], points[1:], np.clip(parts, 1, _MOST_PARTS))
-    return np.append(low, high[-1:])
+    wide = low * (high / low) ** np.linspace(0, 1, int(_PER_DECADE * math.log10(high / low)) + 2)
+    points = np.sort(np.concatenate([inner, wide]))
+    return np.asarray(points[np.append(True, np.diff(points) > 0)])
+
+
+def _raised(
+    response: Response, best: Peaks, low: Floats, high: Floats, size: Floats, half_turns: Floats
+) -> tuple[Peaks, bool]:
+    """The best with the peaks beside the highest of the points `low`, where L is given, and whether any is higher."""
+    with np.errstate(all="ignore"):
+        sizes = heights(np.exp(np.clip(size, -300, 300) + 1j * np.pi * half_turns))
+    sizes[~np.isfinite(sizes)] = 0
+    found, higher = best.copy(), False
+    for kind, top in enumerate(sizes.argmax(axis=1).tolist()):
+        if sizes[kind, top] > best[kind][0] * (1 + _PEAK) and low[top] > 0:
+            shape, between = SHAPES[kind], (float(low[top - 1]) if top else 0.0, float(low[top]), float(high[top]))
+            omega, found_it = _near_peak(response, *shape, *between)
+            with ctx.workprec(REFINED_BITS):
+                peak = response.exact.size_at(*shape, omega)
+                if not (found_it and peak < _BLUNT):
+                    omega, peak = response.exact.peak(*shape, between[0], omega, between[2])
+            found[kind], higher = max(best[kind], (float(peak.mid()), float(omega))), True
+    return found, higher
+
+
+def _near_peak(response: Response, a: float, b: float, low: float, start: float, high: float) -> tuple[float, bool]:
+    """`ExactLoop.peak` in doubles: where the peak is, rad/s, and True; or `start` and False where that fails."""
+    omega = start
+    try:
+        for _ in range(_NEWTON_STEPS):
+            loop, slope, second = response.at(omega)
+            size = a + b * loop
+            inverse, first = (1 + loop) / size, (a - b) * loop * slope / size / size
+            falls = (inverse.conjugate() * first).real
+            bends = first * (second / slope + slope * (1 - 2 * b * loop / size))
+            step = falls / ((first.conjugate() * first).real + (inverse.conjugate() * bends).real)
+            if not low < omega - step < high:
+                break
+            omega -= step
+            if abs(step) < _HALF_OF_THE_DIGITS * omega:
+                return omega, True
+    except ArithmeticError:
+        pass
+    return start, False
+
+
+@np.errstate(all="ignore")
+def _cut_around(response: Response, low: Floats, high: Floats, best: Peaks) -> tuple[Floats, Floats]:
+    """The parts, divided on either side of the peaks: from so near that the curvature there is below `_PEAK`."""
+    peaks = np.array([omega for _, omega in best if 0 < omega < np.inf])[:, None]
+    loop, slope, second = (one[:, None] for one in response.value_and_slopes(peaks[:, 0]))
+    both = (1 + np.abs(loop)) / np.abs(1 + loop)
+    nearest = np.sqrt(_PEAK / (both * (np.abs(second) + np.abs(slope) ** 2 * both)))
+    nearest = np.fmax(np.fmin(nearest, _FAR_FROM_PEAK * peaks), _NARROWEST * peaks)  # the bounds of one not finite
+    away = nearest * _GROWING
+    cut = np.sort((peaks + away)[np.abs(away) <= _FAR_FROM_PEAK * peaks])
+    owner = np.searchsorted(low, cut) - 1
+    cut = cut[(owner >= 0) & (cut < high[owner])]
+    return np.sort(np.append(low, cut)), np.sort(np.append(high, cut))
 
 
 def _divided(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Each part divided, the more the more the dead time turns in it; ends at 0 or infinity part by part."""
+    """Each part divided, the more the more the dead time turns in it; ends at 0 or infinity part by part. Ascending."""
     scale = 1 / response.dead_time if response.dead_time > 0 else 1.0
     first = np.where(low == 0, np.where(np.isinf(high), scale, high) / _BEYOND, low)
     last = np.where(np.isinf(high), first * _BEYOND, high)
@@ -277,8 +314,8 @@ def _divided(response: Response, low: Floats, high: Floats) -> tuple[Floats, Flo
     inner = _spread(first, last, number)
     below, above = first > low, last < high
     return (
-        np.concatenate([low[below], inner[0], last[above]]),
-        np.concatenate([first[below], inner[1], high[above]]),
+        np.sort(np.concatenate([low[below], inner[0], last[above]])),
+        np.sort(np.concatenate([first[below], inner[1], high[above]])),
     )
 
 
@@ -294,51 +331,35 @@ def _spread(low: Floats, high: Floats, parts: NDArray[np.int_]) -> tuple[Floats,
     return omega[:-1][inside], omega[1:][inside]
 
 
-def _highest(response: Response, points: Floats) -> Peaks:
-    """The largest at the points."""
-    return top_of(_sizes(response.value_and_slopes(points)[0]), points)
-
-
 def top_of(sizes: Floats, points: Floats) -> Peaks:
     return [(float(row[i]), float(points[i])) for row in sizes for i in [int(np.argmax(row))]]
 
 
-def _sizes(loop: Complexes) -> Floats:
-    """|S|, |T| and |S - 1/2|, shape (3, n); 0 where L is not finite."""
-    with np.errstate(all="ignore"):
-        return np.asarray(np.nan_to_num(np.abs((_A + _B * loop) / (1 + loop)), nan=0.0, posinf=0.0))
+def _may_be_higher(bounds: Floats, rounding: Floats, best: Peaks) -> NDArray[np.bool_]:
+    """Which parts may hold a value above the best, by their bounds, (3, n), and the relative rounding of L there."""
+    slack = rounding * (best[0][0] * best[1][0])  # |S| and |T| amplify it
+    most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best]) + slack
+    return np.asarray(~(bounds <= most).all(axis=0))
 
 
-def _may_exceed(response: Response, cut: Pieces, low: Floats, high: Floats, best: Peaks) -> NDArray[np.bool_]:
-    """Which parts may hold a value above the best: no bound excludes it."""
-    most = np.array([[max(peak, _NOTHING) * (1 + _PEAK)] for peak, _ in best])
-    with np.errstate(all="ignore"):
-        exceed = ~np.all(_second_order_bounds(response, low, high) <= most, axis=0)
-        exceed &= (high > low * (1 + _NARROWEST)) & (high > 1 / _FARTHEST) & (low < _FARTHEST)
-        at = np.flatnonzero(exceed)
-        boxes = box_bounds(*cut.ends(response, low[at], high[at]))
-        # less the rounding of L, which |S| and |T| amplify
-        boxes -= np.minimum(boxes, response.rounding(0.0) * boxes[:2].prod(axis=0))
-    exceed[at] = ~np.all(boxes <= most, axis=0)
-    return np.asarray(exceed)
-
-
-def _second_order_bounds(response: Response, low: Floats, high: Floats) -> Floats:
+@np.errstate(all="ignore")
+def _second_order_bounds(response: Response, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """Upper bounds on |S|, |T|, |S - 1/2|, shape (3, n), from value and slope in the middle of each part and a bound on
-    the second derivative, common to all three as T = 1 - S; inf where the part is too long. Less their rounding."""
+    the second derivative, common to all three as T = 1 - S; inf where the part is too long. And the rounding of L."""
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     (loop, slope, _), bend = response.value_and_slopes(middle), response.bend(low, high)
-    size, speed = np.abs(loop), np.abs(slope) + half * bend
-    growth = np.expm1(half * np.abs(slope) + 0.5 * half**2 * bend)  # of |L| over the part, relatively
-    least = np.abs(1 + loop) - size * growth  # of |1 + L|
+    size, steep = np.abs(loop), half * np.abs(slope)
+    bent = half * half * bend
+    growth = np.expm1(steep + 0.5 * bent)  # of |L| over the part, relatively
+    below = 1 + loop
+    least = np.abs(below) - size * growth  # of |1 + L|
     s_most, t_most = 1 / least, size * (1 + growth) / least
-    curved = 0.5 * half**2 * s_most * t_most * (bend + speed**2 * (s_most + t_most))
-    s = 1 / (1 + loop)
-    rate = half * slope * loop * s * s
-    middles = np.array([s, loop * s, s - 0.5])
+    curved = 0.5 * s_most * t_most * (bent + (steep + bent) ** 2 * (s_most + t_most))
+    s = 1 / below
+    t = loop * s
+    middles, rate = np.array([s, t, s - 0.5]), half * slope * s * t
     most = np.maximum(np.abs(middles - rate), np.abs(middles + rate)) + curved
-    most -= response.rounding(high) * s_most * t_most
-    return np.where((least > 0) & np.isfinite(most).all(axis=0), most, np.inf)
+    return np.where(least > 0, most, np.inf), response.rounding(high)
 
 
 def box_bounds(size: Floats, half_turns: Floats) -> Floats:
@@ -347,50 +368,24 @@ def box_bounds(size: Floats, half_turns: Floats) -> Floats:
     With |L| = m in [m1, m2] and the phase at least d from -180 deg, |1 + L|^2 >= (1 - m)^2 + 2 m (1 - cos d); the
     bound is attained if both ends of the intervals meet, so that it tightens with the part.
     """
-    lowest, highest = half_turns.min(axis=0), half_turns.max(axis=0)
-    passes = np.floor((highest - 1) / 2) >= np.ceil((lowest - 1) / 2)
-    with np.errstate(invalid="ignore"):
-        e = np.where(passes, 0.0, 2 * (np.cos(0.5 * np.pi * half_turns) ** 2).min(axis=0))  # 1 - cos d
-    size = np.clip(size, -300, 300)
-    low, high = -np.expm1(size.max(axis=0)), -np.expm1(size.min(axis=0))  # of 1 - m
-    # |S| and |T| are largest where m or 1/m is next to cos d; |S - 1/2| for |L| nearest to 1 in the left half plane,
-    # farthest from it in the right one
-    near_s, near_t = np.clip(e, low, high), np.clip(e, -np.expm1(-size.min(axis=0)), -np.expm1(-size.max(axis=0)))
-    near_disk = np.where(e < 1, np.clip(0.0, low, high), np.where(size.sum(axis=0) > 0, low, high))
-    near = np.array([near_s, near_t, near_disk])
-    m = 1 - near
-    top = np.array([np.ones_like(e), np.ones_like(e), ((1 + m[2]) ** 2 - 2 * m[2] * e) / 4])
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.sqrt(top / (near**2 + 2 * m * e)))
-
-
-def _local_peaks(response: Response, points: Floats) -> Peaks:
-    """The highest at the points and at the peaks between them."""
-    loop, slope, _ = response.value_and_slopes(points)
-    sizes = _sizes(loop)
-    inner = sizes[:, 1:-1]
-    tops = (inner >= sizes[:, :-2]) & (inner >= sizes[:, 2:]) & (inner >= _NEARLY_HIGHEST * sizes.max(axis=1)[:, None])
-    kinds, top = np.nonzero(tops)
-    if top.size == 0:
-        return top_of(sizes, points)
-    top += 1
-    a, b = _A[kinds, 0], _B[kinds, 0]
-
-    def slopes(omega: Floats, index: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """d/d omega of ln|(a + b L)/(1 + L)|, and its derivative."""
-        loop, slope, second = response.value_and_slopes(omega)
-        first, rest = a[index] + b[index] * loop, 1 + loop
-        factor = (b - a)[index] * loop / (first * rest)
-        change = slope * factor
-        return change.real, (second * factor + slope * change * (a[index] / first - loop / rest)).real
-
-    with np.errstate(all="ignore"):
-        here = loop[top]
-        rising = (slope[top] * (b - a) * here / ((a + b * here) * (1 + here))).real > 0
-    low = np.where(rising, points[top], points[top - 1])  # the peak lies where the response still rises
-    high = np.where(rising, points[top + 1], points[top])
-    refined = monotone_roots(slopes, points[top], low, high, np.ones(top.size))
-    return _higher(top_of(sizes, points), _highest(response, refined))
+    turns = 0.5 * half_turns - 0.5
+    lowest, highest = np.minimum(*turns), np.maximum(*turns)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        e = 2 * np.minimum(*(np.sin(np.pi * turns) ** 2))  # 1 - cos d
+        e[np.floor(highest) >= np.ceil(lowest)] = 0.0
+        size = np.clip(size, -300, 300)
+        least, most = np.minimum(*size), np.maximum(*size)
+        low, high = -np.expm1(most), -np.expm1(least)  # of 1 - m
+        # |S| and |T| are largest where m or 1/m is next to cos d; |S - 1/2| for |L| nearest to 1 in the left half
+        # plane, farthest from it in the right one
+        near = np.empty((3, e.size))
+        np.clip(e, low, high, out=near[0])
+        np.clip(e, -np.expm1(-least), -np.expm1(-most), out=near[1])
+        near[2] = np.where(e < 1, np.clip(0.0, low, high), np.where(least + most > 0, low, high))
+        m = 1 - near
+        squares = 1 / (near**2 + 2 * m * e)
+        squares[2] *= (0.5 + 0.5 * m[2]) ** 2 - 0.5 * m[2] * e
+        return np.asarray(np.sqrt(squares))
 
 
 def _end_values(response: Response) -> list[Peaks]:

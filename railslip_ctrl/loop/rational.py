@@ -33,17 +33,29 @@ _SHARP = 56  # bits of a part of a root that rounds to a double
 
 
 class Axis:
-    """A polynomial on the axis, F(j omega) = E(x) + j omega O(x): |F|^2, |F|^2 d(arg F)/d omega, and what is 0 at its
-    roots on the axis, all in x."""
+    """A polynomial on the axis, F(j omega) = E(x) + j omega O(x), x = omega^2."""
 
     def __init__(self, polynomial: fmpq_poly) -> None:
         coefficients = polynomial.coeffs()
-        even, odd = (fmpq_poly([(-1) ** k * c for k, c in enumerate(coefficients[i::2])]) for i in (0, 1))
-        self.even, self.odd = even, odd
-        self.undamped = even.gcd(odd)
-        x = fmpq_poly([0, 1])
-        self.power = even * even + x * odd * odd
-        self.turning = (odd + 2 * x * odd.derivative()) * even - 2 * x * odd * even.derivative()
+        self.even, self.odd = (
+            fmpq_poly([-c if k % 2 else c for k, c in enumerate(coefficients[i::2])]) for i in (0, 1)
+        )
+
+    @property
+    def undamped(self) -> fmpq_poly:
+        """What is 0 at the roots on the axis."""
+        return self.even.gcd(self.odd)
+
+    @property
+    def power(self) -> fmpq_poly:
+        """|F|^2."""
+        return self.even * self.even + fmpq_poly([0, 1]) * self.odd * self.odd
+
+    @property
+    def turning(self) -> fmpq_poly:
+        """|F|^2 d(arg F)/d omega."""
+        twice = fmpq_poly([0, 2])
+        return (self.odd + twice * self.odd.derivative()) * self.even - twice * self.odd * self.even.derivative()
 
 
 def fraction(value: float) -> fmpq:
@@ -82,6 +94,8 @@ def complex_roots(polynomial: fmpq_poly) -> list[acb]:
     while polynomial[0] == 0:
         polynomial = polynomial.right_shift(1)
         found.append(acb(0))
+    if polynomial.degree() == 1:
+        return [*found, acb(-polynomial[0] / polynomial[1])]
     undamped = sum(n for _, n in positive_square_roots(Axis(polynomial).undamped))
     while True:
         with ctx.workprec(bits):
@@ -188,10 +202,9 @@ class Rational:
         numerator, denominator = (np.atleast_1d(reals(name, x)) for name, x in (("num", num), ("den", den)))
         if numerator.ndim > 1 or denominator.ndim > 1:
             raise InputError("transfer function: num and den are not 1-D; give the coefficients of one polynomial each")
-        numerator, denominator = np.trim_zeros(numerator, "f"), np.trim_zeros(denominator, "f")
         if not (np.isfinite(numerator).all() and np.isfinite(denominator).all()):
             raise InputError("transfer function has a coefficient that is not finite; give finite numbers")
-        if denominator.size == 0:
+        if not denominator.any():
             raise InputError("transfer function has the denominator 0; give a nonzero polynomial")
         return cls._from_exact(coefficients(numerator[::-1]), coefficients(denominator[::-1]))
 

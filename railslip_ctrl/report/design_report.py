@@ -15,7 +15,7 @@ from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import doubts
-from railslip_ctrl.report.recommendation import DesignReport, Rival, Stop
+from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival, Stop
 from railslip_ctrl.simulation import LinearControl
 
 from .document import (
@@ -75,7 +75,8 @@ def first_page(report: DesignReport) -> FirstPage:
 def _headline(report: DesignReport) -> str:
     """Use it, use it above a speed, or do not."""
     if report.above_kmh is None:
-        return "DO NOT USE"
+        verdict = "" if report.in_use is None else report.in_use.verdict
+        return "DO NOT USE: fragile" if verdict == "fragile" else "DO NOT USE"
     at = " at the operating points" if report.nominal else ""
     return (f"USE ABOVE {report.above_kmh:g} km/h" if report.hands_over else "USE") + at
 
@@ -101,9 +102,13 @@ def _why(report: DesignReport) -> str:
     if report.above_kmh is None and robust is not None:
         return "The best PI or PI-lead is robust by its margins, but in a stop the wheel slides: slip over 0.5."
     if report.above_kmh is None:
-        ms = "unstable loops" if math.isinf(judged.worst.ms) else f"Ms {above(judged.worst.ms)}"
         asked = "Ms ≤ 2" if report.nominal else "Ms ≤ 2, and stability with every tolerance,"
-        return f"No PI or PI-lead found keeps {asked} at any speed. The best has {ms}."
+        told = f"No PI or PI-lead found keeps {asked} at any speed. The best"
+        if judged.verdict == "unstable":
+            return f"{told} has unstable loops."
+        lowest = min(judged.envelope.speeds)
+        begins = f"from {lowest:g} km/h up" if lowest > min(report.envelope.speeds) else "at every operating point"
+        return f"{told} is stable {begins}, Ms {_worst_cells(judged.worst)[0]} at worst."
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
@@ -127,14 +132,21 @@ def _to_do(report: DesignReport) -> str:
     brake = ""
     if report.faster is not None:
         brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
-    if slow:
-        reach = f"; to reach it: {brake}" if brake and report.faster is not None and report.faster.reaches else ""
+    lowest = min(report.envelope.speeds)
+    robust = report.judgement is not None and report.judgement.robust_from_kmh == lowest
+    if slow and report.usable:
+        reached = brake and report.faster is not None and report.faster.reaches
+        reach = f"; with {brake} it comes there in every stop tried" if reached else ""
         told.append(f"On {' and '.join(slow)} rail the slip stays below its reference{reach}.")
-    if brake and not (report.judgement is not None and report.judgement.robust_from_kmh == min(report.envelope.speeds)):
-        told.append(f"For Ms ≤ 2 from {min(report.envelope.speeds):g} km/h up: {brake}.")
+    if brake and not robust:
+        told.append(f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}.")
+    elif brake and not report.usable:
+        told.append(f"With {brake} no wheel slides in the stops tried.")
     elif not report.usable:
-        told.append("Take a brake with less dead time and lag, or hold less slip.")
-    if report.judgement is not None and report.judgement.envelope.knife_edges():
+        least = min(choice.reference_factor for choice in report.selection.choices)
+        slip = f"{least:g} of the reference slip; " if least < 1 else ""
+        told.append(f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag.")
+    if report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
     return " ".join(told) or "Load the file, and confirm it on the rig."
 
@@ -455,13 +467,16 @@ def _sliding(report: DesignReport) -> Section:
     found = report.sliding.found
     if found is None:
         return Section("sliding", "Sliding mode", (Paragraph(f"Not decided: {report.sliding.reason}."),))
-    conditions = found.verification.conditions
+    conditions = found.conditions
     rows = [(typeset(one.name), _HELD.get(one.how or "", "not decided")) for one in conditions if one.holds]
+    use = "may take the PI's place where the rail's holding torque is known"
+    if len(rows) < len(conditions):
+        use = "is not to take the PI's place"
     text = (
-        f"Of the layered law, {len(rows)} of {len(conditions)} conditions hold, on the published bristle model. It "
-        "needs the holding torque of the rail. railslip verify --law layered has the evidence."
+        f"A sliding-mode law with a lead {use}: {len(rows)} of the {len(conditions)} conditions of its use are met, on "
+        "the published bristle model. railslip verify --law layered has the evidence."
     )
-    shown = [table(("Condition", "How"), rows, caption="What holds.")] if rows else []
+    shown = [table(("Condition", "How"), rows, caption="Conditions met.")] if rows else []
     return Section("sliding", "Sliding mode", (Paragraph(text), *shown))
 
 
@@ -533,7 +548,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
             "reason": report.sliding.reason,
             "layered": [
                 exported(one, "name", "holds", "how")
-                for one in (() if report.sliding.found is None else report.sliding.found.verification.conditions)
+                for one in (() if report.sliding.found is None else report.sliding.found.conditions)
             ],
         },
         "seconds": plain(report.seconds),
@@ -550,6 +565,7 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
         "controller": _controller_json(report.control),
         **exported(judgement, "verdict", "nominal", "robust_from_kmh"),
         "usable_from_kmh": report.above_kmh,
+        "stable_from_kmh": judgement.usable_from_kmh,
         "worst": said["worst"],
         "worst_with_tolerances": said["worst_with_tolerances"],
         "reference_factor": report.best.reference_factor if report.best is not None else None,

@@ -44,7 +44,7 @@ from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
 from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller, reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
-from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
+from railslip_ctrl.verification.verdict import Verification
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -200,14 +200,14 @@ class Responses:
 class Sliding:
     """The conditions of the layered sliding-mode law; None with the reason."""
 
-    found: FullVerification | None
+    found: Verification | None
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class FasterBrake:
-    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout,
-    and if `reaches` its integral builds up the torque of the reference slip in half a stop (`Choice.reaches`)."""
+    """A brake with dead time and lag `factor` times as long with which the same kind of design is robust throughout at
+    the same slip, and if `reaches` comes to it, without a slide, in each of its stops: both tried."""
 
     factor: float
     dead_time: float
@@ -443,7 +443,9 @@ _LARGEST_SLIP = 0.5  # end of the adhesion curves
 _SLIPS = 401
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
-_FASTER = (0.75, 0.5, 0.25)  # times dead time and lag, tried in turn
+FASTER = (0.75, 0.5, 0.25)
+"""Dead times and lags that are tried in turn where a design does not do, over the brake's."""
+
 _QUICK_FILTER = 0.05  # of the lead, tried at the best slip beside a tenth: twice the gain on noise for more integral
 
 
@@ -519,7 +521,12 @@ def _sliding(vehicle: Vehicle, submit: Beside, *, fresh: bool) -> Callable[[], S
 
 def _verified(vehicle: Vehicle) -> Sliding:
     """The conditions of the layered law, or why they cannot be decided for this vehicle."""
-    decide = lambda: verify_with_actuator(law="layered", vehicle=vehicle)  # noqa: E731
+    from railslip_ctrl.verification.joint_verification import verify_with_actuator  # SymPy: not in what is only shown
+
+    def decide() -> Verification:
+        found = verify_with_actuator(law="layered", vehicle=vehicle).verification
+        return replace(found, conditions=tuple(replace(one, numbers={}) for one in found.conditions))  # not shown
+
     try:
         return Sliding(cached(_CACHED, decide, vehicle.model_dump_json(), fresh=True))
     except RailslipError as error:
@@ -565,7 +572,9 @@ def _designed(
     if selection.best is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
-        return replace(empty, limits=_limits(blank), curves=_curves(blank))
+        progress("the brake that would do")
+        brake = _faster(envelope, selection.choices[0].structure, envelope, False)
+        return replace(empty, limits=_limits(blank), curves=_curves(blank), faster=brake)
     progress("braking runs")
     tied = [one for one in selection.choices if one.tier == selection.best.tier]
     trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
@@ -575,7 +584,7 @@ def _designed(
     assert best.design.judgement is not None
     plain, judgement = control.design, best.design.judgement
     robust = judgement.robust_from_kmh == min(envelope.speeds)
-    enough = robust and best.reaches
+    enough = robust and best.reaches and trials[0].above_kmh is not None
     faster = (lambda: None) if enough else submit(_faster, envelope, best.structure, judgement.envelope, robust)
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
@@ -665,11 +674,14 @@ def _gain_map(judgement: Judgement, design: PIController) -> GainMap:
     speeds = points.speed_kmh
     some = points.take(points.operating & ((speeds == speeds.min()) | (speeds == speeds.max())))
     kp, ki = design.gains.kp * _GAINS, design.gains.ki * _GAINS
-    ms = np.empty((kp.size, ki.size))
-    for i, j in np.ndindex(*ms.shape):
-        gains = PIGains(kp=float(kp[i]), ki=float(ki[j]))
-        found = margins_at(PIController(gains, design.lead, design.lead_filter), some)
-        ms[i, j] = found.ms.max() if found.stable.all() else math.inf
+    n = _GAINS.size
+    ms = np.empty((n, n))
+    for shift in range(1 - n, n):  # a diagonal has one integral time: its controllers differ by a factor
+        i = np.arange(max(0, -shift), min(n, n - shift))
+        gains = PIGains(kp=float(kp[i[0]]), ki=float(ki[i[0] + shift]))
+        found = margins_at(PIController(gains, design.lead, design.lead_filter), some, _GAINS[i] / _GAINS[i[0]])
+        worst = np.where(found.stable, found.ms, math.inf).reshape(i.size, len(some)).max(axis=1)
+        ms[i, i + shift] = worst
     return GainMap(kp, ki, ms, (design.gains.kp, design.gains.ki), len(some))
 
 
@@ -696,16 +708,22 @@ def _lag(actuator: Actuator) -> Rational:
 
 def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) -> FasterBrake | None:
     """The brake with which a structure is robust over the whole envelope, at the slip `held`, and if `reaching` comes
-    to it; None if none tried is."""
-    for factor in _FASTER:
+    to it in its stops; None if none tried is."""
+    for factor in FASTER:
         old = envelope.vehicle.actuator
         actuator = Actuator(dead_time=factor * old.dead_time, lag=factor * old.lag)
         faster = held.at(vehicle=envelope.vehicle.model_copy(update={"actuator": actuator}))
         ends = faster.at(speeds=(min(envelope.speeds), max(envelope.speeds)))  # the hardest, as a rule
         found = select(ends, (structure,), (1.0,)).choices[0]
-        judgement = None if found.design is None else judge(found.design, faster)
-        if judgement is not None and judgement.robust_from_kmh == min(envelope.speeds) and found.reaches >= reaching:
-            return FasterBrake(factor, actuator.dead_time, actuator.lag, found.reaches)
+        design = found.design
+        judgement = None if design is None else judge(design, faster)
+        if design is None or judgement is None or judgement.robust_from_kmh != min(envelope.speeds):
+            continue
+        plain = PIController(design.gains, design.lead, design.lead_filter)
+        runs = stops(as_run(plain, judgement, hand_over_of(judgement)), judgement)
+        reaches = all(stop.reached and not stop.slides for stop in runs)
+        if reaches or not reaching:
+            return FasterBrake(factor, actuator.dead_time, actuator.lag, reaches)
     return None
 
 

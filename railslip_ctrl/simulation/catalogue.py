@@ -3,7 +3,8 @@
 The project's own hold the reference slip without knowing the adhesion curve. Their gains were found with
 `design.tuning` over `design_points`: the largest ki with Ms <= `MS_MAX` behind a lead that cancels the brake's lag. Of
 the published vehicle they are stored here in both readings of the units, and a test tunes them again; for any other
-vehicle they are tuned when asked for.
+vehicle they are tuned when asked for. Unless a period is given all are sampled at every step of the scenario, as
+[Park2008] says nothing of sampling, and all by the backward difference, with which their numbers were made.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def published_controller(
     if kind == "pi":
         if adaptive or not knows_rail:
             raise InputError("controller: 'pi' has neither adaptation nor adhesion model; choose 'asmc' for those")
-        return LinearControl(PIController(TABLE4_PI[column]), held, period=period)
+        return LinearControl(PIController(TABLE4_PI[column]), held, period=period, rule=Rule.BACKWARD)
     return SlidingControl(
         published_law_gains(column, adaptive=adaptive),
         held,
@@ -217,6 +218,7 @@ def recommended_pi_lead(
         torque_low=0.0,
         torque_high=full_brake_torque(car),
         tracking_time=TRACKING_TIME,
+        rule=Rule.BACKWARD,
         initial_torque=INITIAL_SHARE * car.wheel_load * car.wheel.radius,
     )
 
@@ -294,6 +296,7 @@ def recommended_schedule(
         period=period,
         torque_high=full_brake_torque(car),
         tracking_time=TRACKING_TIME,
+        rule=Rule.BACKWARD,
     )
 
 
@@ -501,6 +504,6 @@ def controller_named(
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
     if gains is not None:
-        return LinearControl(PIController(gains), held, period=period)
+        return LinearControl(PIController(gains), held, period=period, rule=Rule.BACKWARD)
     kind: Kind = "asmc" if name == "asmc" else "pi"
     return published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)

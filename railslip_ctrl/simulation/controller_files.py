@@ -16,12 +16,14 @@ dry = 0.132
 wet = 0.092
 
 A "transfer-function" has num and den, a "state-space" A, B, C and D, from slip error (m/s) to torque (N*m), and a
-period of 10 ms and Tustin's rule unless said.
+period of 10 ms and Tustin's rule unless said. Unless said the others are sampled at every step, and by the backward
+difference, as they were before files had a rule; what is saved says both.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
 import math
 from abc import abstractmethod
@@ -47,6 +49,10 @@ from railslip_ctrl.design.controllers import (
     PolynomialController,
     Rule,
     StateSpaceController,
+    has_step,
+    is_system,
+    linear_controller,
+    linear_of,
 )
 from railslip_ctrl.design.schedule import GainSchedule
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
@@ -81,14 +87,14 @@ class ControllerKeys(Record):
 class Limited(ControllerKeys):
     """Keys of the kinds with torque limits of their own."""
 
-    torque_low: float | None = quantity("N*m", "least torque; left out: none", default=None)
-    torque_high: float | None = quantity("N*m", "largest torque; left out: none", default=None)
+    torque_min: float | None = quantity("N*m", "least torque; left out: none", default=None)
+    torque_max: float | None = quantity("N*m", "largest torque; left out: none", default=None)
 
     def fields(self) -> dict[str, Any]:
-        low = -math.inf if self.torque_low is None else self.torque_low
-        high = math.inf if self.torque_high is None else self.torque_high
+        low = -math.inf if self.torque_min is None else self.torque_min
+        high = math.inf if self.torque_max is None else self.torque_max
         if not low < high:
-            raise InputError(f"torque_high: {high:g} is not allowed; give a value > torque_low = {low:g} (N*m)")
+            raise InputError(f"torque_max: {high:g} is not allowed; give a value > torque_min = {low:g} (N*m)")
         return {**super().fields(), "torque_low": low, "torque_high": high}
 
 
@@ -220,10 +226,13 @@ class SlideProtectionKeys(ControllerKeys):
     )
     fill_rate: float = quantity("N*m/s", "rate of filling", gt=0, default=SlideProtection.fill_rate)
     dump_rate: float = quantity("N*m/s", "rate of dumping", gt=0, default=SlideProtection.dump_rate)
-    torque_high: float = quantity("N*m", "full brake", gt=0, default=SlideProtection.torque_high)
+    torque_max: float = quantity("N*m", "full brake", gt=0, default=SlideProtection.torque_high)
     filter_time: float = quantity("s", "filter of the deceleration", gt=0, default=SlideProtection.filter_time)
     period: float | None = quantity("s", "sampling period", ge=LEAST_STEP, default=SlideProtection.period)
     makes = SlideProtection
+
+    def fields(self) -> dict[str, Any]:
+        return {**super().fields(), "torque_high": self.torque_max}
 
 
 class TorqueProfileKeys(ControllerKeys):
@@ -246,7 +255,7 @@ KINDS: dict[str, type[ControllerKeys]] = {
 }
 
 
-_SHORT = {"torque_low": "torque_min", "torque_high": "torque_max"}  # other names of keys, of the limits of a brake
+_OLD = {"torque_low": "torque_min", "torque_high": "torque_max"}  # keys of files written earlier
 
 
 @checked
@@ -273,23 +282,37 @@ def load_controller(path: str | Path, *, initial_speed: float | None = None) -> 
     path = given_path(path)
     where = file_name(path)
     if path.suffix.lower() == ".py":
-        return record_in(path, "CONTROLLER", ())
+        return _python_controller(path)
     content = read_toml(path)
     kind = content.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         given = "missing" if kind is None else f"{shown(kind)} is not one"
         near = close_match(kind, KINDS) if isinstance(kind, str) else ""
         raise InputError(f"{where}: kind: {given}; {near}choose one of {', '.join(KINDS)}")
-    for name, short in _SHORT.items():
-        if short in content and name in content:
-            raise InputError(f"{where}: {short}: {name} is given too; give one")
-        if short in content and name in KINDS[kind].model_fields:
-            content[name] = content.pop(short)
+    for old, key in _OLD.items():
+        if old in content and key in content:
+            raise InputError(f"{where}: {old}: {key} is given too; give {key} alone")
+        if old in content and key in KINDS[kind].model_fields:
+            content[key] = content.pop(old)
     keys = validated(KINDS[kind], content, where)
     try:
         return keys.made(path, initial_speed)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def _python_controller(path: Path) -> Any:
+    """What a Python file calls `CONTROLLER`; InputError, which names the file, for what is no controller."""
+    found = record_in(path, "CONTROLLER", ())
+    if inspect.isclass(found) or not (
+        has_step(found) or callable(linear_of(found)) or (not is_system(found) and isinstance(found, Controller))
+    ):
+        try:
+            linear_controller(found)
+        except InputError as error:
+            told = str(error).removeprefix("controller: ")
+            raise InputError(f"{file_name(path)}: CONTROLLER: {told}") from None
+    return found
 
 
 def _model(path: Path, initial_speed: float | None) -> AdhesionLaw:
@@ -309,8 +332,8 @@ def linear_text(control: LinearControl) -> str:
     content = {
         **own,
         "period": control.period,
-        "torque_low": control.torque_low,
-        "torque_high": control.torque_high,
+        "torque_min": control.torque_low,
+        "torque_max": control.torque_high,
         "anti_windup": control.tracking_time is None or math.isfinite(control.tracking_time),
         "tracking_time": control.tracking_time,
         "initial_torque": control.initial_torque,
@@ -324,7 +347,7 @@ def linear_text(control: LinearControl) -> str:
             continue  # left out: none
         extra: Any = KINDS[kind].model_fields[key].json_schema_extra or {}
         unit = extra.get("unit", "1")
-        lines.append(f"{_SHORT.get(key, key)} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
+        lines.append(f"{key} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
     reference = control.reference
     lines += ["", "[reference]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
     return "\n".join(lines) + "\n"

@@ -7,10 +7,14 @@ it returns the torque to command until the next, N*m. Nothing of the user's is c
 from __future__ import annotations
 
 import copy
+import dis
 import hashlib
 import inspect
 import math
+import os
+import re
 import sys
+import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
@@ -315,16 +319,37 @@ def _compiled(function: Any, count: int, name: str) -> Any:
 
 
 def _compile_failure(function: Any, error: BaseException) -> str:
-    """File and line of the user's function that Numba stopped at, and its reason in a line."""
-    import re
-
+    """File and line of the user's code that Numba stopped at, and its reason in a line."""
+    told = [line.strip() for line in str(error).splitlines()]
+    told = [line for line in told if line and not line.startswith(("Failed", "-", "File", "During"))]
+    reason = next(iter(told), "")
+    if reason.endswith(":"):  # of a call, which the next line shows
+        reason += " " + " ".join(told[1:2]).removeprefix(">>> ")
+    missing = re.match(r"NameError: name '(\w+)'", reason)
     code = function.py_func.__code__
-    text = str(error)
-    lines = [int(n) for f, n in re.findall(r'File "([^"]+)", line (\d+)', text) if f.endswith(code.co_filename[-20:])]
-    told = (line.strip() for line in text.splitlines())
-    reason = next((line for line in told if line and not line.startswith(("Failed", "-", "File", "During"))), "")
-    where = place(code.co_filename, lines[-1] if lines else code.co_firstlineno)
-    return f"{where}: Numba cannot compile step: {' '.join(reason.split())[:200]}"
+    where = (_use_of(missing[1], function) if missing else None) or _stopped_at(str(error))
+    where = where or (code.co_filename, code.co_firstlineno)
+    return f"{place(*where)}: Numba cannot compile step: {' '.join(reason.split())[:200]}"
+
+
+def _stopped_at(text: str) -> tuple[str, int] | None:
+    """File and line of the user's that Numba's message tells first, which is the innermost; its paths are relative."""
+    not_own = (__file__, *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
+    found = ((os.path.abspath(file), int(line)) for file, line in re.findall(r'File "([^"]+)", line (\d+)', text))
+    return next((one for one in found if not one[0].startswith(not_own)), None)
+
+
+def _use_of(name: str, function: Any, seen: tuple[Any, ...] = ()) -> tuple[str, int] | None:
+    """File and line where a Numba function, or one that it calls, uses a global `name`: of one that is not there
+    Numba tells the name alone."""
+    of = function.py_func
+    for one in dis.get_instructions(of):
+        if one.opname == "LOAD_GLOBAL" and one.argval == name and one.positions is not None:
+            return of.__code__.co_filename, one.positions.lineno or of.__code__.co_firstlineno
+    bound = inspect.getclosurevars(of)
+    called = [one for one in (*bound.globals.values(), *bound.nonlocals.values()) if hasattr(one, "py_func")]
+    inside = (_use_of(name, one, (*seen, function)) for one in called if one not in seen)
+    return next((found for found in inside if found is not None), None)
 
 
 def _numbers_at(address: int, count: int) -> Floats:

@@ -38,7 +38,7 @@ DDE_SPAN = 10.0  # s, for jitcdde
 
 
 def published_pi() -> LinearControl:
-    return LinearControl(PIController(GAINS), REFERENCE)
+    return LinearControl(PIController(GAINS), REFERENCE, period=None)
 
 
 def shortest(call: Callable[[], Any], rounds: int) -> float:
@@ -307,7 +307,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.model.vehicle import TABLE4_PI, PIGains
 from railslip_ctrl.simulation import LinearControl, built_in_scenario, simulate
 reference = ReferenceSlip(dry=0.132, wet=0.092)
-simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference))
+simulate(built_in_scenario("park2008"), LinearControl(PIController(TABLE4_PI["bristle"]), reference, period=None))
 """
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +19,6 @@ from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import parameter_unit
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.identification.observer import ObserverResponses
-from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
 from railslip_ctrl.identification.results import PeakSlip
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
 
@@ -36,6 +35,9 @@ from .style import (
     panels,
     rail_style,
 )
+
+if TYPE_CHECKING:  # it loads the simulation
+    from railslip_ctrl.identification.observer_study import BrakeTrial, TradeOff
 
 Floats = NDArray[np.float64]
 

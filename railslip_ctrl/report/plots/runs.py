@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +13,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
-from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
 from .style import (
     PAGE_WIDTH,
@@ -26,6 +25,9 @@ from .style import (
     new_figure,
     panels,
 )
+
+if TYPE_CHECKING:  # it loads SymPy
+    from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
 
 Floats = NDArray[np.float64]
 
