@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
     Encoder,
     FilterObserver,
@@ -40,6 +39,8 @@ from railslip_ctrl.identification.observer_study import (
 )
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
+from railslip_ctrl.paper import printed
+from railslip_ctrl.paper.errata import corrected_observer, passed_at_once
 
 VEHICLE = PARK2008
 INITIAL_SPEED_KMH = 140.0  # Fig. 12
@@ -105,10 +106,8 @@ def run() -> ObserverComparison:
     curves = curves_at(trial, TAUS, WALKS)
     best = {name: make[name](curve.best) for name, curve in curves.items()}
     seen = measured(trial, ENCODER, SENSOR, seed=SEED)
-    forms = {NAMES[0]: statement.printed(), NAMES[1]: statement.corrected()}
-    at_once = {
-        name: float(statement.passed_at_once(statement.behind_the_wheel(form).brake)) for name, form in forms.items()
-    }
+    forms = {NAMES[0]: printed.observer, NAMES[1]: corrected_observer()}
+    at_once = {name: float(passed_at_once(form)) for name, form in forms.items()}
     estimates = {n: o.run(seen.time, seen.torque, seen.omega).adhesion_torque for n, o in best.items()}
     ends = [np.array([values[0], values[-1]]) for values in (TAUS, WALKS)]
     return ObserverComparison(

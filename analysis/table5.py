@@ -11,8 +11,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from railslip_ctrl.paper.facts import published_facts
-from railslip_ctrl.paper.tables import DEFAULT_SEEDS, Table5, table3, table5
+from railslip_ctrl.paper.tables import DEFAULT_SEEDS, Table5, published_facts, table3, table5
 from railslip_ctrl.report.reproduction import reproduction_text
 
 LARGEST_RMS = 2.2  # %, over the sixteen deviations

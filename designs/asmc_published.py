@@ -51,6 +51,8 @@ def read(inertia_scale: float) -> Reading:
     law = rs.law.PUBLISHED_LAW
     # 1. Tb = Ueq + D s + K sgn s with s = e + rho int e: what multiplies e and its integral.
     surface = vehicle.effective_inertia / vehicle.wheel.radius * law.rho
+    dry = rs.published_law("bristle", rs.Rail.DRY)
+    held = rs.operating_point(dry, vehicle, SPEED, reaching.reference_slip(), rail=rs.Rail.DRY)
     # 2. What (40) asks of K.
     least = [
         tuple(reaching.least_gain(vehicle, box(vehicle, sigmas=n)) for n in (1.0, 3.0))
@@ -58,7 +60,7 @@ def read(inertia_scale: float) -> Reading:
     ]
     return Reading(
         inertia_scale=inertia_scale,
-        feed_forward=reaching.holding_torque(vehicle, SPEED),
+        feed_forward=held.brake_torque,
         proportional_gain=surface + law.D,
         from_surface=surface,
         integral_gain=law.D * law.rho,

@@ -17,14 +17,13 @@ import sympy as sp
 
 from railslip_ctrl.core.notation import latex_names, symbol
 from railslip_ctrl.core.units import KMH
-from railslip_ctrl.identification import observer_study as observer
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import law_class
 from railslip_ctrl.model.adhesion.beam import Beam, integrated_force
 from railslip_ctrl.model.adhesion.bristle import published_coefficients
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.errata import Erratum
+from railslip_ctrl.paper.errata import Erratum, adhesion_torque, corrected_observer
 from railslip_ctrl.sliding.derivation import UNCERTAIN, Derivation
 from railslip_ctrl.sliding.proof import SLIDING_NOTATION, sliding_symbol
 
@@ -249,25 +248,25 @@ def bristle_equations() -> list[Equation]:
 
 def observer_equations() -> list[Equation]:
     """(25)-(29)."""
-    home = "railslip_ctrl.identification.observer_study"
-    torque = observer.adhesion_torque()
-
-    def estimate(transfers: observer.Transfers) -> sp.Expr:
-        return transfers.torque * plant.Tb + transfers.speed * plant.omega
-
-    hat = sliding_symbol("Ta_hat")
+    home, torque = "railslip_ctrl.paper.errata", adhesion_torque()
+    hat, rate = sliding_symbol("Ta_hat"), printed.laplace * plant.omega
     return [
         Equation(25, "adhesion torque from the wheel", (_is("T_a", torque),), f"{home}.adhesion_torque"),
-        Equation(26, "the same in s", (_is("T_a", torque.subs(plant.omega_rate, observer.s * plant.omega)),), home),
-        Equation(27, "observer", (_is(r"\hat T_a", estimate(observer.corrected())),), f"{home}.corrected"),
+        Equation(26, "the same in s", (_is("T_a", torque.subs(plant.omega_rate, rate)),), home),
+        Equation(27, "observer", (_is(r"\hat T_a", corrected_observer()),), f"{home}.corrected_observer"),
         Equation(
             28,
             "observer without a derivative",
-            (_is(r"\hat T_a", estimate(observer.printed_without_derivative())),),
-            f"{home}.printed_without_derivative",
+            (_is(r"\hat T_a", printed.observer_without_derivative),),
+            "railslip_ctrl.paper.printed",
             "As printed; equal to (27) as printed, so that its error is the same.",
         ),
-        Equation(29, "estimated adhesion coefficient", (_is(r"\hat\mu", hat / (symbol("N") * plant.r)),), home),
+        Equation(
+            29,
+            "estimated adhesion coefficient",
+            (_is(r"\hat\mu", hat / (symbol("N") * plant.r)),),
+            "railslip_ctrl.identification.observer",
+        ),
     ]
 
 

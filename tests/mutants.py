@@ -46,6 +46,7 @@ ROOMS = {
     "core/folders": "cache interruption",
     "core/processes": "interruption",
     "core/rounding": "units",
+    "core/templates": "derivation sliding_code",
     "core/user_files": "vehicle laws law_files",
     "model/": "vehicle input_errors",
     "model/adhesion/": "laws linearization numeric",

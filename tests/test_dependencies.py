@@ -71,7 +71,7 @@ def test_a_command_loads_what_it_needs_alone(words, more):
         ("campaign tolerances.toml --out runs", "pyarrow", "campaign"),
         ("campaign tolerances.toml --controller pi --out runs --scheduler tcp://localhost:1", "distributed", "cluster"),
         ("identify run.csv", "pandas", "identify"),
-        ("report --out check", "jinja2", "html"),
+        ("report --out check", "latex2mathml", "html"),
         ("reproduce --out check", "latex2mathml", "html"),
     ],
 )

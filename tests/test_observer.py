@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification import observer_study as statement
 from railslip_ctrl.identification.observer import (
     FilterObserver,
     Form,
@@ -20,10 +19,12 @@ from railslip_ctrl.identification.observer import (
 )
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, PARK2008
-from railslip_ctrl.paper import printed as sliding_printed
+from railslip_ctrl.paper import printed
+from railslip_ctrl.paper.errata import adhesion_torque, corrected_observer, passed_at_once
 
 TAU = 0.08
-S, TAU_SYMBOL = statement.s, statement.tau
+S, TAU_SYMBOL = printed.laplace, printed.tau
+STATEMENTS = {Form.PRINTED: printed.observer, Form.CORRECTED: corrected_observer()}
 
 
 def zero(expression: sp.Expr) -> bool:
@@ -33,40 +34,37 @@ def zero(expression: sp.Expr) -> bool:
 # --- statement -----------------------------------------------------------------------------------------------------
 
 
+def behind_the_wheel(form: Form) -> dict[str, sp.Expr]:
+    """What acts on the wheel, and noise, to the estimate, with omega from the wheel's equation (3) in it."""
+    wheel = sp.solve(plant.WHEEL.subs({plant.omega_rate: S * plant.omega, plant.Tr: 0}), plant.omega)[0]
+    estimate = STATEMENTS[form].subs(plant.omega, wheel)
+    acting = {"adhesion": plant.Ta, "brake": plant.Tb, "disturbance": plant.Td}
+    sensors = {"torque_noise": plant.Tb, "speed_noise": plant.omega}
+    found = {name: sp.factor(sp.together(sp.diff(estimate, one))) for name, one in acting.items()}
+    return found | {name: sp.diff(STATEMENTS[form], one) for name, one in sensors.items()}
+
+
 def test_25_follows_from_the_wheel():
     J, B, w, w_rate, tb = plant.J, plant.B, plant.omega, plant.omega_rate, plant.Tb
-    assert zero(statement.adhesion_torque() - (J * w_rate + B * w + tb))
-
-
-def test_27_is_28():
-    derivative, without = statement.printed(), statement.printed_without_derivative()
-    assert zero(derivative.torque - without.torque)
-    assert zero(derivative.speed - without.speed)
-
-
-def test_27_is_the_one_in_the_errata():
-    ours = statement.printed()
-    errata = sliding_printed.observer.subs({sliding_printed.laplace: S, sliding_printed.tau: TAU_SYMBOL})
-    assert zero(ours.torque * plant.Tb + ours.speed * plant.omega - errata)
+    assert zero(adhesion_torque() - (J * w_rate + B * w + tb))
 
 
 def test_corrected_observer_is_a_lag_of_the_true_torque_and_of_nothing_else():
     lag = 1 / (TAU_SYMBOL * S + 1)
-    wheel = statement.behind_the_wheel(statement.corrected())
-    assert zero(wheel.adhesion - lag)
-    assert zero(wheel.brake)
-    assert zero(wheel.disturbance + lag)  # what nobody measures is taken for adhesion
-    assert zero(wheel.torque_noise - lag)
+    wheel = behind_the_wheel(Form.CORRECTED)
+    assert zero(wheel["adhesion"] - lag)
+    assert zero(wheel["brake"])
+    assert zero(wheel["disturbance"] + lag)  # what nobody measures is taken for adhesion
+    assert zero(wheel["torque_noise"] - lag)
+    assert passed_at_once(corrected_observer()) == 0
 
 
 def test_printed_observer_lets_the_brake_torque_through():
-    wheel = statement.behind_the_wheel(statement.printed())
+    wheel = behind_the_wheel(Form.PRINTED)
     J, B = plant.J, plant.B
-    assert zero(wheel.brake - J * TAU_SYMBOL * S**2 / ((TAU_SYMBOL * S + 1) * (J * S + B)))
-    assert statement.passed_at_once(wheel.brake) == 1
-    assert statement.passed_at_once(wheel.torque_noise) == 1
-    assert statement.passed_at_once(statement.behind_the_wheel(statement.corrected()).brake) == 0
-    assert not zero(wheel.adhesion - 1 / (TAU_SYMBOL * S + 1))
+    assert zero(wheel["brake"] - J * TAU_SYMBOL * S**2 / ((TAU_SYMBOL * S + 1) * (J * S + B)))
+    assert sp.limit(wheel["brake"], S, sp.oo) == passed_at_once(printed.observer) == wheel["torque_noise"] == 1
+    assert not zero(wheel["adhesion"] - 1 / (TAU_SYMBOL * S + 1))
 
 
 # --- continuous ----------------------------------------------------------------------------------------------------
@@ -77,10 +75,10 @@ def test_responses_are_those_of_the_statement(form):
     observer = FilterObserver.of(PARK2008, TAU, form)
     omega = np.geomspace(1e-3, 1e3, 25)
     responses = observer_responses(observer, omega)
-    symbolic = statement.behind_the_wheel(statement.printed() if form is Form.PRINTED else statement.corrected())
+    symbolic = behind_the_wheel(form)
     numbers = {plant.J: observer.inertia, plant.B: observer.viscous_friction, TAU_SYMBOL: TAU}
     for name in ("adhesion", "brake", "disturbance", "torque_noise", "speed_noise"):
-        expected = sp.lambdify(S, getattr(symbolic, name).subs(numbers), "numpy")(1j * omega) * np.ones(omega.size)
+        expected = sp.lambdify(S, symbolic[name].subs(numbers), "numpy")(1j * omega) * np.ones(omega.size)
         # the response to Tb is a difference of two terms that may cancel down to rounding
         assert getattr(responses, name) == pytest.approx(expected, rel=1e-12, abs=1e-13), name
 
@@ -175,9 +173,9 @@ def test_a_torque_step_is_in_the_printed_estimate_at_once():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"inertia": 0.0}, "inertia: 0 is not allowed; give a finite value > 0"),
-        ({"viscous_friction": -1.0}, "viscous_friction: -1 is not allowed; give a finite value >= 0"),
-        ({"time_constant": float("nan")}, "time_constant: nan is not allowed"),
+        ({"inertia": 0.0}, r"inertia: 0 kg\*m\^2 is not allowed; give a finite value > 0"),
+        ({"viscous_friction": -1.0}, r"viscous_friction: -1 N\*m\*s is not allowed; give a finite value >= 0"),
+        ({"time_constant": float("nan")}, "time_constant: nan s is not allowed"),
     ],
 )
 def test_parameters_out_of_range_are_refused(change, message):
@@ -210,7 +208,7 @@ def test_samples_out_of_order_are_refused():
         observer.step(state, 2.0, 0.0, np.nan)
     with pytest.raises(InputError, match=r"time: 0\.5 in row 0 is not after 1"):
         observer.run([0.5], [0.0], [60.0], state)
-    with pytest.raises(InputError, match="interval: 0 is not allowed"):
+    with pytest.raises(InputError, match="interval: 0 s is not allowed"):
         observer.sampled(0.0)
 
 

@@ -85,9 +85,9 @@ def test_torque_sensor():
     ("make", "message"),
     [
         (lambda: Encoder(0), "counts: 0 is not allowed; give a value >= 1"),
-        (lambda: TorqueSensor(-1.0), "noise: -1 is not allowed"),
-        (lambda: TorqueSensor(1.0, -5.0), "resolution: -5 is not allowed"),
-        (lambda: BrakeCourse(rise=0.0), "rise: 0 is not allowed"),
+        (lambda: TorqueSensor(-1.0), r"noise: -1 N\*m is not allowed"),
+        (lambda: TorqueSensor(1.0, -5.0), r"resolution: -5 N\*m is not allowed"),
+        (lambda: BrakeCourse(rise=0.0), r"rise: 0 N\*m/s is not allowed"),
         (lambda: BrakeCourse(release_slip=1.0), "release_slip: 1 is not allowed; give a value between 0 and 1"),
     ],
 )
@@ -212,9 +212,9 @@ def test_trials_that_cannot_be():
     law = published_law("beam", Rail.DRY, 140.0)
     with pytest.raises(InputError, match=r"release_slip: 0\.5 is not reached, the train stops before"):
         brake_trial(law, PARK2008, 5.0, interval=INTERVAL, course=BrakeCourse(rise=100.0))
-    with pytest.raises(InputError, match="speed: 0 is not allowed"):
+    with pytest.raises(InputError, match="speed: 0 m/s is not allowed"):
         brake_trial(law, PARK2008, 0.0, interval=INTERVAL, course=BrakeCourse())
-    with pytest.raises(InputError, match="interval: 0 is not allowed"):
+    with pytest.raises(InputError, match="interval: 0 s is not allowed"):
         brake_trial(law, PARK2008, SPEED, interval=0.0, course=BrakeCourse())
     bristle = published_law("bristle", Rail.DRY, 140.0)
     with pytest.raises(DomainError):

@@ -25,8 +25,7 @@ from railslip_ctrl.model.adhesion import law_class, law_names, load_law, publish
 from railslip_ctrl.model.kernels import module_of
 from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.sliding.code import generate, law_numbers, python_law, with_numbers
-from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.code import NOT_HOLDING, generate, law_numbers, python_law, with_numbers
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
 from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, gain_parameters
@@ -293,12 +292,12 @@ def test_the_committed_law_is_what_the_derivation_gives():
 def test_the_committed_law_depends_on_the_sources_that_are_hashed():
     """All of the package's SymPy that is imported to derive and print the law, and nothing else of `sliding`."""
     program = (
-        "import sys, railslip_ctrl.sliding.code_python, railslip_ctrl.sliding.derivation as d\n"
+        "import sys, railslip_ctrl.sliding.code, railslip_ctrl.sliding.derivation as d\n"
         "names = [n for n in sys.modules if n.startswith('railslip_ctrl.sliding.')]\n"
         "print(*sorted(n.rpartition('.')[2] for n in names))"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    hashed = {name.removeprefix("sliding/").removesuffix(".py") for name in SOURCES if name.startswith("sliding/")}
+    hashed = {Path(name).stem for name in SOURCES if name.startswith("sliding/") and name.endswith(".py")}
     assert set(found) == hashed
 
 

@@ -16,7 +16,7 @@ from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report.verification import conclusion_text, evidence, findings_text, statement
-from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.law import PUBLISHED_LAW
 from railslip_ctrl.verification.actuator_effects import (
     SPEEDS_KMH,

@@ -16,7 +16,7 @@ from railslip_ctrl.model import plant
 from railslip_ctrl.model.vehicle import PARK2008
 from railslip_ctrl.paper.errata import errata
 from railslip_ctrl.report.verification import evidence, verification_text
-from railslip_ctrl.sliding.code_python import NOT_HOLDING
+from railslip_ctrl.sliding.code import NOT_HOLDING
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.law import PUBLISHED_LAW, LawGains
 from railslip_ctrl.verification import reaching, robust
@@ -33,7 +33,6 @@ from railslip_ctrl.verification.published_law import (
 from railslip_ctrl.verification.reaching import (
     SEARCHED,
     approach,
-    holding_torque,
     least_gain,
     operating_set,
     points_of,
@@ -382,15 +381,6 @@ def test_a_plant_for_which_the_bound_is_no_bound_is_refused(monkeypatch):
         monkeypatch.setattr(module, "derive", lambda changed=changed: changed)
         with pytest.raises(ArithmeticError, match=words):
             function.__wrapped__()
-
-
-def test_holding_torque_is_the_adhesion_torque_less_what_slows_the_wheel():
-    v = 100 / 3.6
-    Ta = rest_adhesion_torque(PARK2008, v, reference_slip())
-    a = (Ta / 0.43 + 0.63 * v**2) / 3517
-    omega = (1 - 0.132) * v / 0.43
-    # J omega' with lambda' = 0
-    assert holding_torque(PARK2008, v) == pytest.approx(Ta - 0.25 * omega + 60.35 * (1 - 0.132) * a / 0.43, rel=1e-9)
 
 
 @pytest.mark.parametrize(

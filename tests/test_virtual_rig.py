@@ -141,7 +141,7 @@ def test_a_written_log_is_the_log_that_is_read(tmp_path):
         ({"rate": 0.0}, r"^rate: 0 is not allowed; give a finite value > 0$"),
         ({"interval": float("nan")}, r"^interval: nan is not allowed"),
         ({"random_force": -1.0}, r"^random_force: -1 is not allowed; give a finite value >= 0$"),
-        ({"release_slip": 1.0}, r"^release_slip: 1 is not allowed; give a value < 1$"),
+        ({"release_slip": 1.0}, r"^release_slip: 1 is not allowed; give a finite value > 0 and < 1$"),
         ({"rate": 20.0}, r"^rate: with 20 N\*m/s the slip does not come to 0.5 before .*; give a steeper ramp"),
     ],
 )

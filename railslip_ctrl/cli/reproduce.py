@@ -16,10 +16,18 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import OperatingPoint, operating_point
 from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, PARK2008, Rail
-from railslip_ctrl.paper.facts import Fact, published_facts
 from railslip_ctrl.paper.reading import DEFAULT_SEEDS as SENSITIVITY_SEEDS
 from railslip_ctrl.paper.reading import sensitivity
-from railslip_ctrl.paper.tables import DEFAULT_SEEDS, MOST_SEEDS, Table5, checked_seeds, table3, table5
+from railslip_ctrl.paper.tables import (
+    DEFAULT_SEEDS,
+    MOST_SEEDS,
+    Fact,
+    Table5,
+    checked_seeds,
+    published_facts,
+    table3,
+    table5,
+)
 from railslip_ctrl.report import check_directory, write_files
 from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.reproduction import reproduction_json, reproduction_text
@@ -107,7 +115,7 @@ def _files(
         wet_and_dry_figure,
     )
     from railslip_ctrl.report.plots.style import figure_files
-    from railslip_ctrl.report.reproduction_page import reproduction_first_page, reproduction_sections
+    from railslip_ctrl.report.reproduction import reproduction_first_page, reproduction_sections
     from railslip_ctrl.sliding.derivation import derive
 
     started = time.perf_counter()

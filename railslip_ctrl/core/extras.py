@@ -9,7 +9,7 @@ from .errors import InputError
 EXTRAS = {
     "campaign": ("pyarrow",),
     "cluster": ("distributed",),
-    "html": ("jinja2", "latex2mathml"),
+    "html": ("latex2mathml",),
     "identify": ("pandas",),
 }
 

@@ -32,6 +32,7 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import Vehicle
 
@@ -58,13 +59,6 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 # --- sensors -------------------------------------------------------------------------------------------------------
-
-
-def require(name: str, value: float, unit: str, *, zero_allowed: bool = False) -> None:
-    """InputError where a number is not finite, negative, or 0 though that is not allowed."""
-    if not (math.isfinite(value) and (value > 0 or (zero_allowed and value == 0))):
-        bound = ">= 0" if zero_allowed else "> 0"
-        raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound} ({unit})")
 
 
 @dataclass(frozen=True)
@@ -121,8 +115,8 @@ class TorqueSensor:
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
-        require("noise", self.noise, "N*m", zero_allowed=True)
-        require("resolution", self.resolution, "N*m", zero_allowed=True)
+        number("noise", self.noise, "N*m", ge=0)
+        number("resolution", self.resolution, "N*m", ge=0)
 
     @property
     def variance(self) -> float:
@@ -369,9 +363,9 @@ class FilterObserver(TorqueObserver[FilterState]):
     form: Form = Form.CORRECTED
 
     def __post_init__(self) -> None:
-        require("inertia", self.inertia, "kg*m^2")
-        require("viscous_friction", self.viscous_friction, "N*m*s", zero_allowed=True)
-        require("time_constant", self.time_constant, "s")
+        number("inertia", self.inertia, "kg*m^2", gt=0)
+        number("viscous_friction", self.viscous_friction, "N*m*s", ge=0)
+        number("time_constant", self.time_constant, "s", gt=0)
 
     @classmethod
     def of(cls, vehicle: Vehicle, time_constant: float, form: Form = Form.CORRECTED) -> Self:
@@ -386,7 +380,7 @@ class FilterObserver(TorqueObserver[FilterState]):
         return low, np.asarray((self.inertia * point + self.viscous_friction) * low)
 
     def sampled(self, interval: float) -> SampledForm:
-        require("interval", interval, "s")
+        number("interval", interval, "s", gt=0)
         q = interval / self.time_constant
         share = -math.expm1(-q)
         rate, B = share * self.inertia / interval, self.viscous_friction
@@ -505,7 +499,7 @@ class Vibration:
 
     def __post_init__(self) -> None:
         for name, unit in (("frequency", "rad/s"), ("decay", "1/s"), ("deviation", "N*m")):
-            require(name, getattr(self, name), unit)
+            number(name, getattr(self, name), unit, gt=0)
 
 
 @dataclass(frozen=True)
@@ -538,9 +532,9 @@ class KalmanObserver(TorqueObserver[KalmanState]):
     def __post_init__(self) -> None:
         units = {"inertia": "kg*m^2", "interval": "s", "speed_variance": "(rad/s)^2", "walk": "(N*m)^2/s"}
         for name, unit in units.items():
-            require(name, getattr(self, name), unit)
-        require("viscous_friction", self.viscous_friction, "N*m*s", zero_allowed=True)
-        require("torque_variance", self.torque_variance, "(N*m)^2", zero_allowed=True)
+            number(name, getattr(self, name), unit, gt=0)
+        number("viscous_friction", self.viscous_friction, "N*m*s", ge=0)
+        number("torque_variance", self.torque_variance, "(N*m)^2", ge=0)
 
     @classmethod
     def of(
@@ -560,8 +554,8 @@ class KalmanObserver(TorqueObserver[KalmanState]):
         cancel, so that the filter trusts the speed less than it might. The torque's is the sensor's. Ta is expected
         to change by `change` (N*m, one standard deviation) within `within` (s): the walk is change^2/within.
         """
-        require("change", change, "N*m")
-        require("within", within, "s")
+        number("change", change, "N*m", gt=0)
+        number("within", within, "s", gt=0)
         return cls(
             vehicle.effective_inertia,
             vehicle.effective_viscous_friction,
@@ -643,7 +637,7 @@ class KalmanObserver(TorqueObserver[KalmanState]):
     def sampled(self, interval: float | None = None) -> SampledForm:
         """The recursion at a constant interval (s), the nominal one if none is given."""
         h = self.interval if interval is None else interval
-        require("interval", h, "s")
+        number("interval", h, "s", gt=0)
         transition, before, now = (each[0] for each in self._transitions(np.array([h])))
         still = np.zeros(len(transition))
         correct = self._correction
@@ -712,10 +706,11 @@ class KalmanObserver(TorqueObserver[KalmanState]):
 
 @dataclass(frozen=True)
 class ObserverResponses:
-    """Responses of Ta_hat, complex arrays of one length; the names are those of `observer_study.WheelTransfers`.
+    """Responses of Ta_hat to what acts on the wheel and to sensor noise, complex arrays of one length.
 
-    At frequencies `omega`, rad/s. The shares `adhesion`, `brake`, `disturbance` and `torque_noise`, N*m per N*m, are 1,
-    0, 0 and small of a good observer; `speed_noise` is in N*m per rad/s.
+    At frequencies `omega`, rad/s: from the true Ta with Tr (`adhesion`), the measured Tb (`brake`), Td (`disturbance`)
+    and noise on Tb (`torque_noise`), N*m per N*m: 1, 0, 0 and small of a good observer; from noise on omega
+    (`speed_noise`), N*m per rad/s.
     """
 
     omega: Floats

@@ -1,10 +1,9 @@
-"""How good is an adhesion-torque observer? Its symbolic statement, a brake trial with known truth, lag against noise.
+"""How good is an adhesion-torque observer? A brake trial with known truth, lag against noise.
 
-The statement derives the observer as printed and as corrected from the wheel's equation: [Park2008] (25)-(28). The
-trial is the course of Fig. 12, simulated: free rolling, the brake torque rises until the slip passes a bound (0.5 in
-the source), then it is released and the wheel recovers. The lag's error is what the observer does to a trial with
-perfect sensors, the half interval by which an encoder's speed is late included; the noise's is the H2 norm. They are
-independent: their squares add.
+The trial is the course of [Park2008] Fig. 12, simulated: free rolling, the brake torque rises until the slip passes a
+bound (0.5 in the source), then it is released and the wheel recovers. The lag's error is what the observer does to a
+trial with perfect sensors, the half interval by which an encoder's speed is late included; the noise's is the H2 norm.
+They are independent: their squares add.
 """
 
 from __future__ import annotations
@@ -12,22 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.notation import symbol
-from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.vehicle import Actuator, Vehicle
 from railslip_ctrl.simulation import Scenario, simulate
 
-from .observer import Encoder, Floats, TorqueObserver, TorqueSensor, noise_deviation, require
+from .observer import Encoder, Floats, TorqueObserver, TorqueSensor, noise_deviation
 from .virtual_rig import RigProcedure
 
 __all__ = [
@@ -41,79 +37,6 @@ __all__ = [
     "observer_errors",
     "trade_off",
 ]
-
-# --- the statement, in Laplace's s -----------------------------------------------------------------------------------
-
-
-s = symbol("s")
-tau = sp.Symbol("tau", positive=True)
-
-
-@dataclass(frozen=True)
-class Transfers:
-    """Ta_hat = torque * Tb + speed * omega, both measured; expressions in s, tau, J, B (1 and N*m*s)."""
-
-    torque: sp.Expr
-    speed: sp.Expr
-
-
-@dataclass(frozen=True)
-class WheelTransfers:
-    """From what acts on the wheel, and from sensor noise, to Ta_hat; the wheel's equation (3) is in them.
-
-    `adhesion` is from the true Ta and Tr, which is part of it, `brake` from the measured Tb, `disturbance` from Td, and
-    the noises from what the sensors add to Tb (N*m) and to omega (rad/s).
-    """
-
-    adhesion: sp.Expr
-    brake: sp.Expr
-    disturbance: sp.Expr
-    torque_noise: sp.Expr
-    speed_noise: sp.Expr
-
-
-@cache
-def adhesion_torque() -> sp.Expr:
-    """(25): Ta in omega', omega and Tb, from (3) without the torques that nobody measures (Td = Tr = 0)."""
-    return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
-
-
-def printed() -> Transfers:
-    """(27): only J omega' goes through the filter."""
-    rate = sp.diff(adhesion_torque(), plant.omega_rate) * plant.omega_rate
-    rest = adhesion_torque() - rate
-    return _transfers(rate.subs(plant.omega_rate, s * plant.omega) / (tau * s + 1) + rest)
-
-
-def printed_without_derivative() -> Transfers:
-    """(28): (B + J/tau - (J/tau)/(tau s + 1)) omega + Tb, as printed."""
-    J, B = plant.J, plant.B
-    return Transfers(torque=sp.Integer(1), speed=B + J / tau - (J / tau) / (tau * s + 1))
-
-
-def corrected() -> Transfers:
-    """Every term of (26) through the filter."""
-    return _transfers(adhesion_torque().subs(plant.omega_rate, s * plant.omega) / (tau * s + 1))
-
-
-def behind_the_wheel(observer: Transfers) -> WheelTransfers:
-    """The observer's transfers with omega from the wheel's equation (3) in them."""
-    acting = {plant.Ta: "adhesion", plant.Tb: "brake", plant.Td: "disturbance"}
-    equation = plant.WHEEL.subs({plant.omega_rate: s * plant.omega, plant.Tr: 0})
-    wheel = sp.solve(equation, plant.omega)[0]
-    estimate = observer.torque * plant.Tb + observer.speed * wheel
-    by_torque = {name: sp.factor(sp.together(sp.diff(estimate, torque))) for torque, name in acting.items()}
-    return WheelTransfers(**by_torque, torque_noise=observer.torque, speed_noise=observer.speed)
-
-
-def passed_at_once(transfer: sp.Expr) -> sp.Expr:
-    """The share of a step that is in the estimate at once: the transfer at infinite s."""
-    return sp.limit(transfer, s, sp.oo)
-
-
-def _transfers(estimate: sp.Expr) -> Transfers:
-    return Transfers(*(sp.together(sp.diff(estimate, measured)) for measured in (plant.Tb, plant.omega)))
-
 
 # --- a brake trial ---------------------------------------------------------------------------------------------------
 
@@ -137,9 +60,9 @@ class BrakeCourse:
     recovery: float = 2.0
 
     def __post_init__(self) -> None:
-        require("start", self.start, "s", zero_allowed=True)
+        number("start", self.start, "s", ge=0)
         for name, unit in (("rise", "N*m/s"), ("fall", "N*m/s"), ("recovery", "s")):
-            require(name, getattr(self, name), unit)
+            number(name, getattr(self, name), unit, gt=0)
         if not 0 < self.release_slip < 1:
             raise InputError(f"release_slip: {self.release_slip:g} is not allowed; give a value between 0 and 1")
 
@@ -185,8 +108,8 @@ def brake_trial(
     InputError for a number out of range, or where the train stops before the slip reaches the course's bound;
     DomainError where the law ends before that slip.
     """
-    require("speed", speed, "m/s")
-    require("interval", interval, "s")
+    number("speed", speed, "m/s", gt=0)
+    number("interval", interval, "s", gt=0)
     law.check_domain(speed, course.release_slip * speed)
     radius, every = vehicle.wheel.radius, max(round(interval / _STEP), 1)
     # the impulse of the torque that stops train and wheel, whatever the adhesion

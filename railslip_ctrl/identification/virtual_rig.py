@@ -8,13 +8,14 @@ The random adhesion force and the sensors scatter the results; the rail of a tes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.folders import staged
 from railslip_ctrl.core.units import KMH
@@ -38,8 +39,6 @@ COLUMNS = ("time [s]", "train speed [km/h]", "wheel angular speed [rad/s]", "bra
 
 RIG_BRAKE = Actuator(dead_time=0.02, lag=0.05)
 """The rig's own brake, this project's assumption: fast enough that the wheel does not lock after half slip."""
-
-_RECORDS = ("vehicle", "law", "brake", "encoder", "torque_offset")  # of a test: no sizes, and so without a bound
 
 
 class RigProcedure:
@@ -96,13 +95,11 @@ class RigTest:
     brake: Actuator = RIG_BRAKE
 
     def __post_init__(self) -> None:
-        positive = ("initial_speed", "rate", "release_slip", "interval")
-        for name in (f.name for f in fields(self) if f.name not in _RECORDS):
-            value, bound = getattr(self, name), "> 0" if name in positive else ">= 0"
-            if not (math.isfinite(value) and (value > 0 if name in positive else value >= 0)):
-                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {bound}")
-        if not self.release_slip < 1:
-            raise InputError(f"release_slip: {self.release_slip:g} is not allowed; give a value < 1")
+        number("release_slip", self.release_slip, gt=0, lt=1)
+        for name in ("initial_speed", "rate", "interval"):
+            number(name, getattr(self, name), gt=0)
+        for name in ("random_force", "wheel_noise", "speed_noise", "torque_noise", "spread"):
+            number(name, getattr(self, name), ge=0)
 
 
 _QUANTITIES = ("time", "train_speed", "wheel_angular_speed", "brake_torque", "wheel_load")

@@ -1,20 +1,21 @@
 """All errata of [Park2008]: equations as printed against the derivation, numbers and units computed again.
 
-What goes wrong, and what is used instead, is in `errata.toml`.
+The words are in `errata.toml`: what goes wrong, by how much, and what is used instead.
 """
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import sympy as sp
 
+from railslip_ctrl.core.templates import filled
 from railslip_ctrl.core.units import KMH, to_unit
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import beam, published_law
@@ -59,10 +60,12 @@ class Erratum:
 
 
 def compared(
-    where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, sign_and_size: str, explanation: str = ""
+    where: str, printed: Sequence[sp.Expr], derived: Sequence[sp.Expr], *, text: str | None = None, **numbers: Any
 ) -> Erratum:
-    """An erratum by comparing expressions, one or a column of them."""
+    """An erratum by comparing expressions, one or a column of them; `numbers` of its text, found by `text` or where."""
     difference = tuple(_tidy(a - b) for a, b in zip(printed, derived, strict=True))
+    agrees = all(vanishes(entry) for entry in difference)
+    words = _texts()[text or where]
     return Erratum(
         where=where,
         printed_latex=column(printed),
@@ -70,17 +73,16 @@ def compared(
         difference_latex=column(difference),
         printed=_text(printed),
         derived=_text(derived),
-        agrees=all(vanishes(entry) for entry in difference),
+        agrees=agrees,
         how="symbolic",
-        sign_and_size=sign_and_size,
-        explanation=explanation or _explanations()[where],
+        sign_and_size=filled(words["size"], {"agrees": agrees, **numbers}),
+        explanation=filled(words["explanation"], {"agrees": agrees, **numbers}),
     )
 
 
 @cache
-def _explanations() -> dict[str, str]:
-    found: dict[str, str] = tomllib.loads(Path(__file__).with_name("errata.toml").read_text("utf-8"))
-    return found
+def _texts() -> dict[str, dict[str, str]]:
+    return tomllib.loads(Path(__file__).with_name("errata.toml").read_text("utf-8"))
 
 
 def _tidy(difference: sp.Expr) -> sp.Expr:
@@ -92,20 +94,18 @@ def column(entries: Sequence[sp.Expr]) -> str:
     return latex(entries[0]) if len(entries) == 1 else latex(sp.Matrix(entries))
 
 
-def told(where: str, printed: str, derived: str, *, how: How, sign_and_size: str, explanation: str = "") -> Erratum:
-    """An erratum of numbers or of a claim that disagrees; both sides in LaTeX."""
+def told(
+    where: str, how: How, numbers: Mapping[str, Any], *, by_column: Mapping[str, Mapping[str, Any]] | None = None
+) -> Erratum:
+    """An erratum of numbers or of a claim that disagrees; `by_column` has more numbers of its size for columns of a
+    table, which then says it for each, or once where all are alike."""
+    words = _texts()[where]
+    printed, derived, explanation = (filled(words[name], numbers) for name in ("printed", "derived", "explanation"))
+    columns = {name: filled(words["size"], {**numbers, **more}) for name, more in (by_column or {"": {}}).items()}
+    alike = len(set(columns.values())) == 1
+    size = next(iter(columns.values())) if alike else "; ".join(f"{name}: {text}" for name, text in columns.items())
     texts = _without_latex(printed), _without_latex(derived)
-    return Erratum(
-        where,
-        printed,
-        derived,
-        r"\text{see size}",
-        *texts,
-        False,
-        how,
-        sign_and_size,
-        explanation or _explanations()[where],
-    )
+    return Erratum(where, printed, derived, r"\text{see size}", *texts, False, how, size, explanation)
 
 
 def _text(entries: Sequence[sp.Expr]) -> str:
@@ -158,18 +158,8 @@ def _force_per_length() -> Erratum:
     sliding = sp.integrate(b * slipping.subs(p, printed.pressure), (xc, 0, length))
     factors = sp.solve([stiffness - printed.travelling_stiffness, sliding - mu_d * N], [a, b])
     derived = (locking * factors[a], slipping * factors[b])
-    w = beam.CONTACT_WIDTH
     kx = beam.CONTACT_STIFFNESS * beam.CONTACT_LENGTH**2 / 2
-    return compared(
-        "(6)",
-        (locking, slipping),
-        derived,
-        sign_and_size=(
-            f"as printed the locking force is {w:g} times the one of (9) ({w * kx:.4g} N, not Kx = {kx:.0f} N, per "
-            f"unit slip), and the force of full sliding 1/w = {1 / w:.3g} 1/m times mu_d N, in another unit; "
-            f"Cx as tabulated is {beam.CONTACT_STIFFNESS / w:.2g} Pa times w"
-        ),
-    )
+    return compared("(6)", (locking, slipping), derived, w=beam.CONTACT_WIDTH, kx=kx, stiffness=beam.CONTACT_STIFFNESS)
 
 
 def _beam_force() -> Erratum:
@@ -185,17 +175,15 @@ def _beam_force() -> Erratum:
         return float(expression.subs(plant.sigma, slip * plant.v).subs(values))
 
     full = law.kinks(100.0 * KMH, PARK2008.wheel_load)[0].slip
-    mends = bool(sp.expand(mended - derived) == 0)
     return compared(
         "(10)",
         (as_printed,),
         (derived,),
-        sign_and_size=(
-            f"v0 = 100 km/h: at slip 0.001 printed {at(as_printed, 0.001):.0f} N, derived {at(derived, 0.001):.0f} N; "
-            f"at full slip {full:.4f} the 1/2 alone gives {at(half, full) / at(derived, full):.3f} of the force"
-        ),
-        explanation="(6) integrated over the footprint with (5), (7)-(9). The first term must not have w and the last "
-        f"factor is 1/4, not 1/2: mended, the print {'equals' if mends else 'still differs from'} the integral.",
+        printed_force=at(as_printed, 0.001),
+        derived_force=at(derived, 0.001),
+        full=full,
+        half=at(half, full) / at(derived, full),
+        mends=bool(sp.expand(mended - derived) == 0),
     )
 
 
@@ -209,23 +197,17 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
     derived = tuple(_positive_first(found[name]) for name in (beta, gamma))
     law = published_law("bristle", Rail.DRY, 100.0, PARK2008.wheel_load)
     fitted = dict(zip(type(law).parameter_names(), law.parameters(), strict=True))
-    static = fitted["gamma"] / fitted["beta"]
-    literal = compared(
-        "(22)-(24)",
-        printed.bristle_coefficients,
-        derived,
-        sign_and_size=(
-            f"v0 = 100 km/h: (31), (32) give Fs = gamma/beta = {static:.0f} N; with a Coulomb force of any size above "
-            f"1/Fs = {1 / static:.1e} N the printed beta is negative, the fitted one is +{fitted['beta']:.4g} (m/s)/N"
+    beta_fitted = fitted["beta"]
+    return (
+        compared(
+            "(22)-(24)",
+            printed.bristle_coefficients,
+            derived,
+            static=fitted["gamma"] / beta_fitted,
+            beta=beta_fitted,
         ),
+        compared("(24) with brackets", (vs / (Fs - Fc), Fs * vs / (Fs - Fc)), derived),
     )
-    bracketed = compared(
-        "(24) with brackets",
-        (vs / (Fs - Fc), Fs * vs / (Fs - Fc)),
-        derived,
-        sign_and_size="no difference",
-    )
-    return literal, bracketed
 
 
 def _positive_first(fraction: sp.Expr) -> sp.Expr:
@@ -234,28 +216,31 @@ def _positive_first(fraction: sp.Expr) -> sp.Expr:
     return -numerator / sp.expand(-denominator) if numerator.could_extract_minus_sign() else numerator / denominator
 
 
+def adhesion_torque() -> sp.Expr:
+    """(25): Ta in omega', omega and Tb, from (3) without the torques that nobody measures (Td = Tr = 0)."""
+    return sp.expand(sp.solve(plant.WHEEL.subs({plant.Td: 0, plant.Tr: 0}), plant.Ta)[0])
+
+
+def corrected_observer() -> sp.Expr:
+    """(27) with every term of (26) filtered: Ta/(tau s + 1) in what is measured, Tb and omega."""
+    true = adhesion_torque().subs(plant.omega_rate, printed.laplace * plant.omega)
+    return true / (printed.tau * printed.laplace + 1)
+
+
+def passed_at_once(observer: sp.Expr) -> sp.Expr:
+    """The share of a step of Tb that is in the estimate at once."""
+    return sp.limit(sp.diff(observer, plant.Tb), printed.laplace, sp.oo)
+
+
 def _observer() -> Erratum:
     """(27) against Ta/(tau s + 1), the only thing the filter should do to Ta."""
-    s, tau = printed.laplace, printed.tau
-    true = sp.solve(plant.WHEEL.subs({plant.omega_rate: s * plant.omega, plant.Td: 0, plant.Tr: 0}), plant.Ta)[0]
-    derived = true / (tau * s + 1)
-    as_printed = printed.observer
-    jump = [sp.limit(sp.diff(expression, plant.Tb), s, sp.oo) for expression in (as_printed, derived)]
-    return compared(
-        "(27)",
-        (as_printed,),
-        (derived,),
-        sign_and_size=f"of a step of Tb a share of {jump[0]} is in Ta_hat at once; filtered as a whole, {jump[1]}",
-    )
+    as_printed, derived = printed.observer, corrected_observer()
+    jump = [passed_at_once(expression) for expression in (as_printed, derived)]
+    return compared("(27)", (as_printed,), (derived,), jump=jump)
 
 
 def _observer_forms() -> Erratum:
-    return compared(
-        "(28) = (27)",
-        (printed.observer_without_derivative,),
-        (printed.observer,),
-        sign_and_size="no difference",
-    )
+    return compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,))
 
 
 # --- the sliding-mode law and its proof -------------------------------------------------------------------------------
@@ -300,25 +285,12 @@ def _known_parameters(derivation: Derivation) -> tuple[Erratum, ...]:
 
 
 def _expected_to_agree(where: str, as_printed: sp.Expr, derived: sp.Expr, note: str, derivation: Derivation) -> Erratum:
-    left = _named(as_printed, derivation)
-    agrees = vanishes(left - derived)
-    return compared(
-        where,
-        (left,),
-        (derived,),
-        sign_and_size="no difference" if agrees else "see the difference",
-        explanation=" ".join(("Follows from (3), (4) and (33)" if agrees else "Does not follow", note)).strip() + ".",
-    )
+    return compared(where, (_named(as_printed, derivation),), (derived,), text="as derived", note=note)
 
 
 def _asked_rate(derivation: Derivation) -> Erratum:
-    derived = derivation.closed_rate.subs(UNCERTAIN)
-    return compared(
-        "(38)-(39) with (41)",
-        (printed.asked_rate,),
-        (sp.factor(derived),),
-        sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times as fast (r/J = {_RATIO:.3e} 1/(kg m))",
-    )
+    derived = sp.factor(derivation.closed_rate.subs(UNCERTAIN))
+    return compared("(38)-(39) with (41)", (printed.asked_rate,), (derived,), ratio=_RATIO)
 
 
 def _random_force(derivation: Derivation) -> Erratum:
@@ -326,17 +298,13 @@ def _random_force(derivation: Derivation) -> Erratum:
     force = sp.Symbol("F_random", real=True)
     twice = printed.s_rate.subs({plant.Fr: force, plant.Tr: plant.r * force})
     once = derivation.s_rate.subs({plant.Fr: 0, plant.Tr: plant.r * force})
-    speed = printed.SPEEDS_KMH[0] / 3.6
-    travelling = PARK2008.resistance.quadratic * speed**2
     return compared(
         "F_r in (4) and (35)",
         (_named(twice, derivation),),
         (once,),
-        sign_and_size=(
-            f"the random force of {printed.RANDOM_FORCE:g} N counts {printed.RANDOM_FORCE / _MASS[0]:.3f} m/s^2 twice, "
-            f"not once; the travelling resistance, {travelling:.0f} N at 100 km/h, i.e. "
-            f"{travelling / _MASS[0]:.3f} m/s^2, is left out"
-        ),
+        force=printed.RANDOM_FORCE,
+        mass=_MASS[0],
+        travelling=PARK2008.resistance.quadratic * (printed.SPEEDS_KMH[0] / 3.6) ** 2,
     )
 
 
@@ -347,18 +315,9 @@ def _theta(derivation: Derivation) -> tuple[Erratum, Erratum]:
         sliding_symbol("Mp"): _MASS[1] - _MASS[0],
         plant.r: _R,
     }
-    numbers = [float(expression.subs(values)) for expression in (first, derivation.theta[0])]
+    as_printed, derived = (float(expression.subs(values)) for expression in (first, derivation.theta[0]))
     return (
-        compared(
-            "(44), theta_1",
-            (first,),
-            (derivation.theta[0],),
-            sign_and_size=(
-                f"{_MASS[0]:g} -> {_MASS[1]:g} kg: printed {numbers[0]:+.3e}, derived {numbers[1]:+.3e} 1/(kg m): "
-                f"{'other' if numbers[0] * numbers[1] < 0 else 'same'} sign, {abs(numbers[0] / numbers[1]):.2f} times "
-                "the size"
-            ),
-        ),
+        compared("(44), theta_1", (first,), (derivation.theta[0],), masses=_MASS, sizes=(as_printed, derived)),
         _expected_to_agree("(44), theta_2", second, derivation.theta[1], "", derivation),
     )
 
@@ -378,30 +337,15 @@ def _lyapunov_rate(derivation: Derivation) -> tuple[Erratum, Erratum]:
     errors = dict(zip(THETA_TILDE, (a - b for a, b in zip(theta, hat, strict=True)), strict=True))
     # (47) before the law is put in: put the derived law in, and it must be the derived V'
     before = _named(printed.lyapunov_rate, derivation).subs(plant.Tb, derivation.adaptive_law_control)
-    first = compared(
-        "(47) with (45)",
-        (sp.expand(before.subs(errors)),),
-        (sp.expand(derivation.V_rate.subs(errors)),),
-        sign_and_size="no difference without disturbances",
+    law_put_in = sp.expand(before.subs(errors)), sp.expand(derivation.V_rate.subs(errors))
+    return (
+        compared("(47) with (45)", law_put_in[:1], law_put_in[1:]),
+        compared("(47)-(48)", (printed.lyapunov_rate_with_law,), (derivation.V_rate,), ratio=_RATIO),
     )
-    second = compared(
-        "(47)-(48)",
-        (printed.lyapunov_rate_with_law,),
-        (derivation.V_rate,),
-        sign_and_size=f"same sign; printed J/r = {1 / _RATIO:.1f} times too large (r/J = {_RATIO:.3e} 1/(kg m))",
-    )
-    return first, second
 
 
 def _adaptation(derivation: Derivation) -> Erratum:
-    units = _gain_units(derivation)
-    return compared(
-        "(49)",
-        printed.adaptation,
-        derivation.adaptation_matrix,
-        sign_and_size=f"units that follow: k1 in {units[0]}, k2 in {units[1]} (kg, m, s); printed: one number, "
-        "dimensionless",
-    )
+    return compared("(49)", printed.adaptation, derivation.adaptation_matrix, units=_gain_units(derivation))
 
 
 def _gain_units(derivation: Derivation) -> list[str]:
@@ -431,24 +375,15 @@ def _invariant_set(derivation: Derivation) -> Erratum:
     ideal = derivation.error_dynamics - derivation.disturbance_perturbed
     known = {plant.r, plant.J, sliding_symbol("D"), sliding_symbol("K")}
     driven = sorted((symbol for symbol in sp.expand(ideal).free_symbols - state - known), key=str)
-    at_rest = sp.expand(ideal).subs(sliding_symbol("s"), 0)
-    jump = _lyapunov_jump(derivation)
-    names = ", ".join(latex(symbol) for symbol in driven)
-    return told(
-        "p. 54, invariant set theorem",
-        r"\text{asymptotic stability}",
-        rf"\dot s = {latex(ideal)},\quad ({names})\text{{ functions of time}}",
-        how="argument",
-        sign_and_size=(
-            f"on s = 0 what is required is {at_rest} = 0, one equation for two errors; in the as-published reading V "
-            f"jumps by theta1^2/(2k) = {jump:.3g} m^2/s^2 when the mass steps at {printed.MASS_STEP_TIME:g} s, as if s "
-            f"had jumped to {(2 * jump) ** 0.5:.3g} m/s"
-        ),
-        explanation="The error system depends on time through "
-        + ", ".join(map(str, driven))
-        + ", so the invariant set theorem does not apply. Barbalat's lemma gives s -> 0 in the ideal case; theta_hat "
-        "need not converge. What the actuator does is no part of the proof; it takes a simulation or `verify` to show.",
-    )
+    numbers = {
+        "ideal_latex": latex(ideal),
+        "names": ", ".join(latex(symbol) for symbol in driven),
+        "driven": driven,
+        "at_rest": sp.expand(ideal).subs(sliding_symbol("s"), 0),
+        "jump": _lyapunov_jump(derivation),
+        "step_time": printed.MASS_STEP_TIME,
+    }
+    return told("p. 54, invariant set theorem", "argument", numbers)
 
 
 def _lyapunov_jump(derivation: Derivation) -> float:
@@ -469,7 +404,16 @@ _WHEEL = PARK2008.wheel
 
 def number_errata(derivation: Derivation) -> tuple[Erratum, ...]:
     """The rows, in the order of the source."""
-    return (_reaching_gain(derivation), _viscous(), _table3(), _table4_kp(), _table4_ki(), _table4_asmc(), *_table5())
+    return (
+        _reaching_gain(derivation),
+        _viscous(),
+        _table3(),
+        _table4_kp(),
+        _table4_ki(),
+        _table4_asmc(),
+        _energy(),
+        _duration(),
+    )
 
 
 def random_disturbance(derivation: Derivation) -> float:
@@ -493,155 +437,95 @@ def _reaching_gain(derivation: Derivation) -> Erratum:
     K0 = ratio * K
     boxes = [reference_set(PARK2008, sigmas=1.0, with_torque=torque) for torque in (False, True)]
     without, needed = (surface_needed(PARK2008, box, K=K, D=D) for box in boxes)
-    least = ratio * least_gain(PARK2008, boxes[1])
-    widest = least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0))
-    return told(
-        "(40) with Table 4",
-        r"D_0 |s| + K_0 > |d| + \eta",
-        rf"K_0 = {K0:.3f} < |d| = {d:.3f}\ \mathrm{{m/s^2}}",
-        how="computed",
-        sign_and_size=(
-            f"K0 = (r/J) K = {K0:.3f} m/s^2; without Td, one standard deviation of Tr with Fr at 100 km/h is {d:.3f} "
-            f"m/s^2 ({d / K0:.1f} times as much) and |s| would have to exceed {without:.1f} m/s of "
-            f"{printed.SPEEDS_KMH[0] * KMH:.1f} m/s; with Td = 0.05 of the acting torque, the law's own in it, K0 > "
-            f"{least:.3f} m/s^2 or |s| > {needed:.1f} m/s; over the whole run at three deviations K > {widest:.0f} N*m "
-            f"is asked of {K:g} N*m"
-        ),
-    )
+    numbers = {
+        **{"K0": K0, "d": d, "without": without, "needed": needed, "K": K, "speed": printed.SPEEDS_KMH[0] * KMH},
+        "least": ratio * least_gain(PARK2008, boxes[1]),
+        "widest": least_gain(PARK2008, operating_set(PARK2008, sigmas=3.0)),
+    }
+    return told("(40) with Table 4", "computed", numbers)
 
 
 def _viscous() -> Erratum:
     t = sp.Symbol("t", real=True)
     B = printed.VISCOUS[0] + printed.VISCOUS[1] * t
-    zero = float(sp.solve(B, t)[0])
-    last = float(B.subs(t, printed.TABLE5_TIMES[0]))
-    return told(
-        "B = 0.25 - 0.01 t",
-        r"B = 0.25 - 0.01 t > 0",
-        rf"B(t) < 0 \text{{ for }} t > {zero:g}\ \mathrm{{s}}",
-        how="computed",
-        sign_and_size=f"zero at {zero:g} s, {last:+.3f} N*m*s at {printed.TABLE5_TIMES[0]:g} s, the end of the stop",
-    )
+    end = printed.TABLE5_TIMES[0]
+    numbers = {"zero": float(sp.solve(B, t)[0]), "last": float(B.subs(t, end)), "end": end}
+    return told("B = 0.25 - 0.01 t", "computed", numbers)
 
 
 def _table3() -> Erratum:
     means = {name: sum(row) / len(row) for name, row in printed.TABLE3.items()}
-    improvement = 100.0 * (1.0 - means["bristle"] / means["beam"])
-    rounded = 100.0 * (1.0 - printed.TABLE3_MEANS["bristle"] / printed.TABLE3_MEANS["beam"])
-    return told(
-        "Table 3",
-        rf"{printed.TABLE3_MEANS['beam']:g},\ {printed.TABLE3_MEANS['bristle']:g}\ \mathrm{{km/h}},\ "
-        rf"{printed.TABLE3_IMPROVEMENT:g}\,\%",
-        rf"{means['beam']:.4f},\ {means['bristle']:.6f},\ {improvement:.1f}\,\%",
-        how="computed",
-        sign_and_size=(
-            f"row means {means['beam']:.4f} and {means['bristle']:.6f}: {improvement:.1f} % better, printed "
-            f"{printed.TABLE3_IMPROVEMENT:g} % (that is {rounded:.1f} % from 0.011 and 0.0083)"
-        ),
-    )
+    rounded = printed.TABLE3_MEANS
+    numbers = {
+        **means,
+        "printed": rounded,
+        "claimed": printed.TABLE3_IMPROVEMENT,
+        "improvement": 100.0 * (1.0 - means["bristle"] / means["beam"]),
+        "rounded": 100.0 * (1.0 - rounded["bristle"] / rounded["beam"]),
+    }
+    return told("Table 3", "computed", numbers)
 
 
-def _columns(texts: dict[str, str]) -> str:
-    """One text where both columns of Table 4 have the same, else each with its column."""
-    if len(set(texts.values())) == 1:
-        return next(iter(texts.values()))
-    return "; ".join(f"{name}: {text}" for name, text in texts.items())
+def _values(rows: Iterable[float]) -> str:
+    return r",\ ".join(f"{value:g}" for value in rows)
 
 
 def _table4_kp() -> Erratum:
-    rows, reading = TABLE4_PI_PRINTED, TABLE4_PI
     one = to_unit("1 N*h", "N*m/(m/s)")
     same = to_unit("1 kN*m/(km/h)", "N*m/(m/s)") / one
-    sizes = {
-        name: f"as printed {row.Kp * one:.4g} N*m/(m/s), as read {reading[name].kp:.4g}, a factor of "
-        f"{row.Kp * one / reading[name].kp:.0f}"
-        for name, row in rows.items()
-    }
-    values = r",\ ".join(f"{row.Kp:g}" for row in rows.values())
-    return told(
-        "Table 4, Kp",
-        rf"{values}\ \mathrm{{N\,h}},\ 1\ \mathrm{{N\,h}} = {same:g}\ \mathrm{{kN\,m/(km/h)}}",
-        rf"{values}\ \mathrm{{N\,m/(km/h)}}",
-        how="computed",
-        sign_and_size=_columns(sizes),
-    )
+    sizes = {name: {"printed": row.Kp * one, "reading": TABLE4_PI[name].kp} for name, row in TABLE4_PI_PRINTED.items()}
+    values = _values(row.Kp for row in TABLE4_PI_PRINTED.values())
+    return told("Table 4, Kp", "computed", {"values": values, "same": same}, by_column=sizes)
 
 
 def _table4_ki() -> Erratum:
-    rows, reading = TABLE4_PI_PRINTED, TABLE4_PI
     sizes = {
-        name: f"as printed {to_unit(f'{row.Ki} N', 'N*m/m'):.4g} N*m/m, as read {reading[name].ki:.4g}, a factor of "
-        f"{to_unit(f'{row.Ki} N', 'N*m/m') / reading[name].ki:.3f}"
-        for name, row in rows.items()
+        name: {"printed": to_unit(f"{row.Ki} N", "N*m/m"), "reading": TABLE4_PI[name].ki}
+        for name, row in TABLE4_PI_PRINTED.items()
     }
-    values = r",\ ".join(f"{row.Ki:g}" for row in rows.values())
-    return told(
-        "Table 4, Ki",
-        rf"{values}\ \mathrm{{N}},\ 1\ \mathrm{{N}} = 1\ \mathrm{{kN\,m/(km/h)/h}}",
-        rf"{values}\ \mathrm{{N\,m/(km/h)/s}}",
-        how="computed",
-        sign_and_size=_columns(sizes),
-    )
+    values = _values(row.Ki for row in TABLE4_PI_PRINTED.values())
+    return told("Table 4, Ki", "computed", {"values": values}, by_column=sizes)
 
 
 def _table4_asmc() -> Erratum:
     rows = TABLE4_SLIDING_PRINTED
-    D, K, rho = (r",\ ".join(dict.fromkeys(f"{row[i]:g}" for row in rows.values())) for i in range(3))
-    return told(
-        "Table 4, D, K, rho",
-        rf"D = {D}\ \mathrm{{h}}^{{-1}},\ K = {K}\ \mathrm{{km/h^2}},\ \rho = {rho}\ \mathrm{{h}}^{{-1}}",
-        rf"D = {D}\ \mathrm{{N\,m/(km/h)}},\ K = {K}\ \mathrm{{N\,m}},\ \rho = {rho}\ \mathrm{{s}}^{{-1}}",
-        how="computed",
-        sign_and_size=_columns({name: _sliding_sizes(*row[:3]) for name, row in rows.items()}),
-    )
+    D, K, rho = (_values(dict.fromkeys(row[i] for row in rows.values())) for i in range(3))
+    sizes = {name: _sliding_sizes(*row[:3]) for name, row in rows.items()}
+    return told("Table 4, D, K, rho", "computed", {"D": D, "K": K, "rho": rho}, by_column=sizes)
 
 
-def _sliding_sizes(D: float, K: float, rho: float) -> str:
-    """One column's D, K, rho as printed and as read."""
-    D0, K0 = to_unit(f"{D} 1/h", "1/s"), to_unit(f"{K} km/h^2", "m/s^2")
-    ratio = _WHEEL.radius / _WHEEL.inertia
-    return (
-        f"as rates, the units of (39), D and K would be {D0:.2e} 1/s and {K0:.2e} m/s^2, i.e. torques of "
-        f"{D0 / ratio:.2e} N*m/(m/s) and {K0 / ratio:.2e} N*m; as read {D / KMH:.2f} N*m/(m/s) and {K:g} N*m, i.e. "
-        f"{D / KMH * ratio:.2e} 1/s and {K * ratio:.2e} m/s^2; rho as printed {to_unit(f'{rho} 1/h', '1/s'):.2e} 1/s"
-    )
+def _sliding_sizes(D: float, K: float, rho: float) -> dict[str, float]:
+    """One column's D, K, rho as rates, the units of (39), and D and K as read."""
+    rates = {
+        "D0": to_unit(f"{D} 1/h", "1/s"),
+        "K0": to_unit(f"{K} km/h^2", "m/s^2"),
+        "rho0": to_unit(f"{rho} 1/h", "1/s"),
+    }
+    return {**rates, "D_read": D / KMH, "K_read": K, "ratio": _WHEEL.radius / _WHEEL.inertia}
 
 
-def _table5() -> tuple[Erratum, Erratum]:
+def _energy() -> Erratum:
     v0, v1 = (speed * KMH for speed in printed.SPEEDS_KMH)
-    scale = AS_PUBLISHED_INERTIA_SCALE
+    scale, energy = AS_PUBLISHED_INERTIA_SCALE, printed.TABLE5_ENERGY["PI"]
     kinetic = 0.5 * scale * PARK2008.mass * (v0**2 - v1**2)
-    joules = printed.TABLE5_ENERGY["PI"] * 1e14 / scale
-    energy = told(
-        "Table 5, energy",
-        rf"{printed.TABLE5_ENERGY['PI'] * 1e7:.2f} \times 10^{{-7}}\ \mathrm{{kN\,m}}",
-        rf"{printed.TABLE5_ENERGY['PI'] * 1e7:.2f} \times 10^{{7}} \text{{ as published}} = "
-        rf"{joules / 1e6:.1f} \times 10^{{6}}\ \mathrm{{J}}",
-        how="computed",
-        sign_and_size=(
-            f"printed {printed.TABLE5_ENERGY['PI'] * 1e3:.2e} J; the kinetic energy to be lost is "
-            f"{kinetic / scale:.3g} J in SI, {kinetic:.3g} J at inertia scale {scale:g}, and {scale:g} times that, "
-            f"{scale * kinetic:.3g}, is the size of the 1.77e7 of p. 56"
-        ),
-    )
+    numbers = {"digits": energy * 1e7, "joules": energy * 1e14 / scale / 1e6, "kinetic": kinetic, "scale": scale}
+    return told("Table 5, energy", "computed", numbers)
+
+
+def _duration() -> Erratum:
+    v0, v1 = (speed * KMH for speed in printed.SPEEDS_KMH)
     decelerations = {rail: mu * PARK2008.wheel_load / PARK2008.mass for rail, mu in printed.PEAK_ADHESION.items()}
     times = {rail: (v0 - v1) / a for rail, a in decelerations.items()}
-    heavy = times["wet"] * PARK2008.mass_loaded / PARK2008.mass
-    least = _least_time(scale, v0, v1)
-    duration = told(
-        "Table 5 / (4), braking time",
-        rf"{min(printed.TABLE5_TIMES):g} \text{{ to }} {max(printed.TABLE5_TIMES):g}\ \mathrm{{s}}",
-        rf"{times['dry']:.1f}\ \mathrm{{s}} \text{{ in SI at peak adhesion; at inertia scale }} {scale:g}: "
-        rf"\ge {least:.1f}\ \mathrm{{s}}",
-        how="computed",
-        sign_and_size=(
-            f"0.30 N/M = {decelerations['dry']:.2f} m/s^2 on dry rail stops from 100 to 5 km/h in {times['dry']:.1f} s "
-            f"({times['wet']:.1f} s wet, {heavy:.1f} s wet and loaded): before the step at "
-            f"{printed.MASS_STEP_TIME:g} s. At inertia scale {scale:g} the step is reached and peak adhesion all the "
-            f"way gives {least:.1f} s"
-        ),
-    )
-    return energy, duration
+    numbers = {
+        "printed": (min(printed.TABLE5_TIMES), max(printed.TABLE5_TIMES)),
+        "times": times,
+        "deceleration": decelerations["dry"],
+        "heavy": times["wet"] * PARK2008.mass_loaded / PARK2008.mass,
+        "least": _least_time(AS_PUBLISHED_INERTIA_SCALE, v0, v1),
+        "scale": AS_PUBLISHED_INERTIA_SCALE,
+        "step_time": printed.MASS_STEP_TIME,
+    }
+    return told("Table 5 / (4), braking time", "computed", numbers)
 
 
 def _least_time(scale: float, v0: float, v1: float) -> float:

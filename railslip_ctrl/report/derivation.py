@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -11,6 +11,7 @@ from rich.text import Text
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.sources import SOURCES
+from railslip_ctrl.core.templates import environment
 from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.sliding.code import LawCode, LawNumbers
 from railslip_ctrl.sliding.derivation import Derivation
@@ -48,11 +49,8 @@ def derivation_json(
 
 
 def _numbers_json(numbers: LawNumbers) -> dict[str, Any]:
-    return {"parameters": dict(numbers.parameters), "latex": _numeric_latex(numbers)}
-
-
-def _numeric_latex(numbers: LawNumbers) -> str | None:
-    return None if numbers.torque is None else f"T_b = {latex(numbers.torque)}"
+    formula = None if numbers.torque is None else f"T_b = {latex(numbers.torque)}"
+    return {"parameters": dict(numbers.parameters), "latex": formula}
 
 
 def _numeric_title(numbers: LawNumbers) -> str:
@@ -68,12 +66,6 @@ def _case(derivation: Derivation) -> str:
         "Ta measured or estimated" if derivation.adhesion is None else f"Ta of the adhesion law {derivation.adhesion}"
     )
     return f"{derivation.reference} reference, {torque}"
-
-
-def _opening(derivation: Derivation) -> str:
-    """The first sentence of a document."""
-    case = _case(derivation)
-    return f"{case[0].upper()}{case[1:]}; {_outcome(derivation)}."
 
 
 def _outcome(derivation: Derivation) -> str:
@@ -141,114 +133,54 @@ def _sources_line() -> str:
     return f"[Park2008] {SOURCES['Park2008']}"
 
 
-# --- Markdown ------------------------------------------------------------------------------------------------------
+# --- Markdown and LaTeX ----------------------------------------------------------------------------------------------
+
+_MARKDOWN = {letter: "\\" + letter for letter in "*_|<>`"}
+_LATEX = {
+    **{letter: "\\" + letter for letter in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
+}
 
 
 def derivation_markdown(
     derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
 ) -> str:
     """Markdown with LaTeX formulas."""
-    lines = [f"# {_TITLE}", "", _opening(derivation), ""]
-    for number, step in enumerate(derivation.steps, 1):
-        lines += [
-            f"## {number}. {step.name}",
-            "",
-            f"{_markdown(step.statement)} *{step.source}*",
-            "",
-            f"$$ {step.equation_latex} $$",
-            "",
-            f"- done: {_markdown(step.done)}",
-            f"- {_mark(step.checked)}: {_markdown(step.check)}",
-            "",
-        ]
-    lines += ["## Law", "", f"$$ T_b = {latex(derivation.law_in_adhesion)} $$", ""]
-    for one in numbers:
-        formula = _NO_FORMULA if one.torque is None else f"$$ {_numeric_latex(one)} $$"
-        lines += [f"### {_numeric_title(one)}", "", _markdown(_parameters(one)), "", formula, ""]
-    lines += ["## Errata", ""]
-    for row in errata:
-        lines += [
-            f"### {row.where}: {_verdict(row)}",
-            "",
-            f"$$ \\text{{printed: }} {row.printed_latex} $$",
-            "",
-            f"$$ \\text{{derived: }} {row.derived_latex} $$",
-            "",
-            _markdown(f"{row.sign_and_size}. {row.explanation}"),
-            "",
-        ]
-    lines += ["## Code", "", "```python", code.python.rstrip(), "```", "", "```c", code.c.rstrip(), "```", ""]
-    return "\n".join([*lines, _sources_line(), ""])
-
-
-def _markdown(text: str) -> str:
-    return "".join("\\" + letter if letter in "*_|<>`" else letter for letter in text)
-
-
-# --- LaTeX ---------------------------------------------------------------------------------------------------------
-
-_PREAMBLE = r"""\documentclass[a4paper]{article}
-\usepackage[T1]{fontenc}
-\usepackage[utf8]{inputenc}
-\usepackage{amsmath}
-\usepackage{graphicx}
-\usepackage{listings}
-\usepackage[margin=25mm]{geometry}
-\newcommand{\formula}[1]{\begin{center}\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}%
-{$\displaystyle #1$}\end{center}}
-\renewcommand{\arraystretch}{1.8} % fractions in matrices keep apart
-\lstset{basicstyle=\ttfamily\scriptsize, columns=fullflexible, keepspaces=true, breaklines=true,
-  postbreak={\mbox{$\hookrightarrow$\space}}}
-\setlength{\emergencystretch}{3em}
-\begin{document}
-"""
-
-_ESCAPES = {
-    **{letter: "\\" + letter for letter in "&%$#_{}"},
-    "\\": r"\textbackslash{}",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-}
+    return _document("derivation.md", _MARKDOWN, derivation, errata, code, numbers)
 
 
 def derivation_latex(
     derivation: Derivation, errata: Sequence[Erratum], code: LawCode, numbers: Sequence[LawNumbers] = ()
 ) -> str:
     """A LaTeX document that needs amsmath, geometry, graphicx and listings; too wide a formula is made to fit."""
-    lines = [
-        _PREAMBLE + rf"\section*{{{_escape(_TITLE)}}}",
-        _escape(_opening(derivation)),
-        r"\section{Steps}",
-    ]
-    for step in derivation.steps:
-        lines += [
-            rf"\subsection{{{_escape(step.name)}}}",
-            _escape(f"{step.statement} ({step.source})"),
-            rf"\formula{{{step.equation_latex}}}",
-            _escape(f"Done: {step.done} {_mark(step.checked).capitalize()}: {step.check}."),
-        ]
-    lines += [r"\section{Law}", rf"\formula{{T_b = {latex(derivation.law_in_adhesion)}}}"]
-    for one in numbers:
-        formula = _NO_FORMULA if one.torque is None else rf"\formula{{{_numeric_latex(one)}}}"
-        lines += [rf"\subsection*{{{_escape(_numeric_title(one))}}}", _escape(_parameters(one)), formula]
-    lines.append(r"\section{Errata}")
-    for row in errata:
-        lines += [
-            rf"\subsection*{{{_escape(f'{row.where}: {_verdict(row)}')}}}",
-            rf"\formula{{\text{{printed: }} {row.printed_latex}}}",
-            rf"\formula{{\text{{derived: }} {row.derived_latex}}}",
-            _escape(f"{row.sign_and_size}. {row.explanation}"),
-        ]
-    lines += [r"\section{Code}", *_listing("Python", code.python), *_listing("C99", code.c)]
-    return "\n".join([*lines, _escape(_sources_line()), r"\end{document}", ""])
+    return _document("derivation.tex", _LATEX, derivation, errata, code, numbers)
 
 
-def _listing(title: str, text: str) -> list[str]:
-    return [rf"\subsection*{{{title}}}", r"\begin{lstlisting}", text.rstrip(), r"\end{lstlisting}"]
-
-
-def _escape(text: str) -> str:
-    return "".join(_ESCAPES.get(letter, letter) for letter in text)
+def _document(
+    template: str,
+    escapes: Mapping[str, str],
+    derivation: Derivation,
+    errata: Sequence[Erratum],
+    code: LawCode,
+    numbers: Sequence[LawNumbers],
+) -> str:
+    # LaTeX is full of braces
+    names = ("block_start_string", "block_end_string", "variable_start_string", "variable_end_string")
+    filling = environment("railslip_ctrl.report", **dict(zip(names, ("<%", "%>", "<<", ">>"), strict=True)))
+    filling.filters |= {
+        "escaped": lambda text: "".join(escapes.get(letter, letter) for letter in text),
+        **{"latex": latex, "mark": _mark, "verdict": _verdict, "title": _numeric_title, "parameters": _parameters},
+    }
+    case = _case(derivation)
+    text: str = filling.get_template(template).render(
+        derivation=derivation,
+        errata=errata,
+        code=code,
+        numbers=numbers,
+        title=_TITLE,
+        opening=f"{case[0].upper()}{case[1:]}; {_outcome(derivation)}.",
+        no_formula=_NO_FORMULA,
+        sources=_sources_line(),
+    )
+    return text

@@ -52,6 +52,9 @@ class Paragraph:
     text: str
     kind: ClassVar[str] = "paragraph"
 
+    def __rich__(self) -> RenderableType:
+        return indented(self.text)
+
 
 @dataclass(frozen=True)
 class Facts:
@@ -135,6 +138,11 @@ class Details:
     verdict: str
     blocks: tuple[Block, ...]
     kind: ClassVar[str] = "details"
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        yield heading(f"{self.title}: {self.verdict}", "-")
+        yield from (block for block in self.blocks if not isinstance(block, Picture))  # text has none
+        yield ""
 
 
 Block = Paragraph | Facts | Table | Picture | Details

@@ -1,30 +1,67 @@
-"""Text and JSON of the paper's numbers beside ours."""
+"""The paper's numbers beside ours: as text, as JSON, and as a page with its errata and its gains in both readings.
+
+Text and page are made of the same blocks; the page sets their words as print (`typeset`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rich.console import RenderableType
 from rich.text import Text
 
+from railslip_ctrl.design.assessment import ControllerGroup
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE
 from railslip_ctrl.paper import printed
-from railslip_ctrl.paper.facts import Fact
+from railslip_ctrl.paper.errata import Erratum
 from railslip_ctrl.paper.reading import READING, Sensitivity, SensitivityRow
-from railslip_ctrl.paper.tables import (
-    QUANTITIES,
-    TOLERANCE_PERCENT,
-    Row,
-    Table3,
-    Table5,
+from railslip_ctrl.paper.tables import DEFAULT_SEEDS, QUANTITIES, TOLERANCE_PERCENT, Fact, Row, Table3, Table5
+
+from .document import (
+    MARGIN_HEAD,
+    NONE,
+    Block,
+    Details,
+    FirstPage,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    facts,
+    heading,
+    indented,
+    listed,
+    margin_cells,
+    minus,
+    render,
+    short,
+    table,
 )
-
-from .document import facts, heading, indented, render, table
 from .export import exported, number
+from .page import formula, typeset
 
-_STANDARD_ERRORS = 2.0  # within so many, a deviation may be the seeds'
-_WORDS = dict(zip(QUANTITIES, ("time", "distance", "energy", "slip error"), strict=True))
+QUANTITY_WORDS = dict(
+    zip(
+        QUANTITIES, ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -"), strict=True
+    )
+)
+"""What a row of Table 5 is called, with its unit."""
+
+FIGURES = {
+    **{"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15", "fig_17": "Fig. 17", "fig_18": "Fig. 18"},
+    **{"fig_19": "Fig. 19", "fig_20": "Fig. 20", "fig_21": "Fig. 21"},
+}
+"""The paper's figures by the names of the pictures redrawn."""
+
+_ENERGY = QUANTITIES[2]
+
+_DECIDED = {
+    "symbolic": "as expressions, symbolically",
+    "computed": "by numbers computed from the paper's own",
+    "argument": "by what the expression depends on",
+}
 
 
 def reproduction_json(
@@ -76,52 +113,31 @@ def sensitivity_json(sensitivity: Sensitivity) -> dict[str, Any]:
     }
 
 
+# --- text -------------------------------------------------------------------------------------------------------------
+
+
 def reproduction_text(
     comparison: Table5, three: Table3, found: Sequence[Fact], sensitivity: Sensitivity | None = None
 ) -> str:
     """The same as text."""
-    parts = [*_table5_parts(comparison), *_reading_parts(), *_table3_parts(three), *_facts_parts(found)]
+    five = _table5(comparison)
+    parts: list[RenderableType] = [
+        heading("[Park2008] Table 5: the stop from 100 to 5 km/h"),
+        five,
+        indented(f"{five.caption}\n"),
+        heading("The reading it is computed under"),
+        _reading(str),
+        *_table3_parts(three),
+        heading("Other facts of the published runs"),
+        *(_fact(one, str) for one in found),
+    ]
     if sensitivity is not None:
         parts += _sensitivity_parts(sensitivity)
-    parts.append(Text(_verdict(comparison)))
-    return render(parts)
+    return render([*parts, Text(f"Verdict: {reproduction_finding(comparison)}")])
 
 
-def _table5_parts(comparison: Table5) -> Iterable[RenderableType]:
-    yield heading("[Park2008] Table 5: the stop from 100 to 5 km/h")
-    yield facts(
-        [
-            ("Runs", f"{comparison.seeds} noise seeds a column; obtained is their mean, with its standard error"),
-            ("Rms deviation", f"{comparison.rms_deviation_percent:.2f} % over {len(comparison.rows)} numbers"),
-            ("Tolerance", f"{TOLERANCE_PERCENT:g} %"),
-        ]
-    )
-    rows = []
-    for row in comparison.rows:
-        _, column, quantity = row.item.split(" / ")
-        rows.append(
-            (
-                column,
-                quantity,
-                f"{row.published:.4g}",
-                "-" if math.isnan(row.obtained) else f"{row.obtained:.4g}",
-                "-" if math.isnan(row.standard_error) else f"{row.standard_error:.1g}",
-                "-" if math.isnan(row.deviation_percent) else f"{row.deviation_percent:+.2f}",
-                "yes" if row.within else "NO",
-            )
-        )
-    yield table(("Column", "Quantity", "Published", "Obtained", "Std. error", "Deviation, %", "Within"), rows, left=2)
-
-
-def _reading_parts() -> Iterable[RenderableType]:
-    yield heading("The reading it is computed under")
-    rows = [(rule.name, rule.basis.value, rule.used, rule.where) for rule in READING]
-    yield table(("Rule", "Basis", "Used", "Where"), rows, left=4)
-
-
-def _table3_parts(three: Table3) -> Iterable[RenderableType]:
-    yield heading("[Park2008] Table 3: mean absolute errors of the adhesion models")
-    yield facts(
+def _table3_parts(three: Table3) -> list[RenderableType]:
+    known = facts(
         [
             (
                 "Row means",
@@ -138,23 +154,12 @@ def _table3_parts(three: Table3) -> Iterable[RenderableType]:
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]
     )
-    yield indented(three.not_reproducible)
-    yield Text("")
+    title = heading("[Park2008] Table 3: mean absolute errors of the adhesion models")
+    return [title, known, indented(three.not_reproducible), Text("")]
 
 
-def _facts_parts(found: Sequence[Fact]) -> Iterable[RenderableType]:
-    yield heading("Other facts of the published runs")
-    for one in found:
-        yield heading(f"{one.name}: {'holds' if one.holds else 'DOES NOT HOLD'}", "-")
-        yield indented(one.statement)
-        yield indented(f"Found: {one.found}.")
-        yield indented(f"By: {one.how}.")
-        yield Text("")
-
-
-def _sensitivity_parts(sensitivity: Sensitivity) -> Iterable[RenderableType]:
-    yield heading("What each rule is worth: one at a time put to an alternative")
-    yield facts(
+def _sensitivity_parts(sensitivity: Sensitivity) -> list[RenderableType]:
+    known = facts(
         [
             ("Runs", f"{sensitivity.seeds} seeds a column, the same on both sides"),
             ("The reading itself", f"rms deviation {sensitivity.base_rms_deviation_percent:.2f} %"),
@@ -163,7 +168,9 @@ def _sensitivity_parts(sensitivity: Sensitivity) -> Iterable[RenderableType]:
         ]
     )
     columns = ("Rule", "Instead", "Largest change", "Rms, %", "Did not stop")
-    yield table(columns, [_sensitivity_row(row, sensitivity.seeds) for row in sensitivity.rows], left=3)
+    rows = [_sensitivity_row(row, sensitivity.seeds) for row in sensitivity.rows]
+    title = heading("What each rule is worth: one at a time put to an alternative")
+    return [title, known, table(columns, rows, left=3)]
 
 
 def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
@@ -171,33 +178,170 @@ def _sensitivity_row(row: SensitivityRow, seeds: int) -> tuple[str, ...]:
     return (
         row.alternative.rule,
         row.alternative.name,
-        "-" if math.isnan(change) else f"{change:+.1f} % {_short(row.largest_change_of)}",
+        "-" if math.isnan(change) else f"{change:+.1f} % {_item(row.largest_change_of)}",
         "-" if math.isnan(rms) else f"{rms:.2f}",
         ", ".join(f"{column} {count}/{seeds}" for column, count in row.not_stopped.items()),
     )
 
 
-def _short(item: str) -> str:
-    """A number of a column in few words."""
-    column, quantity = item.split(" / ")
-    return f"{column} {_WORDS[quantity]}"
+# --- what text and page have in common --------------------------------------------------------------------------------
 
 
-def _verdict(comparison: Table5) -> str:
-    out = [row.item for row in comparison.rows if not row.within]
-    total = len(comparison.rows)
-    if not out:
-        return f"Verdict: all {total} numbers of Table 5 within {TOLERANCE_PERCENT:g} %."
-    lines = [f"Verdict: {len(out)} of {total} numbers of Table 5 out of tolerance:", *(f"  - {x}" for x in out)]
-    unsure = [row for row in comparison.rows if not row.within and _beyond(row) < _STANDARD_ERRORS * row.standard_error]
-    if unsure:
-        lines.append(
-            f"{len(unsure)} of them by less than {_STANDARD_ERRORS:g} standard errors: {comparison.seeds} seeds do not "
-            "decide that; take more (256 are usual)."
+def _fact(one: Fact, words: Callable[[str], str]) -> Details:
+    found = Paragraph(words(f"Found: {one.found}. By: {one.how}."))
+    return Details(one.name, "holds" if one.holds else "does not hold", (Paragraph(words(one.statement)), found))
+
+
+def reproduction_finding(comparison: Table5) -> str:
+    """How many of the numbers are met, and how far the seeds here decide it."""
+    out = [row for row in comparison.rows if not row.within]
+    total, seeds = len(comparison.rows), comparison.seeds
+    text = (
+        f"{total - len(out)} of {total} numbers of Table 5 come out within {TOLERANCE_PERCENT:g} % (rms "
+        f"{comparison.rms_deviation_percent:.1f} %), the mean of {seeds} noise seeds a column."
+    )
+    open_ = [row for row in out if _undecided(row)]
+    if open_:
+        which = "; ".join(
+            f"{_item(row.item)}: {minus(format(row.deviation_percent, '+.2f'))} % ± {_error(row):.2f} %"
+            for row in open_
         )
-    return "\n".join(lines)
+        text += f" Beyond the tolerance by less than two standard errors, which so few seeds do not decide: {which}. "
+        text += f"railslip reproduce takes {DEFAULT_SEEDS} seeds."
+    return text
 
 
-def _beyond(row: Row) -> float:
-    """By how much a number is outside its tolerance, in its own unit."""
-    return abs(row.obtained - row.published) - 0.01 * row.tolerance_percent * row.published
+def _item(item: str) -> str:
+    """A number of a column in few words."""
+    column, quantity = item.split(" / ")[-2:]
+    return f"{column}, {QUANTITY_WORDS[quantity].split(', ')[0]}"
+
+
+def _error(row: Row) -> float:
+    """Standard error, % of the published number."""
+    return 100 * row.standard_error / row.published
+
+
+def _undecided(row: Row) -> bool:
+    return abs(row.deviation_percent) - 2 * _error(row) <= row.tolerance_percent
+
+
+def _table5(comparison: Table5) -> Table:
+    rows = []
+    for row in comparison.rows:
+        _, column, quantity = row.item.split(" / ")
+        within = "yes" if row.within else "undecided" if _undecided(row) else "no"
+        numbers = ((row.deviation_percent, "+.2f"), (_error(row), ".2f"))
+        beside = [NONE if math.isnan(x) else minus(f"{x:{form}}") for x, form in numbers]
+        rows.append((column, QUANTITY_WORDS[quantity], short(row.published), short(row.obtained), *beside, within))
+    head = ("Column", "Quantity", "Published", "Obtained", "Deviation, %", "Std. error, %")
+    caption = (
+        f"[Park2008] Table 5 beside the mean of {comparison.seeds} seeded runs. Energies are in the printed reading, "
+        f"{AS_PUBLISHED_INERTIA_SCALE:g} times the joules{_energy(comparison)}."
+    )
+    return table((*head, f"Within {TOLERANCE_PERCENT:g} %"), rows, left=2, caption=caption)
+
+
+def _energy(comparison: Table5) -> str:
+    """A printed energy in joules, as the tables of braking runs have them."""
+    row = next((row for row in comparison.rows if row.item.endswith(f" / {_ENERGY}")), None)
+    if row is None:
+        return ""
+    joules = row.published / AS_PUBLISHED_INERTIA_SCALE
+    return f": the printed {short(row.published)} are {short(joules / 1e6, 3)} MJ in the tables of the braking runs"
+
+
+def _reading(words: Callable[[str], str]) -> Table:
+    rows = [(rule.name, rule.basis.value, words(rule.used), rule.where) for rule in READING]
+    return table(
+        ("Rule", "Basis", "Used", "Where"), rows, left=4, caption="Each rule, and where it comes from.", wide=True
+    )
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+
+def reproduction_first_page(
+    comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+) -> FirstPage:
+    """What is read in a minute."""
+    within, total = sum(row.within for row in comparison.rows), len(comparison.rows)
+    wrong = sum(not one.agrees for one in errata)
+    rows = [
+        ("Rms deviation", f"{comparison.rms_deviation_percent:.1f} %", f"of {total} numbers, Table 5"),
+        ("Facts that hold", f"{sum(one.holds for one in held)} of {len(held)}", "of the published runs"),
+        ("Errata", str(wrong), f"of {len(errata)} equations, numbers and claims looked at"),
+    ]
+    for group in groups:
+        unstable = sum(not one.stable for one in group.assessments)
+        rows.append((group.title, f"{unstable} unstable", f"of {len(group.assessments)} operating points"))
+    return FirstPage(
+        title="[Park2008] computed again",
+        headline=f"{within} OF {total} NUMBERS WITHIN {TOLERANCE_PERCENT:g} %",
+        subject="Table 5, braking from 100 to 5 km/h",
+        file="",
+        lines=(("Why", reproduction_finding(comparison)),),
+        head=("", "found", "of what"),
+        rows=rows,
+        pictures=(
+            Picture(
+                "table5",
+                "Deviation from [Park2008] Table 5, with two standard errors; grey: the tolerance.",
+                f"Deviations in percent by column and quantity. {reproduction_finding(comparison)}",
+            ),
+        ),
+    )
+
+
+def reproduction_sections(
+    comparison: Table5, held: Sequence[Fact], errata: Sequence[Erratum], groups: Sequence[ControllerGroup]
+) -> list[Section]:
+    """What stands behind it."""
+    alt = "The curves of {} of the paper, computed by this software."
+    figures = tuple(Picture(name, f"[Park2008] {one}, redrawn.", alt.format(one)) for name, one in FIGURES.items())
+    return [
+        Section("table5", "Table 5", (_table5(comparison),)),
+        Section("reading", "The reading", (_reading(typeset),)),
+        Section("facts", "Facts of the runs", tuple(_fact(one, typeset) for one in held)),
+        _gains(groups),
+        Section("figures", "Figures", figures),
+        _errata(errata),
+    ]
+
+
+def _gains(groups: Sequence[ControllerGroup]) -> Section:
+    """Table 4's gains in both readings of the units."""
+    rows = [
+        (group.title, f"{a.point.rail}, {a.point.speed_kmh:g} km/h", *margin_cells(a.margins), a.verdict.value)
+        for group in groups
+        for a in group.assessments
+    ]
+    head = ("Reading", "Operating point", *MARGIN_HEAD, "Verdict")
+    text = "Table 4's PI gains, read as N·m per km/h, with the dead time exact: [Park2008] asks for no margins."
+    alt = "Magnitude and phase of the loops with Table 4's gains in both readings, a panel a reading."
+    return Section(
+        "gains",
+        "Table 4's gains in both readings",
+        (
+            Paragraph(text),
+            table(head, rows, caption="Margins; dashes: unstable.", wide=True),
+            Picture("bode", "Bode, Table 4's gains.", alt),
+            Picture("nyquist", "Nyquist, Table 4's gains.", alt.replace("Magnitude and phase", "Nyquist curves")),
+        ),
+    )
+
+
+def _errata(errata: Sequence[Erratum]) -> Section:
+    """Where the paper's print does not follow from its own statement."""
+    wrong, right = ([one for one in errata if one.agrees is agrees] for agrees in (False, True))
+    blocks: list[Block] = []
+    for one in wrong:
+        rows = (
+            ("Printed", formula(one.printed_latex)),
+            ("Follows", formula(one.derived_latex)),
+            ("Size", typeset(one.sign_and_size)),
+            ("Decided", _DECIDED[one.how]),
+        )
+        blocks.append(Details(typeset(one.where), "differs", (facts(rows), Paragraph(typeset(one.explanation)))))
+    blocks.append(Paragraph(typeset(f"Found to agree: {listed(one.where for one in right)}.")))
+    return Section("errata", "Errata", tuple(blocks))

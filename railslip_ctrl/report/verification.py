@@ -16,6 +16,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from railslip_ctrl.core.templates import filled
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.verification import layered, layered_conditions
 from railslip_ctrl.verification.actuator_effects import FIT_MS, POINTS, SLIP_AMPLITUDE
@@ -35,6 +36,14 @@ _LAWS = {
 _ACTUATOR = "none (the torque acts at once) but where a condition names it"
 _HOLDS = {True: ("yes", "holds"), False: ("NO", "DOES NOT HOLD"), None: ("not decided", "NOT DECIDED")}
 _ACTUATORS = {"layered": "lag and dead time throughout"}
+_CONSTANTS = {
+    **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
+    "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
+    **{"HOLD_ERROR": layered.HOLD_ERROR, "CUT_OUT_SHARE": layered_conditions.CUT_OUT_SHARE},
+    **{"LARGEST_CUT_OUT_KMH": layered_conditions.LARGEST_CUT_OUT_KMH, "OFFSET": layered.OFFSET},
+    **{"DISTURBANCE": layered.DISTURBANCE, "ADHESION_NOISE": ADHESION_NOISE},
+    "PUBLISHED_ADHESION": layered.PUBLISHED_ADHESION,
+}
 
 
 def statement(condition: Condition) -> str:
@@ -73,28 +82,9 @@ def _named(condition: Condition) -> dict[str, str]:
     return found
 
 
-@cache
-def _template(text: str) -> Any:
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        undefined=StrictUndefined, finalize=lambda value: f"{value:g}" if isinstance(value, float) else value
-    )
-    environment.filters["f"] = format
-    environment.globals |= {
-        **{"inf": math.inf, "KMH": KMH, "FIT_MS": FIT_MS, "LINEAR_CHANGE": LINEAR_CHANGE},
-        "SLIP_AMPLITUDE": SLIP_AMPLITUDE,
-        **{"HOLD_ERROR": layered.HOLD_ERROR, "CUT_OUT_SHARE": layered_conditions.CUT_OUT_SHARE},
-        **{"LARGEST_CUT_OUT_KMH": layered_conditions.LARGEST_CUT_OUT_KMH, "OFFSET": layered.OFFSET},
-        **{"DISTURBANCE": layered.DISTURBANCE, "ADHESION_NOISE": ADHESION_NOISE},
-        "PUBLISHED_ADHESION": layered.PUBLISHED_ADHESION,
-    }
-    return environment.from_string(_texts()["macros"]["text"] + text)
-
-
 def _told(text: str, numbers: Mapping[str, Any]) -> str:
     """The text with its numbers, in one line."""
-    one_line = " ".join(_template(text).render(numbers).split())
+    one_line = filled(_texts()["macros"]["text"] + text, {**_CONSTANTS, **numbers})
     return re.sub(r"(?<=\() | (?=[;,:)]|\.(?![\d.]))", "", one_line)
 
 

@@ -9,6 +9,7 @@ vehicle they are tuned when asked for. Unless a period is given all are sampled 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -33,12 +34,11 @@ from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     PARK2008,
     TABLE4_PI,
-    TABLE4_SLIDING_PRINTED,
     PIGains,
     Rail,
     Vehicle,
 )
-from railslip_ctrl.sliding.law import LawGains
+from railslip_ctrl.sliding.law import TABLE4_LAWS, LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
 from .scenario import named_law
@@ -114,10 +114,8 @@ def published_controller(
 
 def published_law_gains(column: Column, *, adaptive: bool = False) -> LawGains:
     """Table 4's ASMC gains of a column, SI; without `adaptive` k1 = k2 = 0."""
-    printed = TABLE4_SLIDING_PRINTED[column]
-    k = printed.k if adaptive else 0.0
-    # in km/h theta1 is 3.6 times its SI value and s is too; theta2 has the same value, s and omega do not
-    return LawGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k1=k, k2=3.6**2 * k)
+    gains = TABLE4_LAWS[column]
+    return gains if adaptive else replace(gains, k1=0.0, k2=0.0)
 
 
 def published_reference(column: Column) -> ReferenceSlip:

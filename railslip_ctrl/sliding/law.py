@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED
 
@@ -33,11 +34,10 @@ class LawGains:
     dead_zone: bool = False
 
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(self) if f.name not in ("box", "dead_zone")):
-            value, positive = getattr(self, name), name in ("D", "rho")
-            if not (math.isfinite(value) and (value > 0 if positive else value >= 0)):
-                sign = ">" if positive else ">="
-                raise InputError(f"{name}: {value:g} is not allowed; give a finite value {sign} 0")
+        for name in ("D", "rho"):
+            number(name, getattr(self, name), gt=0)
+        for name in ("K", "k1", "k2", "layer", "leak"):
+            number(name, getattr(self, name), ge=0)
 
 
 def gain_parameters(gains: LawGains) -> dict[str, float]:
@@ -56,11 +56,17 @@ def gain_parameters(gains: LawGains) -> dict[str, float]:
     return values
 
 
-_PRINTED = TABLE4_SLIDING_PRINTED["bristle"]
+# Printed are D in 1/h, meant as N*m per km/h, K in km/h^2, meant as N*m, rho in 1/h, meant as 1/s, and one k. In km/h
+# theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
+TABLE4_LAWS = MappingProxyType(
+    {
+        column: LawGains(K=row.K, D=3.6 * row.D, rho=row.rho, k1=row.k, k2=3.6**2 * row.k)
+        for column, row in TABLE4_SLIDING_PRINTED.items()
+    }
+)
+"""[Park2008] Table 4, ASMC, by column, as it must be read, SI."""
 
-# In km/h theta1 is 3.6 times its SI value and s is too, so k1 = k; theta2 has the same value, s and omega do not.
-PUBLISHED_LAW = LawGains(K=_PRINTED.K, D=3.6 * _PRINTED.D, rho=_PRINTED.rho, k1=_PRINTED.k, k2=3.6**2 * _PRINTED.k)
-"""[Park2008] Table 4, ASMC, bristle column, as it must be read: K in N*m, D in N*m per km/h, rho in 1/s."""
+PUBLISHED_LAW = TABLE4_LAWS["bristle"]
 
 
 # --- what generated code shares ---------------------------------------------------------------------------------------
@@ -74,8 +80,8 @@ KEPT = ("command", "missing", "ready")
 PACKAGE = Path(__file__).parents[1]
 
 SOURCES = (
-    *("model/plant.py", "core/notation.py", "sliding/code_python.py", "sliding/derivation.py", "sliding/law.py"),
-    *("sliding/proof.py", "sliding/sampled_law.py"),
+    *("model/plant.py", "core/notation.py", "sliding/code.py", "sliding/derivation.py", "sliding/law.py"),
+    *("sliding/proof.py", "sliding/sampled_law.py", "sliding/templates/law.py.jinja"),
 )
 """What the text of the law without adhesion follows from."""
 

@@ -178,10 +178,10 @@ class LayeredDesign:
     K: float
 
     def __post_init__(self) -> None:
-        for name in ("kp", "ki", "lead", "lead_filter", "K"):
-            value, positive = getattr(self, name), name in ("kp", "lead_filter", "K")
-            if not (math.isfinite(value) and (value > 0 if positive else value >= 0)):
-                raise InputError(f"{name}: {value} is not allowed; give a finite value {'> 0' if positive else '>= 0'}")
+        for name in ("kp", "lead_filter", "K"):
+            number(name, getattr(self, name), gt=0)
+        for name in ("ki", "lead"):
+            number(name, getattr(self, name), ge=0)
 
     @property
     def layer(self) -> float:
@@ -322,9 +322,8 @@ def layer_bound(
     negative or not finite; InfeasibleDesignError where the loop within the layer is unstable, or the wheel's
     nonlinearity outgrows it: no bound follows.
     """
-    for name, value in (("disturbance", disturbance), ("offset", offset)):
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
+    number("disturbance", disturbance, ge=0)
+    number("offset", offset, ge=0)
     impulse = impulse or torque_impulse(design, plant, actuator)
     of_error, of_surface, of_command = impulse.norms
     start = offset / plant.gain

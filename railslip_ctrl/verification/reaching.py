@@ -109,7 +109,7 @@ def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     )
 
 
-def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:
+def operating_set(vehicle: Vehicle, *, sigmas: float) -> ReachingSet:
     """The published run on dry rail: 100 to 5 km/h, from free rolling to twice the reference slip, empty to loaded.
 
     The adhesion torque is anything from 0 (z = 0, as at the start) to its largest at rest, whatever the slip; it and
@@ -117,7 +117,7 @@ def operating_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) 
     """
     speed = INITIAL_SPEED_KMH * KMH
     return replace(
-        reference_set(vehicle, sigmas=sigmas, with_torque=with_torque),
+        reference_set(vehicle, sigmas=sigmas),
         adhesion_torque=(0.0, rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP)),
         speed=(LOWEST_SPEED_KMH * KMH, speed),
         slip=(0.0, 2.0 * reference_slip()),
@@ -157,14 +157,6 @@ def wet_share(vehicle: Vehicle) -> float:
     speed = INITIAL_SPEED_KMH * KMH
     wet, dry = (rest_adhesion_torque(vehicle, speed, _VANISHING_SLIP, rail) for rail in (Rail.WET, Rail.DRY))
     return wet / dry
-
-
-def holding_torque(vehicle: Vehicle, speed: float) -> float:
-    """Brake torque, N*m, that holds the published reference slip on dry rail at a speed, m/s."""
-    functions, p = bristle_plant(vehicle)
-    sigma = reference_slip() * speed
-    z = functions.rest_state(speed, sigma, 0.0, 0.0, 0.0, 0.0, p)
-    return float(functions.trim_torque(speed, sigma, z, 0.0, 0.0, 0.0, p))
 
 
 # --- the bound, derived ---------------------------------------------------------------------------------------------

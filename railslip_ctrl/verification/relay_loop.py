@@ -19,7 +19,6 @@ Q (1 - Ga) stays in the loop: the feed-forward arrives late, and the wheel's uns
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -27,10 +26,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.linearization import LinearPlant
-from railslip_ctrl.model.vehicle import TABLE4_SLIDING_PRINTED, Actuator
+from railslip_ctrl.model.vehicle import Actuator
+from railslip_ctrl.sliding.law import TABLE4_LAWS
 
 from .reaching import resistance_force
 
@@ -53,20 +54,14 @@ class SlidingGains:
 
     def __post_init__(self) -> None:
         for name in ("K", "D", "rho", "k"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name}: {value} is not allowed; give a finite value >= 0")
+            number(name, getattr(self, name), ge=0)
 
 
 OMEGA_UNIT_FACTOR = 12.96
 """3.6^2: theta2' = 12.96 k s omega in SI, since s and omega are both 3.6 times larger in km/h."""
 
-# [Park2008] Table 4: D printed "1/h" and read as N*m per km/h, K printed "km/h^2" and read as N*m, rho per second.
 TABLE4_SLIDING = MappingProxyType(
-    {
-        name: SlidingGains(K=printed.K, D=3.6 * printed.D, rho=printed.rho, k=printed.k)
-        for name, printed in TABLE4_SLIDING_PRINTED.items()
-    }
+    {column: SlidingGains(K=row.K, D=row.D, rho=row.rho, k=row.k1) for column, row in TABLE4_LAWS.items()}
 )
 """Table 4's sliding-mode gains by column, SI."""
 

@@ -11,12 +11,18 @@ from .designs import (
     response_figure,
     sweep_figure,
 )
-from .identification import adhesion_figure, braking_figure, coefficients_figure, drift_figure
-from .lyapunov_runs import adaptation_figure, lyapunov_runs_figure
-from .observer import estimates_figure, observer_responses_figure, tradeoff_figure
-from .runs import run_comparison_figure
+from .identification import (
+    adhesion_figure,
+    braking_figure,
+    coefficients_figure,
+    drift_figure,
+    estimates_figure,
+    observer_responses_figure,
+    rig_test_figure,
+    tradeoff_figure,
+)
+from .runs import adaptation_figure, lyapunov_runs_figure, run_comparison_figure
 from .style import save_figure
-from .virtual_rig import rig_test_figure
 
 __all__ = [
     "adaptation_figure",

@@ -1,0 +1,37 @@
+"""Texts and programs as Jinja templates, in a file or with numbers in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+
+def environment(package: str, **options: Any) -> Any:
+    """Jinja's environment of the files in `templates/` of a package; lines with nothing but a statement leave none."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader(package),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        **options,
+    )
+
+
+def filled(text: str, numbers: Mapping[str, Any]) -> str:
+    """The template's text with its numbers, in one line; a float as :g unless the filter f(spec) says otherwise."""
+    return " ".join(_template(text).render(numbers).split())
+
+
+@cache
+def _template(text: str) -> Any:
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        undefined=StrictUndefined, finalize=lambda value: f"{value:g}" if isinstance(value, float) else value
+    )
+    environment.filters["f"] = format
+    return environment.from_string(text)
