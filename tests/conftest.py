@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import Phase, settings
-from project import REPORT, SMALL
+from project import SMALL
 
 from railslip_ctrl.cli import main
 
@@ -98,20 +95,6 @@ def _figures_without_defects():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "figure_bytes", looked_at)
         yield
-
-
-@pytest.fixture(scope="session")
-def report_of_the_readme(tmp_path_factory):
-    """`REPORT` run once in this process, without the page, which takes most of the time and is `full_report`'s.
-
-    Gives the folder that it names, the exit status, standard output and standard error.
-    """
-    folder, out, err = tmp_path_factory.mktemp("readme"), io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.chdir(folder)
-        with pytest.raises(SystemExit) as caught:
-            main([*REPORT, "--no-html"])
-    return folder / Path(REPORT[-1]), caught.value.code, out.getvalue(), err.getvalue()
 
 
 @pytest.fixture(scope="session")

@@ -396,6 +396,7 @@ def test_impossible_executions_are_refused(tmp_path, options, words):
         summarise(Store.open(short(), tmp_path / "out"))
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
     """In a process of its own: what a client says while it goes is said at the end."""
     path, out = write_campaign(tmp_path, 4), tmp_path / "out"
@@ -628,6 +629,7 @@ def test_the_command(tmp_path, railslip):
         assert errors.startswith(f"railslip: error: {words}")
 
 
+@pytest.mark.long
 def test_the_monte_carlo_script(tmp_path, capsys, monkeypatch):
     """24 of its vehicles; what is said of each vehicle is asserted of each, the rest of the means."""
     monte_carlo = script("analysis/monte_carlo.py")

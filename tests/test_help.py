@@ -176,6 +176,7 @@ def test_completing_a_command_s_name_imports_no_command():
     assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
 
 
+@pytest.mark.long
 def test_nothing_is_coloured_in_a_pipe(tmp_path):
     """Not even by a command with a progress bar, in a terminal that knows colours."""
     words = shlex.split(EXAMPLES[IN_A_PIPE])[1:] + prepare(IN_A_PIPE, tmp_path)

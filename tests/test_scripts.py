@@ -108,6 +108,7 @@ def test_pi_scheduled(tmp_path, capsys, monkeypatch):
     assert "does not suffice" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_own_controller(tmp_path, capsys, monkeypatch):
     module = script("designs/own_controller.py")
     found = module.run(runs=8)

@@ -154,11 +154,12 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
         (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
         (FAMILY, DEAD_TIMES, {"ms_max": 1.1}, r"least worst Ms 1\.27\d"),
         # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
-        (
+        pytest.param(
             1 / (S - 0.5),
             0.1,
             {"ms_max": 1.6, "delay_min_s": 1.5},
             r"least worst Ms 1\.107, largest delay margin 1\.899 s; each",
+            marks=pytest.mark.long,
         ),
         (1 / S, 0.0, {"ms_max": 2.0}, "no largest value"),
         (1 / (S + 1), 0.0, {"ms_max": 2.0}, "no largest value"),
@@ -238,7 +239,7 @@ def rescaled(plant, gain, time):
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
 
 
-@pytest.mark.parametrize(("gain", "time"), [(300.0, 1.0), (1e12, 1e-6), (1e-12, 1e6)])
+@pytest.mark.parametrize(("gain", "time"), [(1e12, 1e-6), (1e-12, 1e6)])
 @pytest.mark.parametrize(
     ("poles", "dead_time", "asked"),
     [
@@ -475,10 +476,10 @@ def test_a_band_leaves_what_its_rows_leave_and_no_pole_on_the_axis(name):
     plant, dead_time = PLANTS[name]
     wanted, forbidden = Specification(ms_max=2.0), Forbidden.sampled([plant], [dead_time], [20.0])
     critical = -1j * OMEGA / plant(1j * OMEGA) * np.exp(1j * OMEGA * dead_time)  # ki + j omega kp
-    for low, high in itertools.pairwise(np.geomspace(0.01, 10.0, 32)):
+    for low, high in list(itertools.pairwise(np.geomspace(0.01, 10.0, 32)))[::3]:
         band = forbidden.gaps(low, wanted, high)
-        for ki in np.linspace(low, high, 5):
-            for kp in np.random.default_rng(2).normal(size=40):
+        for ki in np.linspace(low, high, 3):
+            for kp in np.random.default_rng(2).normal(size=15):
                 if allowed(plant, dead_time, kp, ki, wanted):
                     assert any(a - 1e-3 < kp < b + 1e-3 for a, b in band), (ki, kp)
         inside = (critical.real > low) & (critical.real < high)
