@@ -117,7 +117,7 @@ def test_corrections_that_cannot_be_are_refused(tmp_path, railslip):
 # --- wheel loads that vary -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("factors", [(0.9, 1.1), (0.6, 1.4, 1.0)])
+@pytest.mark.parametrize("factors", [(0.9, 1.1), pytest.param((0.6, 1.4, 1.0), marks=pytest.mark.long)])
 def test_a_law_that_depends_on_the_load_is_taken_at_the_load_of_each_row(factors):
     """Beam: at the mean load of the log its highest mu came out 2 % off, beyond its interval."""
     truth = BEAM.law

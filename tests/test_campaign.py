@@ -595,7 +595,7 @@ def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
     assert energy.lines[0].get_xdata() == pytest.approx(edges)
 
 
-@pytest.mark.parametrize("spread", [1e-12, 1e-8, 1e-4])
+@pytest.mark.parametrize("spread", [1e-12, pytest.param(1e-4, marks=pytest.mark.long)])
 def test_pictures_of_runs_that_hardly_differ_can_be_read(spread, tmp_path):
     quiet = dict.fromkeys(("speed_noise", "wheel_noise"), 0.0)
     calm = SHORT.disturbances.model_copy(update={"random_force": 0.0, "caliper_fraction": 0.0})

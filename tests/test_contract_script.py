@@ -32,6 +32,7 @@ print(many.table())
 """
 
 
+@pytest.mark.long
 def test_the_script_runs_from_start_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     for path in (ROOT / "designs" / "vehicles").iterdir():
         (tmp_path / path.name).write_text(path.read_text("utf-8"), "utf-8")

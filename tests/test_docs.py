@@ -65,9 +65,12 @@ def named(path: Path) -> str:
 # --- what the pages run --------------------------------------------------------------------------------------------
 
 RUNNING = [path for path, text in TEXTS.items() if pages.blocks(text) or ">>>" in text]
+LONG = ("tutorial", "howto/campaign")
 
 
-@pytest.mark.parametrize("page", RUNNING, ids=named)
+@pytest.mark.parametrize(
+    "page", [pytest.param(x, marks=[pytest.mark.long] * (named(x) in LONG)) for x in RUNNING], ids=named
+)
 def test_pages_run(page, tmp_path, monkeypatch, capsys, railslip):
     """Files are written and commands called in the page's order; then its Python has to give what it shows."""
     monkeypatch.chdir(pages.prepare(tmp_path))

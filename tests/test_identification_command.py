@@ -5,9 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
-import subprocess
-import sys
 
 import matplotlib.image
 import numpy as np
@@ -339,14 +336,3 @@ def test_a_bar_is_shown_for_a_large_log_on_standard_error(railslip, log, monkeyp
     assert status == 0
     json.loads(out)
     assert "reading" in err
-
-
-def test_other_commands_start_without_what_identify_needs():
-    code = (
-        "import sys; from railslip_ctrl.cli import main\n"
-        "try: main(['margins', '--rail', 'dry', '--json'])\n"
-        "except SystemExit: pass\n"
-        "print(sorted({'pandas', 'railslip_ctrl.identification'} & set(sys.modules)), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
-    assert done.stderr.strip() == "[]"

@@ -235,7 +235,7 @@ def delayed(loop):
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=250)
+@settings(max_examples=120)
 @given(random_loops())
 def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assume(not loop.root_count.marginal)
@@ -244,7 +244,7 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assert delayed(loop).root_count.right == loop.root_count.right
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
 @example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
@@ -461,7 +461,7 @@ def test_a_proportional_jump_sets_the_rate_of_a_pi():
     assert control_effort(PIController(gains).transfer_function, without_lag, TAU, lag=0.0).reference_rate == math.inf
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(st.floats(0.05, 0.5), st.floats(0.3, 3.0), st.floats(2.0, 12.0))
 def test_gain_margins_of_observer_designs_are_where_the_exact_count_changes(tau, w, wo):
     design = observer_compensator(

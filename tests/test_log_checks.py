@@ -229,7 +229,7 @@ def test_a_constant_torque_that_slows_the_train_is_braking():
 # --- lateness ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("late", [0.1, -0.02])
+@pytest.mark.parametrize("late", [0.1, pytest.param(-0.02, marks=pytest.mark.long)])
 def test_a_lag_is_found_however_large(late):
     rows = rig()
     time, omega = rows.columns["time"], rows.columns["wheel_angular_speed"]

@@ -53,6 +53,7 @@ def test_sampling_faster_helps_the_kalman_filter_only(module, result):
     assert all(k < c < p for p, c, k in zip(*by_name.values(), strict=True))
 
 
+@pytest.mark.long
 def test_script_prints_and_draws(module, result, tmp_path, capsys, monkeypatch):
     show(module, result, tmp_path / "pictures", monkeypatch)
     out = capsys.readouterr().out

@@ -266,6 +266,7 @@ def test_table5_script_prints_and_refuses_what_does_not_come_out(capsys, monkeyp
         module.run(2)
 
 
+@pytest.mark.long
 def test_figures_17_to_21(tmp_path, capsys):
     module = script("analysis/figures_17_to_21.py")
     result = module.run()
@@ -286,6 +287,7 @@ def test_figures_17_to_21(tmp_path, capsys):
     assert capsys.readouterr().out.count("Figs. 18-21, ") == 4
 
 
+@pytest.mark.long
 def test_model_curves(tmp_path, capsys):
     module = script("analysis/model_curves.py")
     result = module.run()

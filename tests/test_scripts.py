@@ -136,6 +136,7 @@ def test_pade_order(capsys):
     assert "largest kp" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_margin_map(tmp_path, capsys, monkeypatch):
     module = script("analysis/margin_map.py")
     result = module.run()
@@ -149,6 +150,7 @@ def test_margin_map(tmp_path, capsys, monkeypatch):
     assert "unstable at curve" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_compare_designs(tmp_path, capsys, monkeypatch):
     module = script("designs/compare_designs.py")
     result = module.run()

@@ -256,6 +256,7 @@ def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
     assert stop(weak, point, share=1.1).lost is not None
 
 
+@pytest.mark.long
 def test_too_little_authority_fails_and_says_how_much_is_needed(railslip):
     status, out, _ = railslip("verify", "--law", "layered", "--K", "100")
     assert status == 1

@@ -185,7 +185,7 @@ def columns(rng, region):
 def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     rng = np.random.default_rng(seed)
     points = 0
-    for _ in range(50):
+    for _ in range(30):
         region, _ = random_region(rng)
         inner, at_ends = columns(rng, region)
         for kp in (*inner, *at_ends):
@@ -198,7 +198,7 @@ def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
             for ki in values:
                 assert region.contains(kp, ki) == any(a < ki < b for a, b in intervals)
             points += 1 + len(values)
-    assert points > 1000
+    assert points > 600
 
 
 def resonant_region(rng):
