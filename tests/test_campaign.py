@@ -26,7 +26,7 @@ from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import PIController
 from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.vehicle import PIGains
-from railslip_ctrl.report.campaign import campaign_json, campaign_text, quantity_heads, replay_json, replay_text
+from railslip_ctrl.report.campaign import campaign_json, campaign_text, replay_json, replay_text
 from railslip_ctrl.report.plots import save_figure
 from railslip_ctrl.report.plots.campaign import distributions_figure, replay_figure, scatter_figure
 from railslip_ctrl.simulation import LinearControl, Outcome, built_in_scenario
@@ -147,11 +147,6 @@ def test_quantile_functions_are_scipys(ours, theirs):
     assert [ours.at(u) for u in levels] == pytest.approx(expected, rel=1e-9, abs=1e-9)
     assert [ours.at(0.0), ours.at(1.0)] == pytest.approx(ours.ends)
     assert ours.ends == pytest.approx(ends)
-
-
-def test_a_choice_begins_where_the_one_before_ends():
-    assert [Choice((7.0, 8.0, 9.0), (1.0, 2.0, 1.0)).at(u) for u in (0.2499, 0.25, 0.7499, 0.75)] == [7, 8, 8, 9]
-    assert [Choice((7.0, 8.0)).at(u) for u in (0.4999, 0.5)] == [7, 8]
 
 
 def test_a_run_is_a_function_of_its_number_alone():
@@ -567,19 +562,6 @@ def test_a_sweep_is_told_point_by_point(tmp_path):
 
 
 # --- how it is shown ------------------------------------------------------------------------------------------------
-
-
-def test_heads_are_the_ends_of_paths_that_tell_them_apart():
-    lead = (Uniform(0.9, 1.1), True)
-    paths = ("pi.design.gains.kp", "soft.design.gains.kp", "pi.design.gains.ki")
-    quantities = (MASS, DEAD_TIME, *(Quantity((path,), *lead) for path in paths))
-    assert quantity_heads(short(4, quantities)) == {
-        "vehicle.mass": "mass (kg)",
-        "vehicle.actuator.dead_time": "dead_time (s)",
-        "pi.design.gains.kp factor": "pi.design.gains.kp factor",
-        "soft.design.gains.kp factor": "soft.design.gains.kp factor",
-        "pi.design.gains.ki factor": "ki factor",
-    }
 
 
 def test_tables_and_pictures_have_short_heads_and_readable_units(finished):

@@ -111,17 +111,6 @@ def test_the_help_of_a_command_has_an_example_and_the_exit_status(name):
     assert ", ".join(law_names()) in words or not any("--adhesion" in option.opts for option in COMMANDS[name].params)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_takes_the_adhesion_law_or_its_help_says_how_it_is_given(name):
-    text = " ".join(COMMANDS[name].help.split())
-    if name in ("campaign", "verify"):
-        told = {"campaign": 'no --adhesion: name a scenario file in CAMPAIGN.toml, with scenario = "own.toml"',
-                "verify": "no --adhesion: they have the bristle model in them"}  # fmt: skip
-        assert told[name] in text
-    if name not in ("campaign", "reproduce", "identify"):  # these are given a scenario, the paper or a log
-        assert any("--adhesion" in option.opts for option in COMMANDS[name].params)
-
-
 def test_the_help_of_the_program_lists_the_commands():
     done = CliRunner().invoke(railslip, ["--help"])
     assert done.exit_code == 0

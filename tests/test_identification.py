@@ -14,7 +14,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification.curves import Accumulator, peak_slip
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Fit, Parameter, fit, profile_interval
 from railslip_ctrl.identification.models import (
-    FLAT,
     MODELS,
     Coordinates,
     Setting,
@@ -331,27 +330,6 @@ def test_no_interval_is_narrower_than_with_the_others_known():
     low, high = profile_interval(residuals, coordinates, best, 0, stderr=1.0 / own[0], rise=6.6)
     half = math.sqrt(6.6) / own[0]
     assert (low, high) == (pytest.approx(1.0 - half, rel=1e-6), pytest.approx(1.0 + half, rel=1e-6))
-
-
-def test_coordinates_there_and_back():
-    """The level and 1/gamma; their derivatives by differences; and what each bound stands for."""
-    values = np.array([4.7e-3, 58.0])
-    x = FALLING.at(values)
-    assert x == pytest.approx([58.0 / 4.7e-3, 1.0 / 58.0], rel=1e-12)
-    assert FALLING.values(x) == pytest.approx(values, rel=1e-12)
-    for i in range(2):
-        step = 1e-6 * x * np.eye(2)[i]
-        slope = (FALLING.values(x + step) - FALLING.values(x - step)) / (2.0 * step[i])
-        assert FALLING.slopes(x)[:, i] == pytest.approx(slope, rel=1e-8)  # 1e-6 squared, and rounding of 1e-16/1e-6
-    flat = FALLING.values(np.array([x[0], FALLING.lower[1]]))
-    force = falling_force(flat, np.array([0.0, 5.0]))  # 5 m/s is the least gamma, and so beyond the log's slips
-    assert 1.0 - force[1] / force[0] == pytest.approx(FLAT, rel=1e-6)
-    alone = FALLING.without(1)
-    assert alone.values(alone.at(values[:1])) == pytest.approx(values[:1], rel=1e-12)
-    assert FALLING.without(0).at(values[1:]) == pytest.approx(values[1:])  # linear in gamma as it is
-    given = Coordinates.of(("beta", "gamma"), np.array([1e-3, 5.0]), np.array([1e-2, np.inf]), values)
-    assert given.at(values) == pytest.approx(values)  # bounds of beta itself
-    assert FALLING.moved(values, 0, 9.4e-3) == pytest.approx([9.4e-3, 116.0])  # the level stays
 
 
 def test_fits_to_cells_have_profiles_too():

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import re
 import tomllib
 from types import SimpleNamespace
@@ -19,7 +17,6 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.cleaning import OutlierFilter, Resolution, step_of
 from railslip_ctrl.identification.curves import Options, curve_of
-from railslip_ctrl.identification.fits import NORMAL_QUANTILE, _inside
 from railslip_ctrl.identification.identify import Identification, Lag, lag_warning
 from railslip_ctrl.identification.log_checks import FreeRolling, mu_findings
 from railslip_ctrl.identification.logs import Rows
@@ -419,14 +416,6 @@ def test_a_given_ramp_far_from_the_logs_is_told(found):
         assert any("--slip-acceleration is" in text for text in told) == (factor != 1.0)
 
 
-def test_which_rows_of_a_large_log_are_followed_is_told(found):
-    large = dataclasses.replace(found, curve=dataclasses.replace(found.curve, record_stride=4))
-    sentence = "take 20000 rows at most, in whole runs spread evenly over the log, here one run of 4"
-    assert sentence in " ".join(identification_text(large).split())
-    assert sentence in identification_json(large)["log"]["rows_followed_note"]
-    assert identification_json(found)["log"]["rows_followed_note"] is None
-
-
 # --- models and options --------------------------------------------------------------------------------------------
 
 
@@ -434,13 +423,6 @@ def test_a_fixed_value_outside_its_bounds_is_refused():
     check_options(("beam",), {"mu_max": 0.2}, {"mu_max": (0.1, 0.3)})
     with pytest.raises(InputError, match=r"--fix mu_max: 0.5 is outside --bound mu_max, 0.1 to 0.3"):
         check_options(("beam",), {"mu_max": 0.5}, {"mu_max": (0.1, 0.3)})
-
-
-@without_lag_search
-def test_a_value_that_was_fixed_is_named_as_the_cause(railslip, rows, tmp_path):
-    log = write_log(tmp_path / "log.csv", rows)
-    message = refused(railslip("identify", log, "--model", "beam", "--fix", "mu_max=1e9"))
-    assert "--fix mu_max=1e+09 is given" in message
 
 
 @without_lag_search
@@ -482,13 +464,6 @@ def test_the_observed_rows_do_not_go_where_the_model_goes(railslip, rows, tmp_pa
         line = refused(railslip("identify", log, "--model", "beam", "--out", out, "--observed", file))
         assert line.startswith("railslip: error: --observed: ")
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
-
-
-def test_a_symmetric_interval_ends_at_a_bound():
-    assert _inside(1.0, 0.5, 0.0, math.inf) == (0.0, 1.0 + NORMAL_QUANTILE * 0.5)
-    assert _inside(1.0, 0.5, -1.0, 2.0) == (1.0 - NORMAL_QUANTILE * 0.5, 2.0)
-    assert _inside(1.0, 0.1, 0.0, 2.0) is None
-    assert _inside(1.0, math.nan, 0.0, 2.0) is None
 
 
 @without_lag_search

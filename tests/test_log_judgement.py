@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from project import refused
 from rig_logs import changed, identified, rig_rows, write_log
-from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
+from railslip_ctrl.identification.cleaning import OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
 from railslip_ctrl.identification.identify import (
@@ -27,7 +26,7 @@ from railslip_ctrl.identification.identify import (
     check_fit,
     fit_doubts,
 )
-from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
+from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
@@ -42,7 +41,6 @@ from railslip_ctrl.report.identification import (
     series_json,
     series_toml,
 )
-from railslip_ctrl.report.plots import drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
 RADIUS = PARK2008.wheel.radius
@@ -149,18 +147,6 @@ def test_a_torque_a_thousand_times_off_is_told_with_the_option_that_mends_it(
     assert mended.bins.mean == pytest.approx(read_curve(right, PARK2008, Options()).bins.mean, rel=1e-6)
 
 
-def test_units_that_would_do_are_named_and_no_others():
-    assert unit_hint(2.6e-4, {"brake_torque": 1.0}).startswith(
-        "brake_torque seems to be in kN*m (--unit brake_torque=kN*m)"
-    )
-    both = unit_hint(260.0, {"brake_torque": 1e3, "wheel_load": 1.0})
-    assert "brake_torque seems to be in N*m" in both
-    assert "or wheel_load seems to be in kN (--unit wheel_load=kN), which would make it 0.26" in both
-    assert unit_hint(260.0, {"brake_torque": 1.0}) == ""
-    assert unit_hint(0.26, {"brake_torque": 1.0, "wheel_load": 1.0}) == ""
-    assert "--unit brake_torque=kN*m" in next(mu_findings(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})).text
-
-
 # --- by rule, extrapolated -----------------------------------------------------------------------------------------
 
 
@@ -205,24 +191,6 @@ def test_a_rule_that_leaves_the_peak_s_slip_says_so(name, parameters, same):
     told = [note for note in peak_notes(peaks, name, (20.0, 20.0)) if "lessens mu by one factor" in note]
     assert bool(told) is same
     assert (peaks[1].slip == pytest.approx(peaks[0].slip, rel=1e-4)) is same
-
-
-def test_the_picture_draws_what_is_not_from_the_log_unlike_it(dry, tmp_path):
-    figure = drift_figure(dry)
-    figure.savefig(tmp_path / "peak.png")  # and the figure's defects are looked for
-    for ax in figure.axes:
-        handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-        (by_rule,) = (
-            handle for label, handle in handles.items() if "wet rail, by rule" in label and "ref" not in label
-        )
-        assert (by_rule.get_fillstyle(), by_rule.get_marker()) == ("none", "D")
-        measured, beyond = (
-            next(handle for label, handle in handles.items() if label.endswith(end)) for end in ("99 %", "extrapolated")
-        )
-        assert (measured.lines[0].get_fillstyle(), beyond.lines[0].get_fillstyle()) == ("full", "none")
-        assert len(ax.containers) == 2  # bars of the log's own rail alone
-        assert len(measured.lines[0].get_xdata()) == 1  # the log's v0
-        assert len(beyond.lines[0].get_xdata()) == 4
 
 
 def test_a_model_without_a_slip_to_hold_says_why(rows, dry):
@@ -328,19 +296,6 @@ def test_the_lag_is_in_text_and_json(dry):
 
 
 # --- outliers ------------------------------------------------------------------------------------------------------
-
-
-def false_alarm(sides: int) -> float:
-    """Of a normal deviate beside the median absolute one of `NOISE_ROWS` others, the larger of so many sides."""
-    x = np.linspace(1e-4, 3.0, 6001)
-    below = stats.binom.sf(NOISE_ROWS // 2, NOISE_ROWS, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
-    beyond = 2.0 * stats.norm.sf(8.0 * 1.4826 * x)
-    return float(np.sum((beyond[1:] + beyond[:-1]) / 2.0 * np.diff(below)))
-
-
-def test_the_probability_of_a_false_outlier_is_as_argued():
-    assert false_alarm(2) < 2e-11
-    assert 1e-9 < false_alarm(1) < 1e-8
 
 
 def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():

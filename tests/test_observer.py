@@ -7,7 +7,6 @@ import pytest
 import sympy as sp
 from observer_runs import ROUNDING, run_is_step_is_chunks
 from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.identification import observer_study as statement
@@ -140,21 +139,6 @@ def test_run_is_step_is_chunks(form):
     whole, state, after = run_is_step_is_chunks(observer, (t, torque, omega), (1, 2, 1000))
     assert state.filtered == pytest.approx(whole.state.filtered, abs=ROUNDING)
     assert (after.time, after.torque, after.omega) == (t[-1], torque[-1], omega[-1])
-
-
-@pytest.mark.parametrize("form", Form)
-def test_sampled_form_is_a_difference_equation(form):
-    """At a constant interval: against SciPy's filter with the coefficients of `sampled`."""
-    h, n = 4e-3, 2000
-    _, torque, omega = irregular_log(n)
-    observer = FilterObserver.of(PARK2008, TAU, form)
-    f = observer.sampled(h)
-    expected = np.zeros(n)
-    for i, u in enumerate((torque - torque[0], omega - omega[0])):
-        a, p, q, d = float(f.F[0, 0]), f.P[0, i], f.Q[0, i], f.D[i]
-        expected += lfilter([q + d, p - a * d], [1, -a], u)
-    expected += torque[0] + observer.viscous_friction * omega[0]
-    assert observer.run(np.arange(n) * h, torque, omega).adhesion_torque == pytest.approx(expected, abs=ROUNDING)
 
 
 def test_a_torque_step_is_in_the_printed_estimate_at_once():

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import LARGEST_FILE, one_line, read_toml
+from railslip_ctrl.core.user_files import LARGEST_FILE, one_line
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
 from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
 
@@ -398,21 +398,3 @@ def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -
     except ValidationError as error:
         lines = [one_line(error, "v.toml", model=VehicleKeys), one_line(error, "v.toml")]
     assert all(line.startswith("v.toml: ") and line.isprintable() for line in lines)
-
-
-def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
-    class Choice(BaseModel):
-        rail: bytes
-
-    for model, values, line in (
-        (VehicleKeys, {"wheel": {"radius": -0.4}}, "wheel.radius: -0.4 is not allowed; give a value > 0"),
-        (VehicleKeys, {"mas": 1}, "mas: unknown key; remove it"),
-        (Choice, {"rail": 3}, "rail: 3 is not allowed; Input should be a valid bytes"),
-    ):
-        with pytest.raises(ValidationError) as caught:
-            model.__pydantic_validator__.validate_python(values)
-        assert one_line(caught.value, "x.toml") == f"x.toml: {line}"
-
-
-def test_read_toml_returns_the_tables(file: Any) -> None:
-    assert read_toml(file("a = 1\n[b]\nc = 'd'\n")) == {"a": 1, "b": {"c": "d"}}
