@@ -239,7 +239,7 @@ def rescaled(plant, gain, time):
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
 
 
-@pytest.mark.parametrize(("gain", "time"), [(1e12, 1e-6), (1e-12, 1e6)])
+@pytest.mark.parametrize(("gain", "time"), [(1e12, 1e-6), pytest.param(1e-12, 1e6, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("poles", "dead_time", "asked"),
     [
@@ -459,12 +459,13 @@ def test_gaps_are_what_the_margins_leave(name, wanted):
 def test_a_band_leaves_what_its_rows_leave_and_no_pole_on_the_axis(name):
     plant, dead_time = PLANTS[name]
     wanted, forbidden = Specification(ms_max=2.0), Forbidden.sampled([plant], [dead_time], [20.0])
-    critical = -1j * OMEGA / plant(1j * OMEGA) * np.exp(1j * OMEGA * dead_time)  # ki + j omega kp
-    for low, high in list(itertools.pairwise(np.geomspace(0.01, 10.0, 32)))[::3]:
+    response = plant(1j * OMEGA) * np.exp(-1j * OMEGA * dead_time)
+    critical = -1j * OMEGA / response  # ki + j omega kp
+    for low, high in itertools.pairwise(np.geomspace(0.01, 10.0, 32)):
         band = forbidden.gaps(low, wanted, high)
         for ki in np.linspace(low, high, 3):
             for kp in np.random.default_rng(2).normal(size=15):
-                if allowed(plant, dead_time, kp, ki, wanted):
+                if np.abs(1 + (kp - 1j * ki / OMEGA) * response).min() >= 1 / wanted.ms_max:
                     assert any(a - 1e-3 < kp < b + 1e-3 for a, b in band), (ki, kp)
         inside = (critical.real > low) & (critical.real < high)
         for kp in critical.imag[inside] / OMEGA[inside]:
