@@ -18,7 +18,7 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
-from railslip_ctrl.model.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
+from railslip_ctrl.model.adhesion.beam import Beam, integrated_force, printed_force
 from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
 from railslip_ctrl.model.adhesion.curve import Curve, curve_force
 from railslip_ctrl.model.adhesion.polach import Polach
@@ -159,22 +159,6 @@ def test_beam_closed_form_is_the_integral_of_its_equations() -> None:
     statement = Beam.statement().force.args[0].expr  # the branch |u| <= 1
     assert sp.simplify((statement - closed).subs(sigma, positive)) == 0
     assert sp.simplify(printed_force(width=False, last_factor=sp.Rational(1, 4)) - integrated_force()) == 0
-
-
-def test_errata_of_the_printed_beam_force() -> None:
-    """Of (10): with w and 1/2 about -120 N at slip 0.001 (+271 N follows from (5)-(9)); half the force at u = 1."""
-    law = published_law("beam", DRY)
-    values = dict(zip(Beam.symbols(), law.parameters(), strict=True)) | {symbol("v"): V100, symbol("N"): LOAD}
-
-    def number(expression: sp.Expr, slip: float) -> float:
-        at = expression.subs({**values, symbol("sigma"): slip * V100})
-        return float(at.subs(sp.Symbol("w", positive=True), CONTACT_WIDTH))
-
-    assert number(printed_force(), 0.001) == pytest.approx(-120.0, abs=5.0)  # two digits given
-    assert number(integrated_force(), 0.001) > 0.0
-    full = law.kinks(V100, LOAD)[0].slip
-    half = number(printed_force(width=False), full) / number(integrated_force(), full)
-    assert half == pytest.approx(0.5, rel=1e-12)  # rounding
 
 
 # --- the laws as printed -------------------------------------------------------------------------------------------
