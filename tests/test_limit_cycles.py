@@ -192,12 +192,7 @@ def test_response_of_the_loop_solves_the_equations_of_the_law(rail):
         command = J / r * ((1 / M + r**2 / J) * model + B / J - loop.gains.rho) + loop.gains.D * surface
         ga = np.exp(-ACTUATOR.dead_time * s) / (ACTUATOR.lag * s + 1)
         matrix = np.array(
-            [
-                [s - A[0, 0], -A[0, 1], -r / J, 0],
-                [-A[1, 0], s - A[1, 1], 0, 0],
-                [0, 0, 1, -ga],
-                [-command, 0, 0, 1],
-            ]
+            [[s - A[0, 0], -A[0, 1], -r / J, 0], [-A[1, 0], s - A[1, 1], 0, 0], [0, 0, 1, -ga], [-command, 0, 0, 1]]
         )
         sigma, _, torque, _ = np.linalg.solve(matrix, [0, 0, 0, 1])
         assert loop.slip_response(omega) == pytest.approx(sigma, rel=1e-9)

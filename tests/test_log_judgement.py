@@ -18,14 +18,7 @@ from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.cleaning import OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import (
-    IMPOSSIBLE_MU,
-    Identification,
-    Lag,
-    LogSeries,
-    check_fit,
-    fit_doubts,
-)
+from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification, Lag, LogSeries, check_fit, fit_doubts
 from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of

@@ -9,13 +9,7 @@ import pytest
 from scipy.integrate import trapezoid
 
 from railslip_ctrl.core.errors import DomainError, InputError
-from railslip_ctrl.identification.observer import (
-    Encoder,
-    FilterObserver,
-    Form,
-    KalmanObserver,
-    TorqueSensor,
-)
+from railslip_ctrl.identification.observer import Encoder, FilterObserver, Form, KalmanObserver, TorqueSensor
 from railslip_ctrl.identification.observer_study import (
     BrakeCourse,
     brake_trial,

@@ -21,7 +21,7 @@ pytestmark = [
     pytest.mark.skipif(
         BROWSER is None or DRIVER is None,
         reason="no chromium with chromedriver found; install them (Debian: chromium chromium-driver)",
-    ),
+    )
 ]
 
 # A browser without a network: it looks for nothing by itself.

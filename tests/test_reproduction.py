@@ -18,14 +18,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.paper.facts import published_facts
 from railslip_ctrl.paper.reading import ALTERNATIVES, READING, Basis, sensitivity
-from railslip_ctrl.paper.tables import (
-    CASES,
-    published_setup,
-    rms_deviation_percent,
-    run_setups,
-    table3,
-    table5,
-)
+from railslip_ctrl.paper.tables import CASES, published_setup, rms_deviation_percent, run_setups, table3, table5
 from railslip_ctrl.simulation import simulate
 
 FEW = 2  # seeds, where the numbers themselves are not judged

@@ -7,16 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from braking_runs import (
-    NO_ADHESION,
-    NO_LIMITS,
-    REFERENCE,
-    bare_vehicle,
-    constant_torque,
-    pi,
-    published_pi,
-    scenario,
-)
+from braking_runs import NO_ADHESION, NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
 from railslip_ctrl.model.adhesion import published_law

@@ -12,9 +12,7 @@ from flint import fmpq_poly
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
-from railslip_ctrl.design.decomposition import (
-    real_frequencies,
-)
+from railslip_ctrl.design.decomposition import real_frequencies
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point

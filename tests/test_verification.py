@@ -363,10 +363,7 @@ def test_holding_torque_is_the_adhesion_torque_less_what_slows_the_wheel():
 
 @pytest.mark.parametrize(
     ("change", "word"),
-    [
-        ({"random_torque": -1.0}, "random_torque"),
-        ({"torque_fraction": 1.0}, "torque_fraction: 1 is not allowed"),
-    ],
+    [({"random_torque": -1.0}, "random_torque"), ({"torque_fraction": 1.0}, "torque_fraction: 1 is not allowed")],
 )
 def test_sets_are_checked(change, word):
     with pytest.raises(InputError, match=f"^{word}"):
