@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -42,7 +41,6 @@ from railslip_ctrl.simulation.campaign import (
     Triangular,
     Uniform,
     execute,
-    execution,
     replay,
     statistics,
     summarise,
@@ -391,22 +389,6 @@ def test_impossible_executions_are_refused(tmp_path, options, words):
         summarise(Store.open(short(), tmp_path / "out"))
 
 
-@pytest.mark.long
-def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
-    """In a process of its own: what a client says while it goes is said at the end."""
-    path, out = write_campaign(tmp_path, 4), tmp_path / "out"
-    refused = run_command(path, "--out", out, "--scheduler", "foo", timeout=60)
-    assert (refused.returncode, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
-    assert refused.stderr.startswith("railslip: error: --scheduler: 'foo' cannot be reached")
-    monkeypatch.setattr(execution, "_REACH", 0.2)
-    with (
-        socket.create_server(("127.0.0.1", 0)) as silent,  # takes the call and says nothing
-        pytest.raises(InputError, match=r"cannot be reached \(.+\); give its address"),
-    ):
-        execute(short(), out, scheduler=f"tcp://127.0.0.1:{silent.getsockname()[1]}")
-    assert not out.exists()
-
-
 def test_two_do_not_write_into_one_folder(tmp_path):
     store = Store.open(short(4), tmp_path / "out")
     with store.claimed(), pytest.raises(InputError, match="being written to by another process"):
@@ -562,19 +544,6 @@ def test_a_sweep_is_told_point_by_point(tmp_path):
 
 
 # --- how it is shown ------------------------------------------------------------------------------------------------
-
-
-def test_tables_and_pictures_have_short_heads_and_readable_units(finished):
-    summary = summarise(finished, worst_by="brake_energy_j")
-    worst = campaign_text(summary).partition("Worst runs by brake energy")[2]
-    assert all(head in worst for head in ("brake energy (MJ)", "mass (kg)", "dead_time (s)"))
-    scatter, distributions = scatter_figure(summary), distributions_figure(summary)
-    assert [ax.get_xlabel() for ax in scatter.axes] == ["mass (kg)", "dead time (s)"]
-    top = summary.controllers["pi"].worst[0]
-    assert scatter.axes[0].texts[0].xy == (top["vehicle.mass"], 1e-6 * top["brake_energy_j"])
-    (energy,) = (ax for ax in distributions.axes if ax.get_xlabel() == "brake energy (MJ)" and ax.lines)
-    edges = 1e-6 * summary.controllers["pi"].measures["brake_energy_j"].histogram.edges
-    assert energy.lines[0].get_xdata() == pytest.approx(edges)
 
 
 @pytest.mark.parametrize("spread", [1e-12, pytest.param(1e-4, marks=pytest.mark.long)])

@@ -52,12 +52,6 @@ def test_margins_default_is_both_rails_table_4_in_si_and_unstable(railslip):
         assert case["stabilizing_gain_range"][1] < 1
 
 
-def test_margins_exit_1_if_any_case_fails(railslip):
-    status, out, _ = railslip("margins", "--kp", "128", "--ki", "3.5", "--json")
-    assert [c["stable"] for c in cases(out)] == [False, True]
-    assert status == 1
-
-
 def test_cases_come_in_the_order_rail_speed(railslip):
     _, out, _ = railslip("linearize", "--speed", 60, "--speed", 100, "--rail", "wet", "--rail", "dry", "--json")
     assert [(c["rail"], c["speed_kmh"]) for c in cases(out)] == [
@@ -182,26 +176,6 @@ def test_a_speed_above_v0_is_advised_only_what_is_taken(railslip, tmp_path, argu
     if advised:
         assert told.endswith(f"give another, or --initial-speed {speed}")
         assert "--speed: " not in err
-
-
-def test_adhesion_law_from_a_file(railslip, tmp_path):
-    file = tmp_path / "law.toml"
-    file.write_text(
-        'law = "dahl"\n[parameters]\nalpha = 2.0e4\nFc = "10.3 kN"\n[reference_slip]\ndry = 0.12\nwet = 0.08\n'
-    )
-    status, out, err = railslip("linearize", "--adhesion", file, "--json")
-    assert (status, err) == (0, "")
-    assert [c["slip"] for c in cases(out)] == [0.12, 0.08]
-    assert [c["adhesion_force_n"] for c in cases(out)] == pytest.approx([10300.0, 5150.0])  # Coulomb; half when wet
-
-
-def test_vehicle_from_toml_with_rolling_stock(railslip):
-    for load, mass in ((), 68000), (("--loaded",), 88000):
-        words = shlex.split("linearize --vehicle designs/vehicles/desiro_classic.toml --rail dry --json")
-        status, out, err = railslip(*words, *load)
-        assert status == 0
-        assert all(line.startswith("railslip: note: Siemens Desiro") for line in err.splitlines())
-        assert cases(out)[0]["mass_kg"] == pytest.approx(mass / 6)
 
 
 def test_what_was_assumed_of_a_railtoolkit_vehicle_is_said(railslip):

@@ -19,12 +19,10 @@ from sample_laws import ALL_LAWS, sample_law
 import railslip_ctrl
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.adhesion import law_class, law_names, published_law
+from railslip_ctrl.model.adhesion import law_class, law_names
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum, errata
-from railslip_ctrl.report.identification import law_toml
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
 
@@ -337,20 +335,6 @@ def test_errata_script(capsys) -> None:
     assert (len(result.agreeing), len(result.disagreeing)) == (12, 18)
     module.main()
     assert "12 agree, 18 do not" in capsys.readouterr().out
-
-
-def test_derive_takes_the_law_of_a_file(railslip, tmp_path):
-    path = tmp_path / "law.toml"
-    path.write_text(law_toml(published_law("bristle", Rail.DRY), reference=None, wheel_load=34500.0), encoding="utf-8")
-    named, filed = (railslip("--adhesion", given, "--format", "c") for given in ("bristle", path))
-    assert (filed[0], filed[2], named[0], named[2]) == (0, "", 0, "")
-    # a head, the law in symbols, the file's numbers
-    assert named[1].partition("#include")[2] in filed[1]
-    assert "#define RAILSLIP_ASMC_ADHESION_DRY .adhesion_alpha = " in filed[1]
-    path.write_text("law = 1\n", encoding="utf-8")
-    status, _, err = railslip("--adhesion", path)
-    assert status == 2
-    assert err.startswith("railslip: error: --adhesion: ")
 
 
 # --- errata -----------------------------------------------------------------------------------------------------------

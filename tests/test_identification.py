@@ -318,6 +318,14 @@ def test_profiles_along_a_bend_are_fieller_s(noise, bounded):
     assert high == (pytest.approx(ends[1], **upper_end) if bounded else math.inf)
 
 
+def test_a_bound_of_beta_is_one_of_its_own_coordinate():
+    """And not of the level, which with 1/gamma is what a log shows where beta is free."""
+    values = np.array([4.7e-3, 58.0])
+    assert FALLING.at(values) == pytest.approx([58.0 / 4.7e-3, 1.0 / 58.0], rel=1e-12)
+    given = Coordinates.of(("beta", "gamma"), np.array([1e-3, 5.0]), np.array([1e-2, np.inf]), values)
+    assert given.at(values) == pytest.approx(values)
+
+
 def test_no_interval_is_narrower_than_with_the_others_known():
     """Residuals whose search over the other parameter ends too high: a wall beside the best value of it."""
     best, own = np.array([1.0, 2.0]), np.array([50.0, 30.0])
@@ -330,27 +338,6 @@ def test_no_interval_is_narrower_than_with_the_others_known():
     low, high = profile_interval(residuals, coordinates, best, 0, stderr=1.0 / own[0], rise=6.6)
     half = math.sqrt(6.6) / own[0]
     assert (low, high) == (pytest.approx(1.0 - half, rel=1e-6), pytest.approx(1.0 + half, rel=1e-6))
-
-
-def test_fits_to_cells_have_profiles_too():
-    """Adhesion that does not fall, over a narrow range of sliding: beta and gamma of the bristles have no upper end."""
-    generator = np.random.default_rng(3)
-    slip = generator.uniform(0.1, 0.2, 4000)
-    mu = 0.3 + 0.02 * generator.standard_normal(slip.size)
-    sums = gathered(samples(slip, V100, mu))
-    cells, known = sums.cells(), Setting(LOAD, V100, 2.93)
-    model = fit_model("bristle_rest", cells, shape_of(cells, 0.1), known)
-    found = fit(model, cells, sums.stretches(), known, 0.1, TAU)
-    for p in found.parameters:
-        assert p.interval[1] == math.inf, p
-        assert 0.0 < p.interval[0] < p.value
-        assert any(note.startswith(f"{p.name}: ") and "not less than" in note for note in found.notes)
-    # level: known however little the fall is; 0.02 over the root of 4000, and the wide range of falls
-    low = found.parameters[1].interval[0]
-    assert low > V100 * slip.max()
-    plain = fit(model, cells, sums.stretches(), known, 0.1, TAU, profiles=False)
-    assert all(p.limits is None for p in plain.parameters)
-    assert plain.values == pytest.approx(found.values, rel=1e-12)
 
 
 def test_too_little_data_are_refused_or_without_errors():

@@ -18,7 +18,6 @@ from railslip_ctrl.identification.identify import identify
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.plots import adhesion_figure, drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
 
@@ -186,17 +185,6 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     assert status == 0
     assert "Parameters over the initial speed v0" in out
     assert "--initial-speed" in refused(railslip("identify", *logs, "--initial-speed", "100"))
-
-
-def test_figures_show_the_record(log):
-    found = identify(log, PARK2008, Options(model="beam"))
-    (ax,) = adhesion_figure([found]).axes
-    mean = next(line for line in ax.lines if line.get_label() == "mean")
-    assert np.array_equal(mean.get_ydata(), found.curve.bins.mean)
-    assert ax.get_legend().get_texts()[3].get_text().startswith("beam (mean |error|")
-    slip, _ = drift_figure(found).axes
-    dry = [peak.slip for peak in found.peaks if peak.rail is Rail.DRY]
-    assert any(np.array_equal(line.get_ydata(), dry) for line in slip.lines)
 
 
 # --- options -------------------------------------------------------------------------------------------------------

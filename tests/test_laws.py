@@ -395,14 +395,6 @@ def test_table_on_wet_rail_is_half_and_it_ends_with_its_last_knot() -> None:
     assert math.isinf(whole.domain_limit(20.0)[0])
 
 
-def test_table_linearizes_like_the_law_it_tabulates() -> None:
-    law = Burckhardt(c1=0.31, c2=24.0, c3=0.11)
-    slips = np.linspace(0.0, 1.0, 400) ** 2
-    table = LookupTable(slip=tuple(slips), mu=tuple(np.asarray(adhesion_coefficient(law, 20.0, slips, LOAD))))
-    (pole,), (expected,) = (linearize(operating_point(each, PARK2008, 20.0, 0.2)).poles for each in (table, law))
-    assert pole == pytest.approx(expected, rel=1e-3)  # slopes of PCHIP are of second order in the spacing
-
-
 # --- files ---------------------------------------------------------------------------------------------------------
 
 LUGRE = """
@@ -484,6 +476,12 @@ def test_bad_files_get_one_clear_line(written, old: str, new: str, message: str)
         load_law(path, initial_speed_kmh=100.0)
     assert str(caught.value).startswith(f"{path}: {message}")
     assert str(caught.value).isprintable()
+
+
+def test_a_law_over_v0_wants_it(written) -> None:
+    for text in (OVER, LUGRE.replace(SLIPS, "initial_speed = [30, 140]\ndry = [0.1, 0.2]\nwet = [0.1, 0.1]")):
+        with pytest.raises(InputError, match="initial speed; give --initial-speed"):
+            load_law(written(text))
 
 
 @pytest.mark.parametrize(

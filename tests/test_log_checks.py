@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import tomllib
@@ -17,13 +18,12 @@ from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
 from railslip_ctrl.identification.cleaning import OutlierFilter, Resolution, step_of
 from railslip_ctrl.identification.curves import Options, curve_of
-from railslip_ctrl.identification.identify import Identification, Lag, lag_warning
+from railslip_ctrl.identification.identify import Identification, Lag
 from railslip_ctrl.identification.log_checks import FreeRolling, mu_findings
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import check_options
-from railslip_ctrl.identification.observed import BrakedRows, Readhesion
+from railslip_ctrl.identification.observed import Readhesion
 from railslip_ctrl.identification.observer import Encoder, FilterObserver
-from railslip_ctrl.identification.prediction import slip_ramp
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.numeric import adhesion_coefficient
@@ -239,18 +239,6 @@ def test_a_lag_is_found_however_large(late):
     assert float(text.split("--delay wheel_angular_speed=")[1].split(" ")[0]) == pytest.approx(late, abs=3.0 * error)
 
 
-def test_a_lag_is_told_with_what_undoes_it():
-    half = lag_warning(Lag(0.0046, 0.001), 0.01, "wheel_speed", {})
-    assert "late by 0.0046 s ± 0.001 s" in half
-    assert "half an interval, as a difference of counts is: --delay wheel_speed=0.005 undoes it" in half
-    more = lag_warning(Lag(0.03, 0.001), 0.01, "wheel_speed", {"wheel_speed": 0.005})
-    assert "more than the --delay wheel_speed=0.005 that is given" in more
-    assert more.endswith("--delay wheel_speed=0.035 undoes it")
-    early = lag_warning(Lag(-0.02, float("nan")), 0.01, "wheel_speed", {})
-    assert "early by 0.02 s beside" in early
-    assert early.endswith("--delay wheel_speed=-0.02 undoes it")
-
-
 def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
     """A model that is not the log's may follow the motion better with a column shifted: that is no delay to undo."""
     monkeypatch.setattr("railslip_ctrl.identification.identify.OF_EACH_KIND", ("burckhardt", "beam"))
@@ -263,14 +251,6 @@ def test_a_shift_that_a_better_model_does_without_is_no_lag(rows, monkeypatch):
 
 
 # --- readhesion ----------------------------------------------------------------------------------------------------
-
-
-def test_rows_of_a_wheel_that_regrips_are_no_part_of_the_curve():
-    """At 30 km/h the slip is back within a few rows: bins beside slip 0.2 had a standard deviation of 0.06."""
-    curve = curve_of(rig("beam", 30.0, tests=6), PARK2008, Options())
-    assert curve.survey.readhesion > 20  # some seven rows a run
-    past = curve.bins.low >= 0.1
-    assert curve.bins.deviation[past].max() < 0.01  # the random force, through the observer
 
 
 @pytest.mark.parametrize("cut", [500, 153, 156])
@@ -367,27 +347,6 @@ def test_numbers_beyond_all_measurement_are_refused_in_one_line(rows, recwarn):
     assert not list(recwarn)
 
 
-def ramps(cut: bool, tests: int = 6) -> BrakedRows:
-    """Tests whose slip speeds up as 0.1 t^2, 2 s each, 10 s apart; with a gap of 80 ms in all but the last."""
-    parts = []
-    for k in range(tests):
-        t = 0.01 * np.arange(200)
-        piece = np.where((t > 1.2) & (t < 1.28), -1, (t >= 1.28).astype(int)) if cut and k < tests - 1 else 0 * t
-        kept = piece >= 0
-        parts.append((10.0 * k + t[kept], 0.1 * t[kept] ** 2, 2 * k + piece[kept]))
-    time, slip, run = (np.concatenate(each) for each in zip(*parts, strict=True))
-    speed, even = np.full(len(time), 25.0), np.ones(len(time))
-    return BrakedRows(time, speed, (1.0 - slip) * speed / RADIUS, even, even, run)
-
-
-@pytest.mark.parametrize("cut", [False, True])
-def test_the_ramp_is_that_of_the_whole_test(cut):
-    """Slip 0.1 t^2 reaches 0.3 after 1.73 s: by 0.3/1.74 a second on average, to the row."""
-    ramp, spread = slip_ramp(ramps(cut), RADIUS, 0.3, 25.0)
-    assert ramp == pytest.approx(25.0 * 0.1 * 1.74, rel=1e-9)
-    assert spread == pytest.approx(0.0, abs=1e-9)
-
-
 # --- where it is told ----------------------------------------------------------------------------------------------
 
 
@@ -416,6 +375,14 @@ def test_a_given_ramp_far_from_the_logs_is_told(found):
         assert any("--slip-acceleration is" in text for text in told) == (factor != 1.0)
 
 
+def test_which_rows_of_a_large_log_are_followed_is_told(found):
+    large = dataclasses.replace(found, curve=dataclasses.replace(found.curve, record_stride=4))
+    sentence = "take 20000 rows at most, in whole runs spread evenly over the log, here one run of 4"
+    assert sentence in " ".join(identification_text(large).split())
+    assert sentence in identification_json(large)["log"]["rows_followed_note"]
+    assert identification_json(found)["log"]["rows_followed_note"] is None
+
+
 # --- models and options --------------------------------------------------------------------------------------------
 
 
@@ -423,6 +390,13 @@ def test_a_fixed_value_outside_its_bounds_is_refused():
     check_options(("beam",), {"mu_max": 0.2}, {"mu_max": (0.1, 0.3)})
     with pytest.raises(InputError, match=r"--fix mu_max: 0.5 is outside --bound mu_max, 0.1 to 0.3"):
         check_options(("beam",), {"mu_max": 0.5}, {"mu_max": (0.1, 0.3)})
+
+
+@without_lag_search
+def test_a_value_that_was_fixed_is_named_as_the_cause(railslip, rows, tmp_path):
+    log = write_log(tmp_path / "log.csv", rows)
+    message = refused(railslip("identify", log, "--model", "beam", "--fix", "mu_max=1e9"))
+    assert "--fix mu_max=1e+09 is given" in message
 
 
 @without_lag_search

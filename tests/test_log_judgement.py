@@ -23,9 +23,9 @@ from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law
+from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
-from railslip_ctrl.model.adhesion import law_class, load_law, published_law
+from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import (
     identification_json,
@@ -169,23 +169,6 @@ def test_a_log_of_wet_rail_has_its_own_wet_peak(rows):
     assert len(found.peak_notes) == 1  # the other speeds alone
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters", "same"),
-    [
-        ("table", {"slip": (0.02, 0.1, 0.5), "mu": (0.12, 0.25, 0.2)}, True),
-        ("burckhardt", {"c1": 0.31, "c2": 24.0, "c3": 0.11}, True),
-        ("beam", BEAM.model_dump(include=set(BEAM.parameter_names())), False),
-    ],
-)
-def test_a_rule_that_leaves_the_peak_s_slip_says_so(name, parameters, same):
-    law, load = law_class(name).model_validate(parameters), PARK2008.wheel_load
-    peaks = [peak_of_law(law.on(rail), 20.0, load) for rail in Rail]
-    peaks[1] = dataclasses.replace(peaks[1], by_rule=True)
-    told = [note for note in peak_notes(peaks, name, (20.0, 20.0)) if "lessens mu by one factor" in note]
-    assert bool(told) is same
-    assert (peaks[1].slip == pytest.approx(peaks[0].slip, rel=1e-4)) is same
-
-
 def test_a_model_without_a_slip_to_hold_says_why(rows, dry):
     found = identification_json(identified(rows, "lugre"))
     assert found["reference_slip"] is None
@@ -265,27 +248,6 @@ def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     # the deceleration is a mean over slips of 0.7 to 1.3 of the peak's, where mu is 0.97 of its highest and more
     assert told.slip_shift == pytest.approx(measured, rel=0.03)
     assert told.slip_shift > 3e-4
-
-
-def test_a_lag_of_the_train_moves_a_fitted_peak_as_told(rows, dry):
-    """Of the beam by more than the rows, as it takes the lag for softness, and by three times as much at most."""
-    late = identified(late_train(rows, 0.02))
-    shift = late.own_peak.slip - dry.own_peak.slip
-    assert 1.0 < shift / (2.0 * dry.train_lag.slip_shift) < 3.0
-    assert late.warnings == ()
-
-
-def test_the_lag_is_in_text_and_json(dry):
-    told = dry.train_lag
-    v, a, slip = told.speed, told.deceleration, told.peak_slip
-    assert told.slip_shift == pytest.approx((1 - slip) * a * 0.01 / v)
-    # the rig of these rows: the adhesion alone slows the flywheels, at mu of some 0.25
-    assert a == pytest.approx(0.25 * PARK2008.wheel_load / PARK2008.mass, rel=0.1)
-    found = identification_json(dry)["log"]["train_speed_lag"]
-    assert (found["lag_s"], found["slip_shift"], found["peak_slip"]) == (0.01, told.slip_shift, slip)
-    text = " ".join(identification_text(dry).split())
-    assert f"a lag of 10 ms, which this log cannot show, moves slip by {told.slip_shift:.2g} at the peak" in text
-    assert "give --delay train_speed= if there is one" in text
 
 
 # --- outliers ------------------------------------------------------------------------------------------------------

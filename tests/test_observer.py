@@ -141,21 +141,6 @@ def test_run_is_step_is_chunks(form):
     assert (after.time, after.torque, after.omega) == (t[-1], torque[-1], omega[-1])
 
 
-def test_a_torque_step_is_in_the_printed_estimate_at_once():
-    """The wheel's own answer to a step of Tb under constant Ta, exact; B = 0 as its lag is four minutes."""
-    step, h, J = 1000.0, 1e-3, PARK2008.wheel.inertia
-    t = np.arange(400) * h
-    torque = np.where(t > 0, 5000 + step, 5000.0)
-    torque[0] = 5000.0
-    omega = 60 - np.maximum(t - h, 0) * step / J - step / J * np.minimum(t, h) / 2  # the step is a ramp over one sample
-    wrong = {form: FilterObserver(J, 0.0, TAU, form).run(t, torque, omega).adhesion_torque - 5000 for form in Form}
-    assert np.abs(wrong[Form.CORRECTED]).max() < 3 * h / TAU * step  # the parabola within one interval is not straight
-    after = t[1:] - h
-    # exp(-t/tau) of the step, to within one interval's share
-    assert wrong[Form.PRINTED][1:] == pytest.approx(step * np.exp(-after / TAU), abs=step * h / TAU)
-    assert wrong[Form.PRINTED].max() > 0.99 * step
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -113,18 +113,6 @@ def test_choice_of_noises():
 # --- responses -----------------------------------------------------------------------------------------------------
 
 
-def test_responses_at_the_ends():
-    slow, fast = 1e-4, 1e5
-    k = observer()
-    ends = observer_responses(k, [slow, fast])
-    # at rest the filter knows Ta but for B omega, whose lag is 4 minutes
-    assert abs(ends.adhesion[0] - 1) < 1e-3
-    assert abs(ends.brake[0]) < 1e-3
-    assert abs(ends.adhesion[1]) < 1e-6  # second order, where the filters (27) are of first
-    assert abs(ends.brake[1]) < 1e-4
-    assert abs(ends.speed_noise[1]) < 1e-3 * abs(observer_responses(k, [50.0]).speed_noise[0])
-
-
 def test_vibration_is_told_from_adhesion():
     """The stronger Td is expected to be, the less of it is taken for Ta; slow adhesion is still seen."""
     omega = [0.5, 10 * math.pi]
@@ -134,19 +122,6 @@ def test_vibration_is_told_from_adhesion():
     assert taken[1] < 0.6 * taken[0]
     assert taken[2] < 0.1 * taken[0]
     assert all(abs(observer_responses(each, omega).adhesion[0] - 1) < 0.1 for each in filters)
-
-
-@pytest.mark.parametrize("vibration", [None, SHAKE])
-def test_sampled_response_is_the_continuous_one_at_low_frequency(vibration):
-    """Sampled ten times a millisecond, noise intensities kept, the two filters are nearly the same."""
-    h = 1e-4
-    k = observer(
-        interval=h, speed_variance=0.02 * INTERVAL / h, torque_variance=2500 * INTERVAL / h, vibration=vibration
-    )
-    omega = np.geomspace(0.5, 30, 15)
-    # gains differ by h times the filter's bandwidth of some 30 rad/s
-    for sampled, continuous in zip(k.sampled(h).transfers(omega), k.transfers(1j * omega), strict=True):
-        assert np.abs(sampled / continuous - 1).max() < 0.01
 
 
 # --- samples -------------------------------------------------------------------------------------------------------

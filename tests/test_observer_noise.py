@@ -16,7 +16,6 @@ from railslip_ctrl.identification.observer_study import (
     estimated,
     measured,
     observer_errors,
-    trade_off,
 )
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -169,30 +168,6 @@ def test_printed_estimate_is_wrong_by_a_released_torque(trial):
     # the sample is up to an interval after the end, the peak up to one before the release; B omega is left out (20 N*m)
     assert printed[at] - corrected[at] == pytest.approx(expected, abs=1.1 * INTERVAL / tau * drop + 20)
     assert expected < -0.6 * drop  # most of the released torque stands in the estimate
-
-
-def test_trade_off_finds_the_best_setting(trial):
-    settings = np.geomspace(5e-3, 0.5, 13)
-    best = {}
-    for form in Form:
-        curve = trade_off(
-            lambda tau, form=form: FilterObserver.of(PARK2008, tau, form), settings, trial, ENCODER, SENSOR, seed=SEED
-        )
-        lag, noise = ([getattr(e, name) for e in curve.errors] for name in ("lag", "noise"))
-        assert lag == sorted(lag)
-        assert noise == sorted(noise, reverse=True)
-        assert settings[0] < curve.best < settings[-1]
-        assert curve.at_best.total <= min(e.total for e in curve.errors)
-        best[form] = curve.at_best.total
-    walk = trade_off(
-        lambda q: KalmanObserver.of(PARK2008, ENCODER, SENSOR, interval=INTERVAL, change=math.sqrt(q), within=1.0),
-        np.geomspace(1e4, 1e9, 11),
-        trial,
-        ENCODER,
-        SENSOR,
-        seed=SEED,
-    )
-    assert walk.at_best.total < best[Form.CORRECTED] < best[Form.PRINTED]
 
 
 def test_same_seed_same_noise(trial):

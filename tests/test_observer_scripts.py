@@ -59,19 +59,3 @@ def test_script_prints_and_draws(module, result, tmp_path, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "printed (27): 100 % of a step of the brake torque" in out
     assert len(list((tmp_path / "pictures").glob("observer_*.png"))) == 3
-
-
-def test_figures_show_the_record(module, result):
-    from railslip_ctrl.report.plots import estimates_figure, observer_responses_figure, tradeoff_figure
-
-    figure = tradeoff_figure(result.curves, module.LABELS, title="t")
-    for ax, curve in zip(figure.axes, result.curves.values(), strict=True):
-        assert f"{curve.at_best.total:.0f} N·m" in ax.get_title()
-        both = next(line for line in ax.lines if line.get_label() == "both")
-        assert both.get_ydata() == pytest.approx([e.total for e in curve.errors])
-    figure = estimates_figure(result.trial, result.trial.time[1:], result.estimates, result.errors, title="t")
-    kalman = next(line for line in figure.axes[1].lines if line.get_label() == module.NAMES[2])
-    assert kalman.get_ydata() == pytest.approx(result.estimates[module.NAMES[2]] / 1e3)
-    figure = observer_responses_figure(result.responses, title="t")
-    assert "0 for corrected and Kalman filter" in figure.axes[1].get_title()
-    assert "0 for" not in figure.axes[0].get_title()

@@ -176,6 +176,21 @@ def test_the_text_states_what_was_run_its_limits_and_sensors_and_how_the_energy_
     assert (found["measurement"]["speed_quantum"], found["measurement"]["wheel_quantum"]) == (0.1, 0.5)
 
 
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ('kind = "torque-profile"\ntimes = [0, 2]\ntorques = [0, 4000]\n', "2 points, 0 to 4000 N·m"),
+        (
+            'kind = "asmc"\nK = 70\nD = 5.5\nrho = 1.54\nk1 = 1e-9\nk2 = 1e-3\nlayer = 0.2\n',
+            "boundary layer 0.2 m/s, k1 1e-09",
+        ),
+    ],
+)
+def test_the_text_states_the_controller_s_own_numbers(railslip, tmp_path, controller, words):
+    (tmp_path / "own.toml").write_text(controller)
+    assert words in flat(railslip("--controller", tmp_path / "own.toml")[1])
+
+
 def events_scenario(tmp_path):
     """Three events out of order in the file, the one in distance second; a fourth is never reached."""
     path = tmp_path / "events.toml"

@@ -151,14 +151,6 @@ def test_fill_dump_and_rate_limit() -> None:
     assert run.max_torque == pytest.approx(start, abs=1e-2)
 
 
-def test_torque_limits_hold() -> None:
-    limits = BrakeLimits(torque_min=0.0, torque_max=3000.0)
-    run = simulate(published_scenario().with_changes(limits=limits, longest_time=20.0), published_pi(), seed=1)
-    assert run.signals is not None
-    assert np.max(run.signals.command) == 3000.0
-    assert np.min(run.signals.command) >= 0.0
-
-
 # --- events and the viscous coefficient ------------------------------------------------------------------------------
 
 

@@ -12,8 +12,9 @@ from flint import fmpq_poly
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
-from railslip_ctrl.design.decomposition import real_frequencies
+from railslip_ctrl.design.decomposition import CriticalGains, real_frequencies, stable_intervals
 from railslip_ctrl.loop import Rational
+from railslip_ctrl.loop.stability import RootCount
 from railslip_ctrl.model.adhesion import published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -392,6 +393,15 @@ def test_gains_are_certified_with_an_integrator_and_without():
     for kp, ki, certain in ((-5.9, 0.0, True), (60.1, 0.0, False), (5.0, -1e-9, False), (5.0, 1e-9, True)):
         assert region.certified_contains(kp, ki) is certain
     assert region.certified_rectangle((5.0, 5.0), (1.0, 1.0))
+
+
+MARGINAL = RootCount(0, True)
+
+
+@pytest.mark.parametrize(("at", "stable"), [(RootCount(0, False), ((0.0, 9.0),)), (MARGINAL, ((0.0, 1.0), (1.0, 9.0)))])
+def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(at, stable):
+    critical = CriticalGains(np.array([1.0]), np.ones(1, dtype=bool), 9.0)
+    assert stable_intervals(critical, 1.0, lambda k: at if k == 1 else RootCount(0, False), signed=False) == stable
 
 
 # --- where F exp(tau s) + G is real on the axis, against closed forms and a scan -------------------------------------

@@ -25,7 +25,7 @@ from railslip_ctrl.design.tuning import (
     simc_pi,
     tune_cases,
 )
-from railslip_ctrl.design.tuning_search import Family, Forbidden, _tightest
+from railslip_ctrl.design.tuning_search import Family, Forbidden, _bracket, _tightest
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 
@@ -382,6 +382,15 @@ def test_a_family_of_any_structures_has_the_margins_of_its_loops():
     worst = worst_of(family_margins(loops[:3]))
     assert (worst.ms, worst.phase_deg, worst.delay_s) == (found.ms[2], found.phase_deg[2], found.delay_s[2])
     assert (worst.ms_member, worst.phase_member, worst.delay_member) == (2, 2, 2)
+
+
+@pytest.mark.parametrize("limit", [-9.5, -4.0, -0.5, -0.05, -1e-3, 0.0, 5e-4, 0.01, 0.3, 1.9])
+def test_a_bracket_holds_the_limit(limit):
+    lower, upper = _bracket(lambda x: x <= limit, 0.0)
+    assert lower <= limit < upper
+    lower, upper = _bracket(lambda _: True, 0.0)
+    assert lower == upper > 0
+    assert _bracket(lambda _: False, 0.0) is None
 
 
 @pytest.mark.parametrize(("margin", "best"), [("ms", 1.1070848), ("phase_deg", -64.591644), ("delay_s", -1.8992699)])
