@@ -27,7 +27,6 @@ from railslip_ctrl.identification.results import (
     LARGEST_LOSS,
     Regimes,
     compare,
-    drift,
     over_initial_speed,
     peak_of_fit,
     peak_of_law,
@@ -228,15 +227,6 @@ def test_bounds_hold_and_an_active_one_is_said():
     # a beam that falls short of the data fits the worse the lower it is, so that little below the bound is left
     assert 0.24 < by_name["mu_max"].interval[0] < by_name["mu_max"].interval[1] <= 0.25 * (1 + 1e-9)
     assert any(note.startswith("mu_max: rests on its upper bound; by this log it is not less") for note in found.notes)
-
-
-def test_a_fixed_parameter_stays_and_the_others_follow():
-    slip = np.linspace(0.006, 0.48, 2000)
-    sums = gathered(samples(slip, V100, law_coefficient("beam", slip, V100)))
-    found = fitted("beam", sums, fixed={"a": LAWS["beam"].a})
-    assert [p.name for p in found.parameters] == ["mu_max", "Kx"]
-    assert found.law.a == LAWS["beam"].a
-    assert found.values == pytest.approx([LAWS["beam"].mu_max, LAWS["beam"].Kx], rel=1e-6)
 
 
 def test_a_profile_beside_a_bound_is_its_closed_form():
@@ -458,19 +448,6 @@ def test_a_law_without_a_peak_has_no_reference():
     assert math.isnan(peak.slip)
     assert math.isnan(peak.reference)
     assert peak.coefficient == pytest.approx(LAWS["bristle_rest"].gamma / LAWS["bristle_rest"].beta / LOAD, rel=1e-4)
-
-
-def test_published_peaks_of_the_beam_and_their_drift():
-    """[Park2008]: dry 0.0897, wet half of it; the slip velocity lowers the peak at speed."""
-    slip = np.linspace(0.006, 0.48, 2000)
-    found = fitted("beam", gathered(samples(slip, V100, law_coefficient("beam", slip, V100))))
-    peaks = drift(found, [20 * KMH, V100], LOAD)
-    by_case = {(p.rail, round(p.speed / KMH)): p for p in peaks}
-    assert by_case[Rail.DRY, 100].slip == pytest.approx(0.0897, abs=5e-5)
-    assert by_case[Rail.WET, 100].slip == pytest.approx(0.0448, abs=5e-5)
-    assert by_case[Rail.DRY, 100].coefficient == pytest.approx(0.2483, abs=5e-5)
-    assert by_case[Rail.DRY, 20].slip > by_case[Rail.DRY, 100].slip
-    assert by_case[Rail.DRY, 20].coefficient > by_case[Rail.DRY, 100].coefficient
 
 
 # --- over the initial speed ----------------------------------------------------------------------------------------

@@ -89,17 +89,6 @@ def test_linearised_cycle_is_marked_where_it_is_wrong():
     assert change[70.0] == math.inf  # the linearised slip would fall below 0
 
 
-def test_small_cycle_of_the_nonlinear_wheel_is_the_linearised_one():
-    # without load and at a small K the adhesion curve is its tangent: amplitudes to second order of 3 % of the slip
-    loop = published_loop(Rail.DRY, inertia_scale=3.6)
-    actual, linear = nonlinear_limit_cycle(loop, K=20.0, load=0.0), linear_limit_cycle(loop, K=20.0)
-    assert actual.period == pytest.approx(linear.period, rel=1e-3)
-    for name in AMPLITUDES:
-        assert getattr(actual, name) == pytest.approx(getattr(linear, name), rel=2e-3), name
-    assert actual.relay_gain == pytest.approx(linear.relay_gain, rel=2e-3)
-    assert sum(actual.sigma_range) / 2 == pytest.approx(loop.plant.point.sigma, rel=1e-3)
-
-
 def test_nonlinear_cycle_on_a_static_law():
     loop = published_loop(Rail.WET, adhesion="beam")
     actual = nonlinear_limit_cycle(loop, K=200.0)
@@ -329,17 +318,6 @@ def test_advice_names_what_is_unstable_and_what_would_be_stable():
     assert all(loop.is_stable() for loop in _stop(D=0.999 * found.D_limit).values())
     assert not all(loop.is_stable() for loop in _stop(D=1.01 * found.D_limit).values())
     assert joint_advice(_stop(rho=20.0)).D_limit == 0.0  # no smaller D mends it
-
-
-def test_effects_where_nothing_cycles():
-    unstable = actuator_effect(published_loop(Rail.DRY).with_gains(D=30.0))
-    assert (unstable.unstable_linear, unstable.cycles, unstable.holds_the_wheel) == (2, (), False)
-    left = unstable.survivors
-    assert (left.relay_gain, left.K, left.k, left.layer) == (0.0, 0.0, 0.0, math.inf)
-    resting = actuator_effect(published_loop(Rail.DRY).with_gains(K=0.0))
-    assert resting.holds_the_wheel
-    assert resting.unstable_actual == 2  # the adaptation does not ask for the relay
-    assert resting.survivors.relay_gain == pytest.approx(15.6, rel=1e-3)
 
 
 # --- errors ----------------------------------------------------------------------------------------------------------

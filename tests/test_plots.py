@@ -123,17 +123,6 @@ def test_lines_differ_in_dash_and_in_grey():
     assert [rail_style(rail) for rail in Rail] == styles[:2]
 
 
-def test_region_figure_outlines_the_set_and_marks_the_choice(region, strips):
-    grid = margin_grid(region, np.linspace(1.1, 20, 25), np.linspace(0.05, 6, 25))
-    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="a region")
-    patch = figure.axes[0].patches[0].get_xy()
-    assert patch[:, 0].min() == pytest.approx(1.0, abs=0.01)
-    assert patch[:, 0].max() == pytest.approx(23.3988, abs=0.05)
-    assert all("kp (N·m/(m/s))" in text for text in labels(figure))
-    at = np.nanargmin(np.abs(grid.kp - 5.0)), np.nanargmin(np.abs(grid.ki - 1.0))
-    assert np.isfinite(grid.ms[at])
-
-
 def test_a_region_that_goes_on_leaves_the_picture():
     plant = Rational(np.array([]), np.array([1.0, -2.0]), 2.0)
     region = stabilizing_pi(plant)  # without dead time: 1 < kp, 0 < ki < kp - 1
