@@ -321,6 +321,7 @@ def test_bad_options_are_one_line_and_exit_2(railslip, arguments, named) -> None
 # --- the script ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_errata_script(capsys) -> None:
     module = script("analysis/errata.py")
     result = module.run()

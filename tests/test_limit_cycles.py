@@ -89,6 +89,17 @@ def test_linearised_cycle_is_marked_where_it_is_wrong():
     assert change[70.0] == math.inf  # the linearised slip would fall below 0
 
 
+def test_small_cycle_of_the_nonlinear_wheel_is_the_linearised_one():
+    # without load and at a small K the adhesion curve is its tangent: amplitudes to second order of 3 % of the slip
+    loop = published_loop(Rail.DRY, inertia_scale=3.6)
+    actual, linear = nonlinear_limit_cycle(loop, K=20.0, load=0.0), linear_limit_cycle(loop, K=20.0)
+    assert actual.period == pytest.approx(linear.period, rel=1e-3)
+    for name in AMPLITUDES:
+        assert getattr(actual, name) == pytest.approx(getattr(linear, name), rel=2e-3), name
+    assert actual.relay_gain == pytest.approx(linear.relay_gain, rel=2e-3)
+    assert sum(actual.sigma_range) / 2 == pytest.approx(loop.plant.point.sigma, rel=1e-3)
+
+
 def test_nonlinear_cycle_on_a_static_law():
     loop = published_loop(Rail.WET, adhesion="beam")
     actual = nonlinear_limit_cycle(loop, K=200.0)

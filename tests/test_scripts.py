@@ -15,6 +15,7 @@ from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 
+@pytest.mark.long
 def test_pi_published(tmp_path, capsys, monkeypatch):
     module = script("designs/pi_published.py")
     result = module.run()

@@ -131,6 +131,7 @@ def test_a_gain_above_the_bound_makes_the_reaching_condition_hold():
     assert weak["projection"].holds
 
 
+@pytest.mark.long
 def test_as_published_the_verdicts_are_the_same(as_published):
     assert {one.name: one.holds for one in as_published.conditions} == VERDICTS
     assert as_published.inertia_scale == 3.6
@@ -221,6 +222,7 @@ def test_bad_options_are_one_line_and_exit_2(railslip, arguments, words):
 # --- scripts --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_lyapunov_asmc(tmp_path, capsys, monkeypatch, paper, as_published):
     module = script("analysis/lyapunov_asmc.py")
     monkeypatch.setattr(module, "verify", lambda vehicle, seed: paper if vehicle == PARK2008 else as_published)
@@ -448,6 +450,7 @@ def test_a_diverging_run_leaves_the_domain():
 # --- the published law's script ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_asmc_published(tmp_path, capsys, monkeypatch):
     module = script("designs/asmc_published.py")
     si, published = module.run()
