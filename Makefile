@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 
 # what the linear algebra computes with, by processor, and tests of what a last digit may turn
 KERNELS ?= Haswell Prescott SkylakeX Zen
-DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification log_judgement observer_kalman \
+DELICATE := $(addprefix tests/test_,$(addsuffix .py,virtual_rig identification log_judgement observer \
 	limits sampled sampled_margins stabilizing tuning loop_properties certificate \
 	limit_cycles lyapunov_runs sliding_verification))
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import Phase, settings
-from project import REPORT, SMALL
+from project import SMALL
 
 from railslip_ctrl.cli import main
 
@@ -22,10 +19,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
 LONGEST = (
-    *("test_virtual_rig.py", "html report", "test_identification_command.py", "test_campaign.py"),
-    *("test_scripts.py", "test_sliding_verification.py", "test_derivation.py", "test_tuning.py", "test_docs.py"),
-    *("test_limit_cycles.py", "test_verification.py", "test_limits.py", "test_readme.py"),
-    *("test_stabilizing.py", "test_loop_batch.py", "test_log_checks.py"),
+    *("test_virtual_rig.py", "test_scripts.py", "test_envelope.py", "html report", "test_tuning.py"),
+    *("test_sliding_verification.py", "test_limit_cycles.py", "test_docs.py", "test_log_checks.py"),
+    *("test_sampled.py", "test_identification_command.py", "test_derivation.py", "test_sliding_code.py"),
+    *("test_certificate.py", "test_verification.py", "test_campaign.py", "test_numeric.py", "test_loop_batch.py"),
 )
 """The groups that take longest, first: one that begins last leaves the other workers with nothing to do."""
 
@@ -98,20 +95,6 @@ def _figures_without_defects():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(style, "figure_bytes", looked_at)
         yield
-
-
-@pytest.fixture(scope="session")
-def report_of_the_readme(tmp_path_factory):
-    """`REPORT` run once in this process, without the page, which takes most of the time and is `full_report`'s.
-
-    Gives the folder that it names, the exit status, standard output and standard error.
-    """
-    folder, out, err = tmp_path_factory.mktemp("readme"), io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.chdir(folder)
-        with pytest.raises(SystemExit) as caught:
-            main([*REPORT, "--no-html"])
-    return folder / Path(REPORT[-1]), caught.value.code, out.getvalue(), err.getvalue()
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-REPORT = ["report", "--out", "check"]
-"""The README's command that most users begin with; run once for the tests, by the fixture `report_of_the_readme`."""
-
 
 def script(path: str) -> ModuleType:
     """Import a script by its path, as a reader would run it."""

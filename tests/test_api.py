@@ -95,9 +95,8 @@ def test_every_error_of_the_package_is_at_the_top_and_a_builtin_too() -> None:
 def test_no_room_takes_its_names_from_the_top() -> None:
     """What is at the top comes from rooms of every height: the import contract does not see through it."""
     for path in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and node.module in ("railslip_ctrl", None):
-                assert not {alias.name for alias in node.names} & set(railslip_ctrl._HOME), path.relative_to(ROOT)
+        for names in re.findall(r"from (?:railslip_ctrl|\.+) import \(?([\w\s,]+)", path.read_text(encoding="utf-8")):
+            assert not set(re.findall(r"\w+", names)) & set(railslip_ctrl._HOME), path.relative_to(ROOT)
 
 
 def test_importing_the_package_costs_nothing() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import shutil
@@ -15,12 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from project import refused
-from rich.text import Text
 
-from railslip_ctrl.cli.output import print_text
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.identification.logs import UNITS
-from railslip_ctrl.model import kernels
 from railslip_ctrl.model.adhesion import law_class, load_law, published_law
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.derivation import derivation_json, derivation_latex, derivation_markdown, derivation_text
@@ -78,16 +73,6 @@ def test_a_table_too_wide_goes_on_below_with_its_first_column():
     assert re.findall(r"quantity_\d", text) == list(names[1:])
     assert re.findall(r"\d\.2345", text) == list(rows[0][1:])
     assert render([table(names, rows)]).count("case") == 1
-
-
-def test_in_a_file_the_width_is_always_the_same(monkeypatch, capsys):
-    monkeypatch.setattr("railslip_ctrl.cli.output._terminal_width", lambda: 70)
-    print_text(lambda: render([Text("word " * 60)]))
-    assert max(map(len, capsys.readouterr().out.splitlines())) > 100
-
-
-def test_help_lists_the_quantities_of_a_log(railslip):
-    assert ", ".join(UNITS) in " ".join(railslip("identify", "--help")[1].split())
 
 
 # --- the numbers of an adhesion law in the derived law ----------------------------------------------------------------
@@ -216,19 +201,3 @@ def test_a_python_file_without_a_controller_is_one_clear_line(railslip, tmp_path
     err = refused(railslip("simulate", "--controller", path))
     assert err.startswith("railslip: error: --controller: ")
     assert told in err
-
-
-def test_options_of_the_named_controllers_do_not_go_with_a_python_file(railslip, tmp_path):
-    _, _, err = railslip("simulate", "--controller", tmp_path / "mine.py", "--kp", "3", "--ki", "2")
-    assert "--kp: does not go with a controller from a file" in err
-
-
-# --- progress --------------------------------------------------------------------------------------------------------
-
-
-def test_compiling_is_told_once_in_a_process(caplog, tmp_path):
-    kernels._tell_of_compiling.cache_clear()
-    with caplog.at_level(logging.WARNING):
-        for _ in range(3):
-            kernels._tell_of_compiling(tmp_path)
-    assert [record.getMessage().startswith("compiling the simulation") for record in caplog.records] == [True]

@@ -50,8 +50,8 @@ def test_the_extras_that_are_looked_for_are_those_of_the_project():
     ("words", "more"),
     [
         ("margins --rail dry", set()),
-        ("linearize --rail dry --speed 60", set()),
-        ("tune --rail dry --ms-max 2", {"scipy"}),
+        pytest.param("linearize --rail dry --speed 60", set(), marks=pytest.mark.long),
+        pytest.param("tune --rail dry --ms-max 2", {"scipy"}, marks=pytest.mark.long),
         ("simulate --scenario stop", {"scipy", "numba", "platformdirs", "PyYAML"}),
     ],
 )

@@ -13,18 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
-from project import script
+from project import refused, script
 from sample_laws import ALL_LAWS, sample_law
 
 import railslip_ctrl
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.model import plant
-from railslip_ctrl.model.adhesion import beam, law_class, law_names, published_law
+from railslip_ctrl.model.adhesion import law_class, law_names
 from railslip_ctrl.model.numeric import numeric_plant
-from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.paper import printed
 from railslip_ctrl.paper.errata import Erratum, errata
-from railslip_ctrl.report.identification import law_toml, polynomials_toml
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.proof import agree_at_random_points, identical, sliding_symbol, vanishes
 
@@ -74,9 +72,10 @@ def test_adaptation_is_solved_for_and_v_rate_has_r_over_j() -> None:
     assert sp.simplify(derivation.V_rate_disturbed - expected - s * derivation.disturbance_perturbed) == 0
 
 
-@pytest.mark.parametrize("name", law_names())
-@pytest.mark.parametrize("reference", REFERENCES)
-def test_each_adhesion_law(name: str, reference: str) -> None:
+@pytest.mark.parametrize(
+    ("reference", "name"), [*(("proportional", name) for name in law_names()), ("constant", "lugre")]
+)
+def test_each_adhesion_law(reference: str, name: str) -> None:
     derivation = derive(reference=reference, law=name)
     assert derivation.all_checked
     assert derivation.steps[-1].name == "adhesion law"
@@ -316,15 +315,13 @@ def test_latex_is_a_document(railslip, tmp_path, law) -> None:
     ],
 )
 def test_bad_options_are_one_line_and_exit_2(railslip, arguments, named) -> None:
-    status, out, err = railslip(*arguments)
-    assert (status, out) == (2, "")
-    assert len(err.splitlines()) == 1
-    assert named in err
+    assert named in refused(railslip(*arguments))
 
 
 # --- the script ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_errata_script(capsys) -> None:
     module = script("analysis/errata.py")
     result = module.run()
@@ -336,30 +333,6 @@ def test_errata_script(capsys) -> None:
     assert (len(result.agreeing), len(result.disagreeing)) == (12, 18)
     module.main()
     assert "12 agree, 18 do not" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("over_speed", [False, True])
-def test_derive_takes_the_law_of_a_file(railslip, tmp_path, over_speed):
-    path = tmp_path / "law.toml"
-    law = published_law("bristle", Rail.DRY)
-    coefficients = {name: [getattr(law, name)] for name in law.parameter_names()}
-    text = (
-        polynomials_toml(law, coefficients, (30.0, 140.0), references={}, wheel_load=34500.0)
-        if over_speed
-        else law_toml(law, reference=None, wheel_load=34500.0)
-    )
-    path.write_text(text, encoding="utf-8")
-    named, filed = (railslip("--adhesion", given, "--format", "c") for given in ("bristle", path))
-    assert (filed[0], named[0], named[2]) == (0, 0, "")
-    assert ("is taken at 100 km/h; give --initial-speed for another\n" in filed[2]) == over_speed
-    assert filed[2].count("\n") == over_speed
-    # a head, the law in symbols, the file's numbers
-    assert named[1].partition("#include")[2] in filed[1]
-    assert "#define RAILSLIP_ASMC_ADHESION_DRY .adhesion_alpha = " in filed[1]
-    path.write_text("law = 1\n", encoding="utf-8")
-    status, _, err = railslip("--adhesion", path)
-    assert status == 2
-    assert err.startswith("railslip: error: --adhesion: ")
 
 
 # --- errata -----------------------------------------------------------------------------------------------------------
@@ -406,12 +379,6 @@ def test_every_row_is_decided_as_expected(rows) -> None:
 def test_size_in_the_paper_s_numbers(rows, where) -> None:
     for text in SIZES[where]:
         assert text in rows[where].sign_and_size
-
-
-def test_10_with_both_factors_mended_is_the_integral() -> None:
-    mended = beam.printed_force(width=False, last_factor=sp.Rational(1, 4))
-    assert sp.simplify(mended - beam.integrated_force()) == 0
-    assert sp.simplify(printed.beam_force - beam.integrated_force()) != 0
 
 
 def test_pressure_carries_the_load() -> None:

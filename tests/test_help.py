@@ -77,7 +77,7 @@ def prepare(name: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.long] * (name in ("report", "reproduce")))
+        pytest.param(name, marks=[pytest.mark.long] * (name in ("report", "reproduce", "tune", "verify")))
         for name in EXAMPLES
         if name != IN_A_PIPE
     ],
@@ -109,17 +109,6 @@ def test_the_help_of_a_command_has_an_example_and_the_exit_status(name):
     assert EXAMPLES[name].startswith(f"railslip {name} ")
     assert "xit status" in words
     assert ", ".join(law_names()) in words or not any("--adhesion" in option.opts for option in COMMANDS[name].params)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_takes_the_adhesion_law_or_its_help_says_how_it_is_given(name):
-    text = " ".join(COMMANDS[name].help.split())
-    if name in ("campaign", "verify"):
-        told = {"campaign": 'no --adhesion: name a scenario file in CAMPAIGN.toml, with scenario = "own.toml"',
-                "verify": "no --adhesion: they have the bristle model in them"}  # fmt: skip
-        assert told[name] in text
-    if name not in ("campaign", "reproduce", "identify"):  # these are given a scenario, the paper or a log
-        assert any("--adhesion" in option.opts for option in COMMANDS[name].params)
 
 
 def test_the_help_of_the_program_lists_the_commands():
@@ -176,6 +165,7 @@ def test_completing_a_command_s_name_imports_no_command():
     assert not {"numpy", "railslip_ctrl.cli.margins"} & set(done.stderr.split())
 
 
+@pytest.mark.long
 def test_nothing_is_coloured_in_a_pipe(tmp_path):
     """Not even by a command with a progress bar, in a terminal that knows colours."""
     words = shlex.split(EXAMPLES[IN_A_PIPE])[1:] + prepare(IN_A_PIPE, tmp_path)

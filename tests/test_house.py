@@ -22,7 +22,11 @@ TEXTS = {
 
 def functions(text: str) -> Iterator[tuple[str, int]]:
     """Name and length of every function in a module's text, methods and inner ones too."""
-    for node in ast.walk(ast.parse(text)):
+    found: list[ast.AST] = [ast.parse(text)]  # from here on statements alone: an expression has no function in it
+    while found:
+        node = found.pop()
+        if isinstance(node, ast.stmt | ast.Module | ast.ExceptHandler | ast.match_case):
+            found += ast.iter_child_nodes(node)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno is not None
             told = node.body[0].end_lineno - node.body[0].lineno + 1 if ast.get_docstring(node) else 0

@@ -5,9 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
-import subprocess
-import sys
 
 import matplotlib.image
 import numpy as np
@@ -21,7 +18,6 @@ from railslip_ctrl.identification.identify import identify
 from railslip_ctrl.identification.observed import time_history_of
 from railslip_ctrl.model.adhesion import initial_speeds_in, load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
-from railslip_ctrl.report.plots import adhesion_figure, drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
 
@@ -191,17 +187,6 @@ def test_several_logs_give_polynomials_of_v0(railslip, tmp_path):
     assert "--initial-speed" in refused(railslip("identify", *logs, "--initial-speed", "100"))
 
 
-def test_figures_show_the_record(log):
-    found = identify(log, PARK2008, Options(model="beam"))
-    (ax,) = adhesion_figure([found]).axes
-    mean = next(line for line in ax.lines if line.get_label() == "mean")
-    assert np.array_equal(mean.get_ydata(), found.curve.bins.mean)
-    assert ax.get_legend().get_texts()[3].get_text().startswith("beam (mean |error|")
-    slip, _ = drift_figure(found).axes
-    dry = [peak.slip for peak in found.peaks if peak.rail is Rail.DRY]
-    assert any(np.array_equal(line.get_ydata(), dry) for line in slip.lines)
-
-
 # --- options -------------------------------------------------------------------------------------------------------
 
 
@@ -339,14 +324,3 @@ def test_a_bar_is_shown_for_a_large_log_on_standard_error(railslip, log, monkeyp
     assert status == 0
     json.loads(out)
     assert "reading" in err
-
-
-def test_other_commands_start_without_what_identify_needs():
-    code = (
-        "import sys; from railslip_ctrl.cli import main\n"
-        "try: main(['margins', '--rail', 'dry', '--json'])\n"
-        "except SystemExit: pass\n"
-        "print(sorted({'pandas', 'railslip_ctrl.identification'} & set(sys.modules)), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
-    assert done.stderr.strip() == "[]"

@@ -198,7 +198,6 @@ ASKED = {
     "tune": ("--rail", "dry", "--minimise-ms", "--ki-min", "5"),
     "simulate": ("--no-noise", "--controller", "pi-lead"),
 }
-DRY_POINT = ("--rail", "dry", "--slip", "0.3")
 
 
 def laws_in(out):
@@ -223,15 +222,6 @@ def test_text_and_json_tell_a_file_s_law_from_the_published_one(railslip, file, 
     text = railslip(command, "--adhesion", "beam", *ASKED[command])[1]
     assert "beam" in text
     assert "as given" not in text
-
-
-def test_a_law_of_python_and_a_table_are_told_with_all_their_numbers(railslip, file):
-    table = 'law = "table"\n[parameters]\nslip = [0.1, 0.5]\nmu = [0.2, 0.1]\n'
-    columns = {"slip": [0.1, 0.5], "mu": [0.2, 0.1]}
-    for name, text, numbers in (("mine.py", LAW, {"friction": 0.3, "creep": 20.0}), ("points.toml", table, columns)):
-        (law,) = laws_in(railslip("linearize", "--adhesion", file(name, text), *DRY_POINT, "--json")[1])
-        found = {key: each["value"] for key, each in law["parameters"].items()}
-        assert (law["source"], found) == (name, numbers)
 
 
 def test_a_published_law_is_told_as_such_at_its_v0_in_the_reading_of_the_run_and_from_a_scenario_s_file(railslip, file):

@@ -18,7 +18,7 @@ from railslip_ctrl.core.notation import symbol
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import ReferenceSlip, law_class, law_names, load_law, published_law
 from railslip_ctrl.model.adhesion.base import curtius_kniffler
-from railslip_ctrl.model.adhesion.beam import CONTACT_WIDTH, Beam, integrated_force, printed_force
+from railslip_ctrl.model.adhesion.beam import Beam, integrated_force, printed_force
 from railslip_ctrl.model.adhesion.burckhardt import SURFACES, Burckhardt
 from railslip_ctrl.model.adhesion.curve import Curve, curve_force
 from railslip_ctrl.model.adhesion.polach import Polach
@@ -159,22 +159,6 @@ def test_beam_closed_form_is_the_integral_of_its_equations() -> None:
     statement = Beam.statement().force.args[0].expr  # the branch |u| <= 1
     assert sp.simplify((statement - closed).subs(sigma, positive)) == 0
     assert sp.simplify(printed_force(width=False, last_factor=sp.Rational(1, 4)) - integrated_force()) == 0
-
-
-def test_errata_of_the_printed_beam_force() -> None:
-    """Of (10): with w and 1/2 about -120 N at slip 0.001 (+271 N follows from (5)-(9)); half the force at u = 1."""
-    law = published_law("beam", DRY)
-    values = dict(zip(Beam.symbols(), law.parameters(), strict=True)) | {symbol("v"): V100, symbol("N"): LOAD}
-
-    def number(expression: sp.Expr, slip: float) -> float:
-        at = expression.subs({**values, symbol("sigma"): slip * V100})
-        return float(at.subs(sp.Symbol("w", positive=True), CONTACT_WIDTH))
-
-    assert number(printed_force(), 0.001) == pytest.approx(-120.0, abs=5.0)  # two digits given
-    assert number(integrated_force(), 0.001) > 0.0
-    full = law.kinks(V100, LOAD)[0].slip
-    half = number(printed_force(width=False), full) / number(integrated_force(), full)
-    assert half == pytest.approx(0.5, rel=1e-12)  # rounding
 
 
 # --- the laws as printed -------------------------------------------------------------------------------------------
@@ -409,14 +393,6 @@ def test_table_on_wet_rail_is_half_and_it_ends_with_its_last_knot() -> None:
     whole = LookupTable(slip=(0.1, 0.2, 1.0), mu=(0.2, 0.15, 0.1))
     assert adhesion_coefficient(whole, 20.0, 1.0, LOAD) == pytest.approx(0.1)
     assert math.isinf(whole.domain_limit(20.0)[0])
-
-
-def test_table_linearizes_like_the_law_it_tabulates() -> None:
-    law = Burckhardt(c1=0.31, c2=24.0, c3=0.11)
-    slips = np.linspace(0.0, 1.0, 400) ** 2
-    table = LookupTable(slip=tuple(slips), mu=tuple(np.asarray(adhesion_coefficient(law, 20.0, slips, LOAD))))
-    (pole,), (expected,) = (linearize(operating_point(each, PARK2008, 20.0, 0.2)).poles for each in (table, law))
-    assert pole == pytest.approx(expected, rel=1e-3)  # slopes of PCHIP are of second order in the spacing
 
 
 # --- files ---------------------------------------------------------------------------------------------------------

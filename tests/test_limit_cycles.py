@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from sliding_cases import ACTUATOR, DESIGN, IDEAL, READINGS, effect_on, measured_cycle
+from sliding_cases import ACTUATOR, DESIGN, READINGS, effect_on, measured_cycle
 
 from railslip_ctrl.core.errors import DomainError, InfeasibleDesignError, InputError, UnstableLoopError
 from railslip_ctrl.core.notation import symbol
@@ -109,8 +109,7 @@ def test_nonlinear_cycle_on_a_static_law():
 
 
 # range of the slip and period from an own simulator in C, steps of 0.5 ms, of the same law on the same wheel
-RELEASED = [(Rail.DRY, 200.0, -0.005, 0.274, 3.87), (Rail.DRY, 400.0, -0.016, 0.286, 3.60)]
-RELEASED += [(Rail.WET, 400.0, -0.009, 0.198, 3.23)]
+RELEASED = [(Rail.DRY, 400.0, -0.016, 0.286, 3.60), (Rail.WET, 400.0, -0.009, 0.198, 3.23)]
 
 
 @pytest.mark.parametrize(("rail", "K", "low", "high", "period"), RELEASED)
@@ -193,12 +192,7 @@ def test_response_of_the_loop_solves_the_equations_of_the_law(rail):
         command = J / r * ((1 / M + r**2 / J) * model + B / J - loop.gains.rho) + loop.gains.D * surface
         ga = np.exp(-ACTUATOR.dead_time * s) / (ACTUATOR.lag * s + 1)
         matrix = np.array(
-            [
-                [s - A[0, 0], -A[0, 1], -r / J, 0],
-                [-A[1, 0], s - A[1, 1], 0, 0],
-                [0, 0, 1, -ga],
-                [-command, 0, 0, 1],
-            ]
+            [[s - A[0, 0], -A[0, 1], -r / J, 0], [-A[1, 0], s - A[1, 1], 0, 0], [0, 0, 1, -ga], [-command, 0, 0, 1]]
         )
         sigma, _, torque, _ = np.linalg.solve(matrix, [0, 0, 0, 1])
         assert loop.slip_response(omega) == pytest.approx(sigma, rel=1e-9)
@@ -215,17 +209,6 @@ def test_sliding_exists_only_with_an_ideal_actuator(dead_time, lag, degree):
     omega = 1e6
     size = abs(complex(loop.surface_response(omega))) * omega**degree
     assert size == pytest.approx(existence.high_frequency_gain, rel=1e-4)
-
-
-def test_relay_slides_with_an_ideal_actuator_and_cycles_with_the_real_one():
-    loop = published_loop(Rail.WET)
-    swing = {}
-    for actuator in (IDEAL, ACTUATOR):
-        law = PublishedLaw(loop.plant.point, replace(loop.gains, k=0.0))
-        run = simulate_fine(loop.plant.point, law, actuator, duration=30.0, step=1e-3, offset=0.2)
-        swing[actuator.lag] = float(np.abs(run.after(20.0).surface).max())
-    assert swing[0.0] < 2e-3  # one step of the fastest s': (r/J)(K + load) 1 ms, and s' left of the step before
-    assert swing[0.6] > 0.5
 
 
 @pytest.mark.parametrize(("rail", "scale"), READINGS)
@@ -348,17 +331,6 @@ def test_advice_names_what_is_unstable_and_what_would_be_stable():
     assert joint_advice(_stop(rho=20.0)).D_limit == 0.0  # no smaller D mends it
 
 
-def test_effects_where_nothing_cycles():
-    unstable = actuator_effect(published_loop(Rail.DRY).with_gains(D=30.0))
-    assert (unstable.unstable_linear, unstable.cycles, unstable.holds_the_wheel) == (2, (), False)
-    left = unstable.survivors
-    assert (left.relay_gain, left.K, left.k, left.layer) == (0.0, 0.0, 0.0, math.inf)
-    resting = actuator_effect(published_loop(Rail.DRY).with_gains(K=0.0))
-    assert resting.holds_the_wheel
-    assert resting.unstable_actual == 2  # the adaptation does not ask for the relay
-    assert resting.survivors.relay_gain == pytest.approx(15.6, rel=1e-3)
-
-
 # --- errors ----------------------------------------------------------------------------------------------------------
 
 
@@ -408,10 +380,3 @@ def test_bounds_that_do_not_exist():
         torque_impulse(replace(DESIGN, kp=5000.0), plant, ACTUATOR)
     weak = replace(DESIGN, K=50.0)
     assert not layer_bound(weak, plant, ACTUATOR, 20.0).layer_kept
-
-
-def test_a_wheel_that_is_braked_too_hard_is_lost():
-    point = published_loop(Rail.DRY).plant.point
-    law = PublishedLaw(point, SlidingGains(K=70.0, D=5.5, rho=1.54))
-    with pytest.raises(DomainError, match="the wheel is lost at"):
-        simulate_fine(point, law, ACTUATOR, duration=20.0, step=5e-3, disturbance=lambda t: 4000.0)

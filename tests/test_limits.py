@@ -68,15 +68,6 @@ def test_pole_on_a_zero_or_far_too_fast_cannot_be_stabilised():
     assert least_peak(np.array([200.0]), np.array([]), 2.0) == math.inf
 
 
-def test_several_poles_cost_at_least_what_each_costs_and_coinciding_ones_stay_finite():
-    both = least_peak(np.array([0.5, 1.5]), np.array([]), 0.3)
-    assert both > least_peak(np.array([1.5]), np.array([]), 0.3)
-    near = least_peak(np.array([1.5, 1.5 * (1 + 1e-9)]), np.array([]), 0.3)
-    assert near == pytest.approx(least_peak(np.array([1.5]), np.array([]), 0.3), rel=1e-8)
-    pair = np.array([0.4 + 2j, 0.4 - 2j])
-    assert least_peak(pair, np.array([]), 0.3) > math.exp(0.4 * 0.3)
-
-
 @pytest.mark.parametrize("p", [[0.8], [0.5, 1.5], [0.4 + 2j, 0.4 - 2j], [0.6, 0.4 + 2j, 0.4 - 2j]])
 def test_least_ms_is_the_norm_of_the_inverse_all_pass_on_the_dead_time_interval(p):
     # An independent route to Ms: min ||S|| = norm on L2[0, tau] of the causal inverse of B_p (commutant lifting). The
@@ -235,7 +226,7 @@ def delayed(loop):
 # -- the loop ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=250)
+@settings(max_examples=120)
 @given(random_loops())
 def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assume(not loop.root_count.marginal)
@@ -244,7 +235,7 @@ def test_root_count_equals_that_of_the_dead_time_loop(loop):
     assert delayed(loop).root_count.right == loop.root_count.right
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.filter_too_much])
 @given(random_loops())
 @example(DeadTimeLoop(Rational(np.array([-0.5]), np.array([-1e-3, -1.0, -2.0]), 3.0), 0.0))
 @example(DeadTimeLoop(Rational(np.array([]), np.array([-3.0, -4.0, -5.0]), 70.0), 1e-3))
@@ -459,20 +450,6 @@ def test_a_proportional_jump_sets_the_rate_of_a_pi():
     assert effort.noise_gain == pytest.approx(190, rel=0.05)
     without_lag = Rational(plant.zeros, wheel().poles, wheel().gain)
     assert control_effort(PIController(gains).transfer_function, without_lag, TAU, lag=0.0).reference_rate == math.inf
-
-
-@settings(max_examples=60)
-@given(st.floats(0.05, 0.5), st.floats(0.3, 3.0), st.floats(2.0, 12.0))
-def test_gain_margins_of_observer_designs_are_where_the_exact_count_changes(tau, w, wo):
-    design = observer_compensator(
-        actuated(), tau, feedback_poles=[-0.1, -w, -1.67, -8.6], observer_poles=[-wo, -0.7 * wo, -8.6]
-    )
-    assert design.is_stable()
-    m = design.margins()
-    for edge in (m.gain_decrease, m.gain_increase):
-        if 0 < edge < math.inf:
-            assert design.loop.scaled(1 + (edge - 1) * 0.999).is_stable()
-            assert not design.loop.scaled(1 + (edge - 1) * 1.001).is_stable()
 
 
 # -- refusals -----------------------------------------------------------------------------------------------------

@@ -16,9 +16,8 @@ import railslip_ctrl.model.adhesion
 from railslip_ctrl.core.errors import DomainError, InputError, KinkError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model.adhesion import law_class, published_law
-from railslip_ctrl.model.adhesion.beam import Beam
-from railslip_ctrl.model.linearization import _residual, linearize, linearize_rolling, nonlinear_plant, operating_point
-from railslip_ctrl.model.numeric import adhesion_coefficient, numeric_plant, plant_parameters
+from railslip_ctrl.model.linearization import linearize, linearize_rolling, nonlinear_plant, operating_point
+from railslip_ctrl.model.numeric import adhesion_coefficient
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 
 V100 = 100.0 * KMH
@@ -74,19 +73,6 @@ def test_a_published_law_is_refused_for_a_vehicle_of_another_wheel_load() -> Non
         assert operating_point(law, coach, V100, 0.132).adhesion_coefficient == pytest.approx(mu, rel=1e-12)
     # one without forces is of any load
     assert operating_point(published_law("burckhardt", Rail.DRY), coach, V100, 0.132).adhesion_coefficient > 0.2
-
-
-def test_residual_is_the_share_of_a_torque_too_much_in_what_cancels() -> None:
-    """Of the terms of lambda': r/J times each torque at the wheel, and v' (here of a train so light that it counts)."""
-    wheel = PARK2008.wheel.model_copy(update={"viscous_friction": 30.0})
-    vehicle = PARK2008.model_copy(update={"mass": 50.0, "wheel": wheel})
-    point = operating_point(published_law("beam", Rail.DRY), vehicle, V100, 0.1)
-    functions, p = numeric_plant(Beam), plant_parameters(point.law, vehicle)
-    state = (V100, point.sigma, 0.0, point.brake_torque)
-    (J, B, r), rate = p[1:4], functions.rates(*state, 0.0, 0.0, p)[0]
-    assert 2.0 * abs(rate) > r / J * point.brake_torque > 0.0
-    terms = r / J * (point.brake_torque + r * point.adhesion_force + B * V100 / r) - rate
-    assert _residual(functions, (*state[:3], state[3] + 1.0), p) == pytest.approx(r / J / terms, rel=1e-3)  # 1 N*m
 
 
 def test_inertia_scale_and_mass_enter() -> None:

@@ -11,29 +11,21 @@ import numpy as np
 import pytest
 from project import refused
 from rig_logs import changed, identified, rig_rows, write_log
-from scipy import stats
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.identification import identify as job
-from railslip_ctrl.identification.cleaning import NOISE_ROWS, OutlierFilter
+from railslip_ctrl.identification.cleaning import OutlierFilter
 from railslip_ctrl.identification.curves import Options, curve_of, read_curve
 from railslip_ctrl.identification.fits import NORMAL_QUANTILE, Parameter, fit
-from railslip_ctrl.identification.identify import (
-    IMPOSSIBLE_MU,
-    Identification,
-    Lag,
-    LogSeries,
-    check_fit,
-    fit_doubts,
-)
-from railslip_ctrl.identification.log_checks import mu_findings, train_lag, unit_hint
+from railslip_ctrl.identification.identify import IMPOSSIBLE_MU, Identification, Lag, LogSeries, check_fit, fit_doubts
+from railslip_ctrl.identification.log_checks import train_lag
 from railslip_ctrl.identification.logs import Rows
 from railslip_ctrl.identification.models import fit_model, shape_of
 from railslip_ctrl.identification.observed import AdhesionStream
-from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_notes, peak_of_law
+from railslip_ctrl.identification.results import Regimes, over_initial_speed, peak_of_law
 from railslip_ctrl.identification.virtual_rig import RigTest, run_tests
-from railslip_ctrl.model.adhesion import law_class, load_law, published_law
+from railslip_ctrl.model.adhesion import load_law, published_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.report.identification import (
     identification_json,
@@ -42,7 +34,6 @@ from railslip_ctrl.report.identification import (
     series_json,
     series_toml,
 )
-from railslip_ctrl.report.plots import drift_figure
 
 BEAM = published_law("beam", Rail.DRY)
 RADIUS = PARK2008.wheel.radius
@@ -149,18 +140,6 @@ def test_a_torque_a_thousand_times_off_is_told_with_the_option_that_mends_it(
     assert mended.bins.mean == pytest.approx(read_curve(right, PARK2008, Options()).bins.mean, rel=1e-6)
 
 
-def test_units_that_would_do_are_named_and_no_others():
-    assert unit_hint(2.6e-4, {"brake_torque": 1.0}).startswith(
-        "brake_torque seems to be in kN*m (--unit brake_torque=kN*m)"
-    )
-    both = unit_hint(260.0, {"brake_torque": 1e3, "wheel_load": 1.0})
-    assert "brake_torque seems to be in N*m" in both
-    assert "or wheel_load seems to be in kN (--unit wheel_load=kN), which would make it 0.26" in both
-    assert unit_hint(260.0, {"brake_torque": 1.0}) == ""
-    assert unit_hint(0.26, {"brake_torque": 1.0, "wheel_load": 1.0}) == ""
-    assert "--unit brake_torque=kN*m" in next(mu_findings(np.array([2e-4, 1e-4]), {"brake_torque": 1.0})).text
-
-
 # --- by rule, extrapolated -----------------------------------------------------------------------------------------
 
 
@@ -188,41 +167,6 @@ def test_a_log_of_wet_rail_has_its_own_wet_peak(rows):
     assert not any(peak.by_rule for peak in found.peaks)
     assert found.peaks[-1].slip_stderr > 0.0
     assert len(found.peak_notes) == 1  # the other speeds alone
-
-
-@pytest.mark.parametrize(
-    ("name", "parameters", "same"),
-    [
-        ("table", {"slip": (0.02, 0.1, 0.5), "mu": (0.12, 0.25, 0.2)}, True),
-        ("burckhardt", {"c1": 0.31, "c2": 24.0, "c3": 0.11}, True),
-        ("beam", BEAM.model_dump(include=set(BEAM.parameter_names())), False),
-    ],
-)
-def test_a_rule_that_leaves_the_peak_s_slip_says_so(name, parameters, same):
-    law, load = law_class(name).model_validate(parameters), PARK2008.wheel_load
-    peaks = [peak_of_law(law.on(rail), 20.0, load) for rail in Rail]
-    peaks[1] = dataclasses.replace(peaks[1], by_rule=True)
-    told = [note for note in peak_notes(peaks, name, (20.0, 20.0)) if "lessens mu by one factor" in note]
-    assert bool(told) is same
-    assert (peaks[1].slip == pytest.approx(peaks[0].slip, rel=1e-4)) is same
-
-
-def test_the_picture_draws_what_is_not_from_the_log_unlike_it(dry, tmp_path):
-    figure = drift_figure(dry)
-    figure.savefig(tmp_path / "peak.png")  # and the figure's defects are looked for
-    for ax in figure.axes:
-        handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-        (by_rule,) = (
-            handle for label, handle in handles.items() if "wet rail, by rule" in label and "ref" not in label
-        )
-        assert (by_rule.get_fillstyle(), by_rule.get_marker()) == ("none", "D")
-        measured, beyond = (
-            next(handle for label, handle in handles.items() if label.endswith(end)) for end in ("99 %", "extrapolated")
-        )
-        assert (measured.lines[0].get_fillstyle(), beyond.lines[0].get_fillstyle()) == ("full", "none")
-        assert len(ax.containers) == 2  # bars of the log's own rail alone
-        assert len(measured.lines[0].get_xdata()) == 1  # the log's v0
-        assert len(beyond.lines[0].get_xdata()) == 4
 
 
 def test_a_model_without_a_slip_to_hold_says_why(rows, dry):
@@ -306,41 +250,7 @@ def test_a_lag_of_the_train_shifts_the_slip_as_told(speed):
     assert told.slip_shift > 3e-4
 
 
-def test_a_lag_of_the_train_moves_a_fitted_peak_as_told(rows, dry):
-    """Of the beam by more than the rows, as it takes the lag for softness, and by three times as much at most."""
-    late = identified(late_train(rows, 0.02))
-    shift = late.own_peak.slip - dry.own_peak.slip
-    assert 1.0 < shift / (2.0 * dry.train_lag.slip_shift) < 3.0
-    assert late.warnings == ()
-
-
-def test_the_lag_is_in_text_and_json(dry):
-    told = dry.train_lag
-    v, a, slip = told.speed, told.deceleration, told.peak_slip
-    assert told.slip_shift == pytest.approx((1 - slip) * a * 0.01 / v)
-    # the rig of these rows: the adhesion alone slows the flywheels, at mu of some 0.25
-    assert a == pytest.approx(0.25 * PARK2008.wheel_load / PARK2008.mass, rel=0.1)
-    found = identification_json(dry)["log"]["train_speed_lag"]
-    assert (found["lag_s"], found["slip_shift"], found["peak_slip"]) == (0.01, told.slip_shift, slip)
-    text = " ".join(identification_text(dry).split())
-    assert f"a lag of 10 ms, which this log cannot show, moves slip by {told.slip_shift:.2g} at the peak" in text
-    assert "give --delay train_speed= if there is one" in text
-
-
 # --- outliers ------------------------------------------------------------------------------------------------------
-
-
-def false_alarm(sides: int) -> float:
-    """Of a normal deviate beside the median absolute one of `NOISE_ROWS` others, the larger of so many sides."""
-    x = np.linspace(1e-4, 3.0, 6001)
-    below = stats.binom.sf(NOISE_ROWS // 2, NOISE_ROWS, 2.0 * stats.norm.cdf(x) - 1.0) ** sides
-    beyond = 2.0 * stats.norm.sf(8.0 * 1.4826 * x)
-    return float(np.sum((beyond[1:] + beyond[:-1]) / 2.0 * np.diff(below)))
-
-
-def test_the_probability_of_a_false_outlier_is_as_argued():
-    assert false_alarm(2) < 2e-11
-    assert 1e-9 < false_alarm(1) < 1e-8
 
 
 def test_a_wheel_that_is_noisier_under_brake_has_no_outliers():

@@ -196,16 +196,6 @@ def test_a_header_may_be_a_comment(tmp_path, expected, above, below, block_bytes
     assert log.broken.count == 0
 
 
-def test_what_numpy_writes_is_read(tmp_path, expected):
-    """With its own separator, the blank, and with a comma; the header as it is given."""
-    table = np.column_stack([expected.columns[name] for name in ("time", "train_speed", "wheel_speed", "brake_torque")])
-    for options in ({"header": "time train_speed wheel_speed brake_torque"}, {"header": BARE, "delimiter": ","}):
-        np.savetxt(tmp_path / "log.txt", table, **options)
-        assert same(read(tmp_path / "log.txt")[0], expected)
-    np.savetxt(tmp_path / "log.txt", table, header="a rig\n" + BARE)  # its names apart by commas, its rows by blanks
-    assert same(read(tmp_path / "log.txt")[0], expected, lines_more=1)
-
-
 @pytest.mark.parametrize(
     "header",
     [
@@ -472,12 +462,6 @@ def test_an_empty_column_that_is_not_needed_is_none(tmp_path, block_bytes):
     assert log.broken.count == 901
 
 
-def test_a_column_that_is_needed_may_not_be_empty(tmp_path):
-    path = write(tmp_path, log_text(30).replace(",1.5", ","))
-    with pytest.raises(InputError, match="line 2: a value is missing"):
-        read(path)
-
-
 def test_a_date_for_a_time_is_told(tmp_path):
     path = write(tmp_path, log_text(30).replace("\n0.", "\n2026-01-01T00:00:0."))
     with pytest.raises(InputError, match=r"is a date or a time of day, not a number.*give the time in s"):
@@ -590,14 +574,6 @@ def test_far_is_so_many_usual_intervals_from_the_nearer_neighbour(share, left_ou
             in_blocks(StampFilter("log"), rows, [])
 
 
-@pytest.mark.parametrize(("at", "stamp"), [(1, -1e4), (58, 1e4)])
-def test_of_two_that_may_be_wrong_the_one_with_two_neighbours_is(at, stamp):
-    time = np.arange(60.0)
-    time[at] = stamp
-    left = in_blocks(StampFilter("log"), Rows(np.arange(60), {"time": time}), [])
-    assert left.tolist() == [i for i in range(60) if i != at]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_left_out_does_not_depend_on_the_blocks(seed):
     """Irregular sampling with glitches, in blocks of random sizes: as whole, and all glitches but nothing else."""
@@ -617,14 +593,6 @@ def test_too_few_rows_tell_nothing(tmp_path):
     with pytest.raises(InputError, match=r"line 3: time 0.01 s goes back from"):
         read(write(tmp_path, with_stamps(4, {2: "1e9"})))
     assert len(read(write(tmp_path, with_stamps(5, {2: "1e9"})))[0]) == 4
-
-
-def test_a_time_that_no_clock_shows_is_a_broken_line(tmp_path):
-    milliseconds = with_stamps(ROWS, {line: f"{1.7e12 + 10 * line:.0f}" for line in range(2, ROWS + 2)})
-    with pytest.raises(InputError, match=r"no rows after the header; line 2: time 1.7e\+12 s is beyond any clock"):
-        list(Log(write(tmp_path, milliseconds)).rows())
-    in_ms = milliseconds.replace("time [s]", "time [ms]")
-    assert len(read(write(tmp_path, in_ms))[0]) == ROWS
 
 
 # --- outliers ------------------------------------------------------------------------------------------------------

@@ -91,6 +91,7 @@ def test_theta_steps_with_the_mass() -> None:
     assert theta[-1, 0] == pytest.approx((1 / 5276 - 1 / 3517) / PARK2008.wheel.radius, rel=1e-12)
 
 
+@pytest.mark.long
 def test_report_and_figure(tmp_path: Path, si_runs: dict[tuple[str, bool, bool], LyapunovRun]) -> None:
     cases = [(lyapunov_along_runs.label(case), judged) for case, judged in si_runs.items()]
     text = lyapunov_runs_text(cases)

@@ -20,12 +20,7 @@ def test_command_works_from_an_installed_wheel(tmp_path):
     )
     (wheel,) = built.glob("railslip_ctrl-*.whl")
     files = set(zipfile.ZipFile(wheel).namelist())
-    data = (
-        "py.typed",
-        "report/templates/report.html",
-        "model/_generated/curve.py",
-        "simulation/steps.py",
-    )
+    data = ("py.typed", "report/templates/report.html", "model/_generated/curve.py", "simulation/steps.py")
     assert {f"railslip_ctrl/{name}" for name in data} <= files
     environment = tmp_path / "environment"
     venv.create(environment, with_pip=False)

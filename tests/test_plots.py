@@ -6,8 +6,6 @@ look itself is worth.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import matplotlib.colors
 import numpy as np
 import pytest
@@ -115,28 +113,6 @@ def test_nyquist_shows_minus_one_encirclements_and_closing_arc(groups):
     assert round(-turns) == 1
 
 
-def test_nichols_shares_its_phase_axis(groups):
-    figure = nichols_figure(groups)
-    assert len({ax.get_xlim() for ax in figure.axes}) == 1
-
-
-def test_titles_name_vehicle_law_slip_and_every_mass_shown(groups):
-    published = plant_at("beam", PARK2008, Rail.DRY, 100.0).point
-    own = replace(published, law=published.law.model_copy(update={"file": "leaves.toml"}))
-    loaded = plant_at("bristle", PARK2008.loaded(), Rail.DRY, 100.0).point
-    for shown, told in (
-        (
-            groups,
-            "quarter car: adhesion bristle, slip dry 0.132, wet 0.092, M 3517 kg (railslip_ctrl",
-        ),
-        (published_groups([own]), "adhesion beam as given (leaves.toml), "),
-        (published_groups([published]), "adhesion beam, "),
-        ((groups[0], *published_groups([loaded])), "M 3517, 5276 kg (railslip_ctrl"),
-    ):
-        for draw in (bode_figure, nyquist_figure, nichols_figure):
-            assert told in " ".join(draw(shown).get_suptitle().split())
-
-
 def test_lines_differ_in_dash_and_in_grey():
     styles = [line_style(i) for i in range(30)]
     assert len({(s["color"], str(s["linestyle"])) for s in styles}) == 30
@@ -145,17 +121,6 @@ def test_lines_differ_in_dash_and_in_grey():
     assert np.diff(np.sort(grey)).min() > 0.04
     assert max(grey) < 0.55  # three times as dark as paper ([WCAG] 1.4.11)
     assert [rail_style(rail) for rail in Rail] == styles[:2]
-
-
-def test_region_figure_outlines_the_set_and_marks_the_choice(region, strips):
-    grid = margin_grid(region, np.linspace(1.1, 20, 25), np.linspace(0.05, 6, 25))
-    figure = region_figure(strips, grid, {"chosen": (5.0, 1.0)}, title="a region")
-    patch = figure.axes[0].patches[0].get_xy()
-    assert patch[:, 0].min() == pytest.approx(1.0, abs=0.01)
-    assert patch[:, 0].max() == pytest.approx(23.3988, abs=0.05)
-    assert all("kp (N·m/(m/s))" in text for text in labels(figure))
-    at = np.nanargmin(np.abs(grid.kp - 5.0)), np.nanargmin(np.abs(grid.ki - 1.0))
-    assert np.isfinite(grid.ms[at])
 
 
 def test_a_region_that_goes_on_leaves_the_picture():
@@ -195,17 +160,6 @@ def test_contours_run_from_edge_to_edge_where_the_margins_have_their_level(regio
                           for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]  # fmt: skip
                 assert min(around) <= level <= max(around)
     assert defects_of(figure) == []
-
-
-def test_margin_grid_equals_the_loops_themselves(region):
-    grid = margin_grid(region, [0.5, 2.0, 12.0, 30.0], [0.0, 0.5, 3.0])
-    for i, kp in enumerate(grid.kp):
-        for j, ki in enumerate(grid.ki):
-            assert np.isfinite(grid.ms[i, j]) == region.contains(kp, ki)
-            if region.contains(kp, ki):
-                assert grid.ms[i, j] == pytest.approx(region.loops(kp, ki)[0].margins().ms, rel=1e-7)
-    with pytest.raises(InputError, match="give a finite value"):
-        margin_grid(region, [np.nan], [1.0])
 
 
 def test_sweep_figure_leaves_gaps_where_unstable():

@@ -26,7 +26,7 @@ COMMANDS = [
 """Those that need no file of the reader's."""
 
 
-LONG = {line: pytest.mark.long for line in COMMANDS if line.startswith("railslip report")}
+LONG = {line: pytest.mark.long for line in COMMANDS if line.startswith(("railslip report", "railslip tune"))}
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ MOST_PAGES = 12
 """Some more than it has: beyond, pages are left half-empty, as those before a figure once were."""
 
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.skipif(
         BROWSER is None or DRIVER is None,
         reason="no chromium with chromedriver found; install them (Debian: chromium chromium-driver)",

@@ -298,11 +298,7 @@ ANY_SIGN = {"kp", "ki", "torque_low", "torque_high", "initial_torque", "cut_out_
     ("record", "given", "positive"),
     [
         (PIKeys, {"kind": "pi", "kp": 1.0, "ki": 1.0}, {"tracking_time"}),
-        (
-            SlidingKeys,
-            {"kind": "asmc", "K": 1.0, "D": 1.0, "rho": 1.0},
-            {"D", "rho", "nominal_mass", "filter_time"},
-        ),
+        (SlidingKeys, {"kind": "asmc", "K": 1.0, "D": 1.0, "rho": 1.0}, {"D", "rho", "nominal_mass", "filter_time"}),
         (Disturbances, {}, {"random_hold"}),
         (Measurement, {}, set()),
         (BrakeLimits, {"torque_min": -1.0, "torque_max": 1.0}, {"rate", "dump_lag"}),

@@ -7,16 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from braking_runs import (
-    NO_ADHESION,
-    NO_LIMITS,
-    REFERENCE,
-    bare_vehicle,
-    constant_torque,
-    pi,
-    published_pi,
-    scenario,
-)
+from braking_runs import NO_ADHESION, NO_LIMITS, REFERENCE, bare_vehicle, constant_torque, pi, published_pi, scenario
 from scipy.signal import lfilter
 
 from railslip_ctrl.model.adhesion import published_law
@@ -158,14 +149,6 @@ def test_fill_dump_and_rate_limit() -> None:
     np.testing.assert_allclose(acting, np.where(t <= end, up, down), rtol=0, atol=1e-6 / 8 * rate / dump)
     assert run.max_torque_rate == pytest.approx(rate, rel=1e-12)
     assert run.max_torque == pytest.approx(start, abs=1e-2)
-
-
-def test_torque_limits_hold() -> None:
-    limits = BrakeLimits(torque_min=0.0, torque_max=3000.0)
-    run = simulate(published_scenario().with_changes(limits=limits, longest_time=20.0), published_pi(), seed=1)
-    assert run.signals is not None
-    assert np.max(run.signals.command) == 3000.0
-    assert np.min(run.signals.command) >= 0.0
 
 
 # --- events and the viscous coefficient ------------------------------------------------------------------------------

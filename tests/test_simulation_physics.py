@@ -6,15 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from braking_runs import (
-    NO_LIMITS,
-    REFERENCE,
-    bare_vehicle,
-    pi,
-    published_pi,
-    run_from,
-    scenario,
-)
+from braking_runs import NO_LIMITS, REFERENCE, bare_vehicle, pi, published_pi, run_from, scenario
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 

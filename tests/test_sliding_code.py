@@ -204,13 +204,24 @@ def test_the_ideal_loop_adapts_as_the_generated_step() -> None:
 # --- C against Python ----------------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def in_both_languages(tmp_path_factory):
+    """The code of a law, its Python and its C, made once."""
+
+    @cache
+    def made(reference, adhesion):
+        derivation = derive(reference=reference, law=adhesion)
+        code = generate(derivation)
+        return code, python_law(derivation), Compiled(code, tmp_path_factory.mktemp("law"))
+
+    return made
+
+
 @needs_compiler
 @pytest.mark.parametrize(("reference", "adhesion"), CASES)
-def test_c_sequences_are_the_python_s(reference, adhesion, tmp_path) -> None:
+def test_c_sequences_are_the_python_s(reference, adhesion, in_both_languages) -> None:
     """Sequences of 200 samples at random measurements, states included; `control` is tested with 1e4 inputs."""
-    derivation = derive(reference=reference, law=adhesion)
-    code = generate(derivation)
-    module, compiled = python_law(derivation), Compiled(code, tmp_path)
+    code, module, compiled = in_both_languages(reference, adhesion)
     inside = adhesion if code.law.measured == ("v", "omega") else None
     generator = np.random.default_rng(123)
     for run in range(SEQUENCES):
@@ -236,10 +247,8 @@ NOT_FINITE = (math.nan, math.inf, -math.inf)
 
 @needs_compiler
 @pytest.mark.parametrize("adhesion", [None, *ALL_LAWS])
-def test_measurements_of_any_size_give_the_same_finite_numbers(adhesion, tmp_path) -> None:
-    derivation = derive(law=adhesion)
-    code = generate(derivation)
-    module, compiled = python_law(derivation), Compiled(code, tmp_path)
+def test_measurements_of_any_size_give_the_same_finite_numbers(adhesion, in_both_languages) -> None:
+    code, module, compiled = in_both_languages("proportional", adhesion)
     inside = adhesion if code.law.measured == ("v", "omega") else None
     generator = np.random.default_rng(5)
     for run in range(40):

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from project import ROOT, script, show
+from project import ROOT, refused, script, show
 from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
 
 from railslip_ctrl.model.adhesion import load_law
@@ -39,7 +39,6 @@ from railslip_ctrl.verification.layered import (
     layer_bound,
     layer_loop,
     layered_design,
-    least_authority,
     published_torque,
     rail_bounds,
     random_torque,
@@ -132,7 +131,9 @@ def test_what_the_conclusion_advises_is_stable_at_every_point(published):
     ("scale", "K", "D", "holds"),
     [
         (1.0, 70.0, 30.0, [False, False, False, False]),  # dry is unstable, wet is not
-        (1.0, 0.0, PUBLISHED_LAW.D, [False, True, False, False]),  # no relay, no cycle; the adaptation needs it
+        pytest.param(
+            1.0, 0.0, PUBLISHED_LAW.D, [False, True, False, False], marks=pytest.mark.long
+        ),  # no relay, no cycle
         (3.6, PUBLISHED_LAW.K, PUBLISHED_LAW.D, [False, True, True, True]),  # spared, but no sliding
     ],
 )
@@ -254,19 +255,6 @@ def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
     assert min(edges[Rail.DRY]) < HOLD_ERROR
     assert not hold_known(weak, edges, PARK2008).holds
     assert stop(weak, point, share=1.1).lost is not None
-
-
-def test_too_little_authority_fails_and_says_how_much_is_needed(railslip):
-    status, out, _ = railslip("verify", "--law", "layered", "--K", "100")
-    assert status == 1
-    words = " ".join(out.split())
-    assert "authority: DOES NOT HOLD" in words
-    assert "holding torque known: DOES NOT HOLD" in words
-    least = least_authority(layered_design(PARK2008), PARK2008)
-    assert f"Remedy: give K >= {least:.0f} N m, or leave K out." in words
-    # 434 N m is what the bound asks, more what the holding torque does: its linear answer to a step of a tenth
-    assert least > 434.0
-    assert pytest.approx(1.05 * least) == layered_design(PARK2008).K
 
 
 def test_a_light_train_has_no_bound_and_verify_says_so(railslip):
@@ -400,10 +388,8 @@ def test_the_command_says_what_was_verified(railslip, file, layered, monkeypatch
 )
 def test_what_does_not_go_together_is_one_line_and_exit_2(railslip, file, text, arguments, words):
     given = () if text is None else ("--adhesion", file(text))
-    status, out, err = railslip("verify", *arguments, *given)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    for word in words:
-        assert word in err
+    told = refused(railslip("verify", *arguments, *given))
+    assert all(word in told for word in words)
 
 
 # --- bounds, runs and the script of the layered law -------------------------------------------------------------------
@@ -428,11 +414,7 @@ def test_asmc_robust_script(tmp_path, capsys, monkeypatch):
     result = module.run()
     for found in result.values():
         for rail in Rail:
-            bound, offset = found.bounds[rail].at_rest, found.bounds[rail].from_offset
-            assert bound.layer_kept
-            assert offset.layer_kept
-            assert offset.command <= found.design.K / 1.05 * (1 + 1e-12)  # the margin of K; rounding
-            plant = found.bounds[rail].plant
+            bound, plant = found.bounds[rail].at_rest, found.bounds[rail].plant
             assert bound.margins.ms == pytest.approx(layer_loop(found.design, plant, ACTUATOR).margins().ms)
             assert bound.margins.ms < 1.7
             # every simulated disturbance stays within the bound, and the worst shows that it is not idle

@@ -12,13 +12,7 @@ from flint import fmpq_poly
 from railslip_ctrl import DeadTimeLoop, stabilizing_pi
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design import actuated_plant, intersection, margin_grid, outline, stabilizing_pid
-from railslip_ctrl.design.decomposition import (
-    CriticalGains,
-    common_intervals,
-    probe,
-    real_frequencies,
-    stable_intervals,
-)
+from railslip_ctrl.design.decomposition import CriticalGains, real_frequencies, stable_intervals
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.stability import RootCount
 from railslip_ctrl.model.adhesion import published_law
@@ -185,7 +179,7 @@ def columns(rng, region):
 def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
     rng = np.random.default_rng(seed)
     points = 0
-    for _ in range(50):
+    for _ in range(30):
         region, _ = random_region(rng)
         inner, at_ends = columns(rng, region)
         for kp in (*inner, *at_ends):
@@ -198,7 +192,7 @@ def test_intervals_agree_with_the_exact_root_count_everywhere(seed):
             for ki in values:
                 assert region.contains(kp, ki) == any(a < ki < b for a, b in intervals)
             points += 1 + len(values)
-    assert points > 1000
+    assert points > 600
 
 
 def resonant_region(rng):
@@ -264,14 +258,6 @@ def test_the_boundary_curve_and_the_controller_are_of_the_pid(seed):
         loop = c * region.plant(s) * np.exp(-s * region.dead_time)
     usable = np.isfinite(loop) & (np.abs(region.plant(s)) > 1e-3)
     assert np.abs(1 + loop[usable]) == pytest.approx(0, abs=1e-8)  # kp and ki/omega may nearly cancel
-
-
-def test_pid_gain_range_is_that_of_the_loop_engine():
-    region = stabilizing_pid(UNSTABLE, 0.15, derivative_time=0.6, **PID)
-    lead = (0.66 * S + 1) / (0.06 * S + 1)  # 1 + Td s/(Tf s + 1)
-    assert region.kp_range == pytest.approx(
-        DeadTimeLoop(12 * lead * UNSTABLE, 0.15).scaled(1 / 12).stabilizing_gain_range
-    )
 
 
 # -- many plants ----------------------------------------------------------------------------------------------
@@ -409,57 +395,13 @@ def test_gains_are_certified_with_an_integrator_and_without():
     assert region.certified_rectangle((5.0, 5.0), (1.0, 1.0))
 
 
-# --- stable intervals from root counts that are told, one for each interval between critical gains -------------------
-
-
-INF = float("inf")
 MARGINAL = RootCount(0, True)
-
-
-@pytest.mark.parametrize(
-    ("edges", "leftward", "counts", "stable", "asked"),
-    [
-        # four unstable poles need two leftward boundaries, none one; beyond the last of them nothing is asked
-        ([1, 2, 3, 4, 5], [1, 1, 0, 1, 0], [4, 2, 0, 2, 0, 2], [(2, 3), (4, 5)], [0, 2, 4]),
-        ([1, 2, 3], [1, 0, 0], [1, 0, 2, 2], [(1, 2)], [0, 1]),
-        # a count that is not known forbids no interval, none is beyond the last
-        ([1, 2], [0, 1], [MARGINAL, 0, 0], [(1, 2), (2, INF)], [0, 1, 2]),
-        ([1], [0], [INF, MARGINAL], [], [0, 1]),
-        # two boundaries that are one but for rounding, far from 1 as well
-        ([1e6, 1e6 * (1 + 1e-13), 2e6], [1, 1, 0], [1, 1, 0, 2], [(1e6 * (1 + 1e-13), 2e6)], [0, 2]),
-    ],
-)
-def test_only_intervals_that_may_be_stable_are_counted(edges, leftward, counts, stable, asked):
-    told = []
-
-    def count(gain):
-        if gain in edges:
-            return MARGINAL
-        told.append(int(np.searchsorted(edges, gain)))
-        here = counts[told[-1]]
-        return here if isinstance(here, RootCount) else RootCount(here, False)
-
-    values = np.array(edges, dtype=float)
-    critical = CriticalGains(values, np.array(leftward, dtype=bool), INF)
-    assert list(stable_intervals(critical, 1.0, count, signed=True)) == stable
-    assert told == asked
 
 
 @pytest.mark.parametrize(("at", "stable"), [(RootCount(0, False), ((0.0, 9.0),)), (MARGINAL, ((0.0, 1.0), (1.0, 9.0)))])
 def test_intervals_on_both_sides_of_a_boundary_that_is_stable_itself_are_one(at, stable):
     critical = CriticalGains(np.array([1.0]), np.ones(1, dtype=bool), 9.0)
     assert stable_intervals(critical, 1.0, lambda k: at if k == 1 else RootCount(0, False), signed=False) == stable
-
-
-def test_a_gain_between_two_others_may_be_far_out():
-    ends = [(-INF, INF), (-INF, 3.0), (-7.0, INF), (0.0, INF), (2.0, 4.0)]
-    assert [probe(*pair, 5.0) for pair in ends] == [5.0, -2.0, 0.0, 5.0, 3.0]
-
-
-def test_common_intervals_are_those_of_all_and_have_a_width():
-    first, second = ((0.0, 2.0), (3.0, 6.0)), ((1.0, 3.0), (4.0, 5.0))
-    assert common_intervals([first, second]) == ((1.0, 2.0), (4.0, 5.0))
-    assert common_intervals([first, second, ((2.0, 4.5),)]) == ((4.0, 4.5),)
 
 
 # --- where F exp(tau s) + G is real on the axis, against closed forms and a scan -------------------------------------
@@ -529,14 +471,6 @@ def test_outline_of_a_set_that_begins_within_the_columns():
     assert outline(stabilizing_pi(1 / (S - 5), 2.4)) == ()
     (column,) = outline(region, kp=[2.0])
     assert column.ki_high == [region.ki_limit(2.0)]
-
-
-def test_an_outline_is_cut_at_the_lower_end_alone():
-    region = stabilizing_pi(1 / ((S**2 + 0.1 * S + 1) * (S + 1)))  # Routh: -1 < kp < 0.21
-    for limit, least in ((0.5, -0.5), (1.01, -1.0)):
-        (strip,) = outline(region, kp_limit=limit)
-        assert (strip.kp[0], strip.kp[-1]) == pytest.approx((least, 0.21), abs=2e-3)
-        assert strip.kp_cut == (limit < 1.0)
 
 
 def test_outline_of_a_set_that_goes_on_ends_where_it_is_told_to_and_says_so():

@@ -25,7 +25,7 @@ from railslip_ctrl.design.tuning import (
     simc_pi,
     tune_cases,
 )
-from railslip_ctrl.design.tuning_search import Family, Forbidden, _bracket, _inside, _tightest
+from railslip_ctrl.design.tuning_search import Family, Forbidden, _bracket, _tightest
 from railslip_ctrl.loop import DeadTimeLoop, Rational
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains, Rail
 
@@ -56,7 +56,7 @@ def test_least_worst_ms_over_the_twelve_points(ki_min, compensator, ms, kp):
     assert design.ki == ki_min
     # a brute-force search around and across finds nothing better
     rng = np.random.default_rng(3)
-    for factor, more in zip(rng.uniform(0.7, 1.5, 25), rng.uniform(1.0, 1.5, 25), strict=True):
+    for factor, more in zip(rng.uniform(0.7, 1.5, 10), rng.uniform(1.0, 1.5, 10), strict=True):
         controller = pi_transfer_function(design.kp * factor, ki_min * more)
         extra = compensator if compensator is not None else Rational(np.array([]), np.array([]), 1.0)
         worst = worst_of(family_margins([DeadTimeLoop(controller * extra * g, 0.15) for g in twelve_points()]))
@@ -144,31 +144,22 @@ def test_a_stable_plant_meets_every_ms_above_1(ms_max):
     [
         (twelve_points(), 0.15, {"ms_max": 2.0}, r"Ms <= 2 is asked for.*least worst Ms 4\.69.*add a lead"),
         (1 / (S - 5), 2.4, {"ms_max": 3.0}, "no PI stabilises"),
-        (
-            twelve_points()[4],
-            0.15,
-            {"minimise_ms": True, "ki_min": 1e6},
-            r"1e\+06 holds all plants; the largest",
-        ),
+        (twelve_points()[4], 0.15, {"minimise_ms": True, "ki_min": 1e6}, r"1e\+06 holds all plants; the largest"),
         (FAMILY, DEAD_TIMES, {"minimise_ms": True, "ki_min": 0.1, "ms_max": 1.2}, r"least worst Ms is 1\.366"),
         (twelve_points()[4], 0.15, {"phase_min_deg": 20}, r"largest phase margin 12\.\d+ deg"),
         (FAMILY, DEAD_TIMES, {"ms_max": 1.1}, r"least worst Ms 1\.27\d"),
         # under P control the crossover may tend to 0, where the phase leaves 1/0.5 s less the dead time
-        (
+        pytest.param(
             1 / (S - 0.5),
             0.1,
             {"ms_max": 1.6, "delay_min_s": 1.5},
             r"least worst Ms 1\.107, largest delay margin 1\.899 s; each",
+            marks=pytest.mark.long,
         ),
         (1 / S, 0.0, {"ms_max": 2.0}, "no largest value"),
         (1 / (S + 1), 0.0, {"ms_max": 2.0}, "no largest value"),
         (1 / S, 0.0, {"phase_min_deg": 60}, "no largest value"),
-        (
-            SLOW_AND_FAST,
-            2.4,
-            {"ms_max": 3.0, "names": ("dry", "icy")},
-            r"icy: no kp.*no PI can: add a lead",
-        ),
+        (SLOW_AND_FAST, 2.4, {"ms_max": 3.0, "names": ("dry", "icy")}, r"icy: no kp.*no PI can: add a lead"),
         (
             SLOW_AND_FAST,
             2.4,
@@ -238,7 +229,7 @@ def rescaled(plant, gain, time):
     return Rational(plant.zeros / time, plant.poles / time, gain * plant.gain * time ** -float(plant.relative_degree))
 
 
-@pytest.mark.parametrize(("gain", "time"), [(300.0, 1.0), (1e12, 1e-6), (1e-12, 1e6)])
+@pytest.mark.parametrize(("gain", "time"), [(1e12, 1e-6), pytest.param(1e-12, 1e6, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("poles", "dead_time", "asked"),
     [
@@ -297,7 +288,7 @@ def brute_force(plants, dead_times, ms_max, kp, ki):
     return 0.0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.long) for seed in (3, 4))])
 def test_brute_force_finds_nothing_better(seed):
     rng = np.random.default_rng(seed)
     pole, rest = rng.uniform(-1, 0.5), -(10 ** rng.uniform(-0.5, 1, int(rng.integers(0, 3))))
@@ -402,13 +393,6 @@ def test_a_bracket_holds_the_limit(limit):
     assert _bracket(lambda _: False, 0.0) is None
 
 
-@pytest.mark.parametrize("gap", [(2.0, 8.0), (-8.0, -2.0), (-1.0, 0.0), (0.0, 3.0), (-1.0, 5.0), (-5.0, 1.0)])
-def test_a_gain_inside_a_gap_is_of_the_order_of_the_smaller_end(gap):
-    inside = _inside(*gap)
-    assert gap[0] < inside < gap[1]
-    assert abs(inside) <= 2 * min(abs(end) for end in gap if end)
-
-
 @pytest.mark.parametrize(("margin", "best"), [("ms", 1.1070848), ("phase_deg", -64.591644), ("delay_s", -1.8992699)])
 def test_the_tightest_interval_is_where_a_margin_is_best(margin, best):
     # 1/(s - 0.5) with 0.1 s under P control, the best by a grid of 4000 gains
@@ -474,12 +458,13 @@ def test_gaps_are_what_the_margins_leave(name, wanted):
 def test_a_band_leaves_what_its_rows_leave_and_no_pole_on_the_axis(name):
     plant, dead_time = PLANTS[name]
     wanted, forbidden = Specification(ms_max=2.0), Forbidden.sampled([plant], [dead_time], [20.0])
-    critical = -1j * OMEGA / plant(1j * OMEGA) * np.exp(1j * OMEGA * dead_time)  # ki + j omega kp
+    response = plant(1j * OMEGA) * np.exp(-1j * OMEGA * dead_time)
+    critical = -1j * OMEGA / response  # ki + j omega kp
     for low, high in itertools.pairwise(np.geomspace(0.01, 10.0, 32)):
         band = forbidden.gaps(low, wanted, high)
-        for ki in np.linspace(low, high, 5):
-            for kp in np.random.default_rng(2).normal(size=40):
-                if allowed(plant, dead_time, kp, ki, wanted):
+        for ki in np.linspace(low, high, 3):
+            for kp in np.random.default_rng(2).normal(size=15):
+                if np.abs(1 + (kp - 1j * ki / OMEGA) * response).min() >= 1 / wanted.ms_max:
                     assert any(a - 1e-3 < kp < b + 1e-3 for a, b in band), (ki, kp)
         inside = (critical.real > low) & (critical.real < high)
         for kp in critical.imag[inside] / OMEGA[inside]:

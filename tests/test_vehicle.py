@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import LARGEST_FILE, one_line, read_toml
+from railslip_ctrl.core.user_files import LARGEST_FILE, one_line
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
 from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
 
@@ -384,24 +382,6 @@ def test_any_bytes_are_refused_in_one_line(content: bytes, suffix: str) -> None:
         _message(path)
 
 
-_SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | st.dates()
-_ANYTHING = st.recursive(
-    _SCALARS, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text(max_size=5), inner, max_size=2)
-)
-_KEYS = st.sampled_from(sorted(VehicleKeys.model_fields)) | st.text(max_size=5)
-
-
-@given(st.dictionaries(_KEYS, _ANYTHING, min_size=1, max_size=4))
-@settings(max_examples=100, deadline=None)
-def test_any_refused_values_make_one_printable_line(values: dict[str, object]) -> None:
-    lines = []
-    try:
-        VehicleKeys.__pydantic_validator__.validate_python(values)  # below what makes its error one of the package
-    except ValidationError as error:
-        lines = [one_line(error, "v.toml", model=VehicleKeys), one_line(error, "v.toml")]
-    assert all(line.startswith("v.toml: ") and line.isprintable() for line in lines)
-
-
 def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
     class Choice(BaseModel):
         rail: bytes
@@ -414,11 +394,3 @@ def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
         with pytest.raises(ValidationError) as caught:
             model.__pydantic_validator__.validate_python(values)
         assert one_line(caught.value, "x.toml") == f"x.toml: {line}"
-
-
-def test_read_toml_returns_the_tables_and_records_load_no_parser(file: Any) -> None:
-    assert read_toml(file("a = 1\n[b]\nc = 'd'\n")) == {"a": 1, "b": {"c": "d"}}
-    heavy = ("yaml", "tomllib", "pint")
-    code = f"import sys, railslip_ctrl.model.vehicle; print([m for m in {heavy} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -504,10 +504,6 @@ def _paper(report: DesignReport) -> Section | None:
     return Section("paper", "The paper", (Paragraph(text),)) if report.published else None
 
 
-def _value(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
 

@@ -371,7 +371,7 @@ def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = 
     """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
     those of the law of the first stops."""
     operating = operating_points(judgement.points)
-    first = _running_law(operating).name
+    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static one has a bound
     slips = {point.rail: point.slip for point in operating if point.law.name == first}
     held = {rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail}
     reference = judgement.envelope.reference or ReferenceSlip(**held)
@@ -408,11 +408,6 @@ def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scen
     car: Vehicle = point.vehicle
     own: str | AdhesionLaw = law if law in envelope.laws else in_reading(point.law.on(Rail.DRY), car)
     return stop(car, rail, speed_kmh=envelope.initial_speed, adhesion=own)
-
-
-def _running_law(operating: list[OperatingPoint]) -> AdhesionLaw:
-    """The law of the first stops: the first without a state, which has a bound, if there is one."""
-    return min((point.law for point in operating), key=lambda law: law.has_state)
 
 
 def _tolerance_stops(trial: Trial, judgement: Judgement) -> tuple[Stop, ...]:
@@ -636,7 +631,7 @@ def _designed(
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
         progress("the brake that would do")
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
-        return replace(empty, limits=_limits(blank), curves=_curves(blank), faster=brake)
+        return replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
     progress("braking runs")
     tied = [one for one in selection.choices if one.tier == selection.best.tier]
     trials = sorted((_trial(one, nominal) for one in tied), key=lambda trial: trial.rank)
@@ -663,7 +658,7 @@ def _designed(
         tolerance_stops=() if nominal else _tolerance_stops(trials[0], judgement),
         rolling=_rolling_loops(trials[0], judgement),
         limits=_limits(judgement),
-        curves=_curves(judgement),
+        curves=tuple(map(_curve, laws_of(judgement))),
         responses=_responses(in_use.worst, plain),
     )
     if not enough:
@@ -792,11 +787,6 @@ def _faster(envelope: Envelope, structure: str, held: Envelope, reaching: bool) 
 
 
 # --- adhesion -------------------------------------------------------------------------------------------------------
-
-
-def _curves(judgement: Judgement) -> tuple[LawCurve, ...]:
-    """The laws of the envelope, rail by rail."""
-    return tuple(_curve(point) for point in laws_of(judgement))
 
 
 def _curve(point: OperatingPoint) -> LawCurve:
