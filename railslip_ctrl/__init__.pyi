@@ -76,6 +76,7 @@ from .simulation import catalogue as catalogue
 from .simulation import simulate as simulate
 from .simulation import stop as stop
 from .simulation.campaign.statistics import campaign as campaign
+from .simulation.catalogue import seeking_control as seeking_control
 from .simulation.catalogue import slide_protection as slide_protection
 from .simulation.controller_files import load_controller as load_controller
 from .simulation.run_comparison import RunComparison as RunComparison

@@ -63,6 +63,7 @@ ROOMS = {
     "design/judging": "envelope",
     "design/limits": "limits",
     "design/schedule": "assessment",
+    "design/seeking": "seeking",
     "design/specification": "tuning",
     "design/stabilizing": "stabilizing",
     "design/tuning": "tuning assessment",
@@ -106,6 +107,8 @@ ROOMS = {
     "simulation/kernel": "simulation_engine simulation_physics",
     "simulation/run": "simulation_engine",
     "simulation/run_comparison": "compare_runs",
+    "simulation/seeking": "seeking",
+    "simulation/seeking_step": "seeking",
     "simulation/step_objects": "step_objects",
     "simulation/steps": "simulation_controllers scenarios",
 }

@@ -33,11 +33,12 @@ _TURNS = 22  # and over as many turns of the dead time, so that the first 20 pha
 _BELOW_FEATURES = 1e-4
 _CELL_RATIO = 1.5
 _ROUNDING = 1e-13  # of F over the sizes of its terms
+_NEAR_ORIGIN, _SERIES = 0.03, 12  # |s| delay in which so many terms of the series serve: 0.03^12 = 5e-19
 
 
 @dataclass(frozen=True)
 class QuasiPolynomial:
-    """F(s) = sum over k of c_k(s) exp(-k delay s).
+    """F(s) = s^-removed times the sum over k of c_k(s) exp(-k delay s).
 
     Parameters
     ----------
@@ -45,48 +46,87 @@ class QuasiPolynomial:
         Coefficients of c_0, c_1, ... in descending powers of s, real; c_0 not zero.
     delay : float
         s, >= 0.
+    removed : int
+        Zeros at s = 0 that the sum has and F has not: an integral over the delay is (1 - exp(-delay s))/s.
 
     InputError: no term, c_0 = 0, a coefficient that is not finite, or a delay that is negative or not finite.
     """
 
     terms: tuple[Floats, ...]
     delay: float
+    removed: int = 0
 
-    def __init__(self, terms: Sequence[ArrayLike], delay: float) -> None:
+    def __init__(self, terms: Sequence[ArrayLike], delay: float, removed: int = 0) -> None:
         arrays = tuple(np.atleast_1d(np.trim_zeros(np.atleast_1d(np.asarray(c, dtype=float)), "f")) for c in terms)
         arrays = tuple(c if c.size else np.zeros(1) for c in arrays)
         if not all(np.isfinite(c).all() for c in arrays):
             raise InputError("quasi-polynomial has a coefficient that is not finite; give finite numbers")
         object.__setattr__(self, "terms", arrays)
         object.__setattr__(self, "delay", number("delay", delay, "s", ge=0))
+        object.__setattr__(self, "removed", removed)
 
     def __call__(self, s: ArrayLike) -> Complexes:
         """F at complex s (1/s), any shape."""
         s = np.asarray(s, dtype=complex)
         q = np.exp(-self.delay * s)
-        return np.asarray(sum(np.polyval(c, s) * q**k for k, c in enumerate(self.terms)))
+        value = np.asarray(sum(np.polyval(c, s) * q**k for k, c in self._present))
+        if not self.removed:
+            return value
+        near = np.abs(s) * self.delay * len(self.terms) < _NEAR_ORIGIN  # where the sum cancels
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(near, np.polyval(self._series[::-1], s), value / s**self.removed)
+
+    @property
+    def bare(self) -> QuasiPolynomial:
+        """The sum alone, no zeros removed."""
+        return QuasiPolynomial(self.terms, self.delay)
+
+    @cached_property
+    def _series(self) -> Floats:
+        """Coefficients of F's Taylor series about 0, ascending."""
+        count = self.removed + _SERIES
+        series = np.zeros(count)
+        for k, c in enumerate(self.terms):
+            turn = np.cumprod([1.0, *(-k * self.delay / np.arange(1, count))])
+            series += np.convolve(c[::-1], turn)[:count]
+        return series[self.removed :]
 
     @cached_property
     def slope(self) -> QuasiPolynomial:
         """dF/ds."""
-        terms = enumerate(self.terms)
-        return QuasiPolynomial([np.polysub(np.polyder(c), k * self.delay * c) for k, c in terms], self.delay)
+        parts = []
+        for k, c in enumerate(self.terms):
+            change = np.polysub(np.polyder(c), k * self.delay * c)
+            parts.append(np.polysub(np.polymul(change, [1.0, 0.0]), self.removed * c) if self.removed else change)
+        return QuasiPolynomial(parts, self.delay, self.removed + 1 if self.removed else 0)
 
     def size(self, radius: Floats | float, left: Floats | float = 0.0) -> Floats:
         """Bound on |F| where |s| <= radius and Re s >= -left, both in 1/s, of one shape."""
+        if self.removed:  # Taylor's remainder
+            return self._derivative.size(radius, left) / math.factorial(self.removed)
         growth = np.exp(self.delay * left)
-        return np.asarray(sum(np.polyval(np.abs(c), radius) * growth**k for k, c in enumerate(self.terms)))
+        return np.asarray(sum(np.polyval(np.abs(c), radius) * growth**k for k, c in self._present))
+
+    @cached_property
+    def _derivative(self) -> QuasiPolynomial:
+        """Of the sum, as often as zeros are removed."""
+        return reduce(lambda one, _: one.slope, range(self.removed), self.bare)
+
+    @cached_property
+    def _present(self) -> list[tuple[int, Floats]]:
+        """The terms that are not 0, with their powers."""
+        return [(k, c) for k, c in enumerate(self.terms) if c.any()]
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        """Sum of two with the same delay."""
+        """Sum of two with the same delay and the same zeros removed."""
         pairs = zip_longest(self.terms, other.terms, fillvalue=np.zeros(1))
-        return QuasiPolynomial([np.polyadd(a, b) for a, b in pairs], self.delay)
+        return QuasiPolynomial([np.polyadd(a, b) for a, b in pairs], self.delay, self.removed)
 
     def times(self, polynomial: ArrayLike, power: int = 0) -> QuasiPolynomial:
         """F(s) * polynomial(s) * exp(-power delay s); coefficients in descending powers."""
         factor = np.asarray(polynomial, dtype=float)
         shifted = [np.zeros(1)] * power + [np.polymul(c, factor) for c in self.terms]
-        return QuasiPolynomial(shifted, self.delay)
+        return QuasiPolynomial(shifted, self.delay, self.removed)
 
     @property
     def undelayed(self) -> Floats:
@@ -104,7 +144,7 @@ class QuasiPolynomial:
     @property
     def degree(self) -> int:
         """Highest power of s."""
-        return max(c.size - 1 for c in self.terms)
+        return max(c.size - 1 for c in self.terms) - self.removed
 
     @property
     def retarded(self) -> bool:
@@ -133,7 +173,7 @@ class QuasiPolynomial:
 
     def _dominant_frequency(self) -> float:
         """omega beyond which the highest power exceeds twice the sum of all others."""
-        sizes = np.zeros(self.degree + 1)
+        sizes = np.zeros(self.degree + self.removed + 1)
         for c in self.terms:
             sizes[-c.size :] += 2 * np.abs(c / self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
@@ -165,6 +205,8 @@ class DelayedRatio:
     denominator: QuasiPolynomial
 
     def __post_init__(self) -> None:
+        if self.numerator.removed != self.denominator.removed:
+            raise InputError("delayed ratio: numerator and denominator have other zeros removed; remove the same")
         if self.numerator.delay != self.denominator.delay:
             raise InputError(
                 f"delays {self.numerator.delay:g} s and {self.denominator.delay:g} s differ; give both in the same unit"
@@ -237,9 +279,7 @@ class DelayedLoop(BoundedLoop):
     def open_loop_unstable_poles(self) -> int:
         """Zeros of D right of the imaginary axis, those at 0 left out. InputError where some are elsewhere on it."""
         den = self.ratio.denominator
-        at_origin = min(c.size - 1 - int(np.flatnonzero(c)[-1]) for c in den.terms if np.any(c))
-        rest = QuasiPolynomial([c[: max(c.size - at_origin, 1)] for c in den.terms], den.delay)
-        count = rest.count_right()
+        count = QuasiPolynomial(den.terms, den.delay, den.removed + den.zeros_at_origin).count_right()
         if count.marginal:
             raise InputError("delayed loop: L has poles on the imaginary axis; give it some damping")
         return int(count.right)
@@ -300,7 +340,7 @@ class DelayedLoop(BoundedLoop):
     @cached_property
     def _band(self) -> tuple[float, float]:
         """Frequencies, rad/s, below which nothing happens and above which |L| is small for certain."""
-        num, den = self.ratio.numerator, self.ratio.denominator
+        num, den = self.ratio.numerator.bare, self.ratio.denominator.bare
         lead, order, top = abs(den.terms[0][0]), den.degree, 1e-6
         # the highest power of D gains on all the rest
         while _SMALL * (2 * lead * top**order - den.size(top)) <= num.size(top):
@@ -309,6 +349,7 @@ class DelayedLoop(BoundedLoop):
         sizes = np.abs(np.concatenate([np.roots(c) for f in functions for c in (*f.terms, f.undelayed)]))
         # a root at the origin, or one that rounding of a leading coefficient puts far out, is no feature
         least = float(sizes[(sizes > 1e-9 * top) & (sizes < top)].min(initial=top))
-        if den.delay > 0:
-            least, top = min(least, 1 / den.delay), max(top, _TURNS * 2 * np.pi / den.delay)
+        longest = den.delay * max(len(num.terms) - 1, len(den.terms) - 1)
+        if longest > 0:
+            least, top = min(least, 1 / longest), max(top, _TURNS * 2 * np.pi / longest)
         return _BELOW_FEATURES * least, top

@@ -17,6 +17,7 @@ from railslip_ctrl.simulation import (
     Run,
     Scenario,
     ScheduledControl,
+    SeekingControl,
     Signals,
     SlideProtection,
     SlidingControl,
@@ -136,6 +137,8 @@ def gain_values(controller: Controller) -> dict[str, Any]:
     if isinstance(controller, SlideProtection):
         rates = ("dump_deceleration", "fill_rate", "dump_rate")
         return exported(controller, "fill_slip", "dump_slip", **{f"{name}_si": name for name in rates})
+    if isinstance(controller, SeekingControl):
+        return {f"{name}_si": value for name, value in controller.gains.model_dump().items()}
     return {}
 
 
@@ -258,6 +261,13 @@ def _controller(controller: Controller) -> str:
             f"{controller.name}, fills below slip {controller.fill_slip:g} by {controller.fill_rate:g} N·m/s, dumps "
             f"above {controller.dump_slip:g} or {controller.dump_deceleration:g} m/s² by {controller.dump_rate:g} N·m/s"
         )
+    if isinstance(controller, SeekingControl):
+        seeking = controller.gains
+        return (
+            f"{controller.name}, its own reference slip from {seeking.least_slip:g} to {seeking.largest_slip:g}, kappa "
+            f"{seeking.kappa:.4g} 1/s, torque time {seeking.torque_time:.4g} s, observer {seeking.observer_time:.4g} s"
+            f", for a dead time of {seeking.dead_time:g} s and a lag of {seeking.lag:g} s"
+        )
     if isinstance(controller, TorqueProfile):
         return (
             f"{controller.name}, torque over time: {len(controller.times)} points, {min(controller.torques):g} to "
@@ -294,6 +304,8 @@ def _controller_limits(run: Run) -> str:
         )
     if isinstance(controller, SlideProtection):
         return f"torque {_range(0.0, controller.torque_high)}, filter of deceleration {controller.filter_time:g} s"
+    if isinstance(controller, SeekingControl):
+        return f"torque {_range(0.0, controller.torque_high)}"
     return "none"
 
 

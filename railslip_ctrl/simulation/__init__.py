@@ -3,8 +3,8 @@
 Begin with `simulate` in `run`. `scenario` says what a run is and reads its files; `controllers` and `step_objects`
 are what brakes, `catalogue` has those with a name and `controller_files` those of the user. `kernel` is the
 integration loop and `steps` the controllers' samples: their texts are put together and compiled by Numba, so a law of
-adhesion and a controller cost no call. `bound` is the stop that no controller can beat, `run_comparison` compares runs
-with it, `campaign` makes many of them.
+adhesion and a controller cost no call. `seeking` is the controller that finds the peak of adhesion, `seeking_step` its
+sample. `bound` is the stop that no controller can beat, `run_comparison` compares runs with it, `campaign` makes many.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from .scenario import (
     published_scenario,
     stop,
 )
+from .seeking import SeekingControl
 from .step_objects import StepControl
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Run",
     "Scenario",
     "ScheduledControl",
+    "SeekingControl",
     "Signals",
     "Simulator",
     "SlideProtection",

@@ -29,6 +29,7 @@ from railslip_ctrl.design.controllers import (
 )
 from railslip_ctrl.design.envelope_tuning import SURE_SHARE, EnvelopeDesign, operating_plants
 from railslip_ctrl.design.schedule import GainSchedule, ScheduleEntry
+from railslip_ctrl.design.seeking import seeking_gains
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, published_law
 from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
@@ -42,6 +43,7 @@ from railslip_ctrl.sliding.law import TABLE4_LAWS, LawGains
 
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl
 from .scenario import named_law
+from .seeking import SeekingControl
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -332,6 +334,38 @@ def slide_protection(
     )
 
 
+@checked
+def seeking_control(
+    vehicle: Vehicle | None = None, *, reference: ReferenceSlip | None = None, period: float | None = None
+) -> SeekingControl:
+    """The controller that seeks the peak of adhesion, with the gains that `seeking_gains` has for a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle, optional
+        Left out, the published one, SI. Its wheel, wheel load and actuator count, its mass does not.
+    reference : ReferenceSlip, optional
+        Slip ratios that its error is taken against; left out, the published.
+    period : float, optional
+        Sampling period, s; left out, 10 ms.
+
+    Returns
+    -------
+    SeekingControl
+        In SI.
+
+    Raises
+    ------
+    InputError
+        A vehicle whose brake has no dead time, by which its gains go.
+    """
+    car = PARK2008 if vehicle is None else vehicle
+    gains = seeking_gains(car, full_brake_torque(car))
+    return SeekingControl(
+        gains, reference or published_reference("bristle"), period=PERIOD if period is None else period
+    )
+
+
 def published_vehicle() -> Vehicle:
     """The published quarter car in the as-published reading."""
     return PARK2008.model_copy(update={"inertia_scale": AS_PUBLISHED_INERTIA_SCALE})
@@ -435,7 +469,7 @@ def _schedule(vehicle: Vehicle) -> GainSchedule:
 # --- by name ----------------------------------------------------------------------------------------------------------
 
 
-NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection")
+NAMES = ("pi", "asmc", "pi-lead", "scheduled", "slide-protection", "seeking")
 """Names of the controllers that come with the package."""
 
 _LINEAR = ("pi", "pi-lead")
@@ -501,6 +535,8 @@ def controller_named(
         return recommended_schedule(vehicle, reference=held, period=period)
     if name == "slide-protection":
         return slide_protection(vehicle, reference=held, period=period)
+    if name == "seeking":
+        return seeking_control(vehicle, reference=held, period=period)
     if name == "pi-lead":
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
     if gains is not None:

@@ -55,6 +55,7 @@ from railslip_ctrl.design.controllers import (
     linear_of,
 )
 from railslip_ctrl.design.schedule import GainSchedule
+from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, load_law
 from railslip_ctrl.model.vehicle import PIGains, Record
 from railslip_ctrl.sliding.law import LawGains
@@ -62,6 +63,7 @@ from railslip_ctrl.sliding.law import LawGains
 from .catalogue import FILTER_TIME, published_reference
 from .controllers import Controller, LinearControl, ScheduledControl, SlideProtection, SlidingControl, TorqueProfile
 from .scenario import LEAST_STEP
+from .seeking import SeekingControl
 
 
 class ControllerKeys(Record):
@@ -235,6 +237,14 @@ class SlideProtectionKeys(ControllerKeys):
         return {**super().fields(), "torque_high": self.torque_max}
 
 
+class SeekingKeys(ControllerKeys):
+    """`kind = "seeking"`: the fields of `SeekingGains`; those with a default may be left out."""
+
+    gains: SeekingGains
+    period: float = quantity("s", "sampling period", ge=LEAST_STEP, default=PERIOD)
+    makes = SeekingControl
+
+
 class TorqueProfileKeys(ControllerKeys):
     """`kind = "torque-profile"`: times, s, and torques, N*m, as lists of numbers, or of texts with units."""
 
@@ -251,6 +261,7 @@ KINDS: dict[str, type[ControllerKeys]] = {
     "asmc": SlidingKeys,
     "scheduled": ScheduledKeys,
     "slide-protection": SlideProtectionKeys,
+    "seeking": SeekingKeys,
     "torque-profile": TorqueProfileKeys,
 }
 

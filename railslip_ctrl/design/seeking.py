@@ -1,0 +1,171 @@
+"""The gains of the seeking slip controller, from vehicle and actuator.
+
+It is told neither rail nor mass nor adhesion curve. Its parts are in `simulation.seeking_step`.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Self
+
+import numpy as np
+from pydantic import model_validator
+
+from railslip_ctrl.core.arguments import checked
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.units import KMH, quantity
+from railslip_ctrl.loop.quasi import DelayedLoop, DelayedRatio, QuasiPolynomial
+from railslip_ctrl.model.linearization import OperatingPoint, linearize
+from railslip_ctrl.model.numeric import numeric_plant, plant_parameters
+from railslip_ctrl.model.vehicle import Actuator, Record, Vehicle
+
+
+class SeekingGains(Record):
+    """All numbers of a seeking controller: what it believes of wheel and actuator, and what it does with that; SI.
+
+    InputError for a number out of its range, or slips or speeds that are not in order.
+    """
+
+    inertia: float = quantity("kg*m^2", "wheel inertia J", gt=0)
+    viscous_friction: float = quantity("N*m*s", "viscous friction B", ge=0)
+    wheel_load: float = quantity("N", "wheel load, by which its map is scaled", gt=0)
+    dead_time: float = quantity("s", "dead time theta of the actuator", ge=0)
+    lag: float = quantity("s", "lag of the actuator", ge=0)
+    torque_high: float = quantity("N*m", "largest torque", gt=0)
+
+    kappa: float = quantity("1/s", "rate at which the inner loop takes away the slip error", gt=0)
+    torque_time: float = quantity("s", "time constant that the acting torque is given", gt=0)
+    observer_time: float = quantity("s", "time constant of the adhesion-torque observer", gt=0)
+    deceleration_time: float = quantity("s", "time constant of the train's deceleration", gt=0)
+
+    start_lead: float = quantity("s", "lead on the slip that ends the fast start", ge=0)
+    start_slip: float = quantity("1", "slip, with the lead, that ends the fast start", gt=0, lt=1, default=0.12)
+    elasticity: float = quantity("1", "d ln Ta/d ln slip below which the fast start ends", gt=0, lt=1, default=0.18)
+
+    first_slip: float = quantity("1", "reference slip at the start", gt=0, lt=1, default=0.11)
+    least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.008)
+    largest_slip: float = quantity("1", "largest reference slip", gt=0, lt=1, default=0.11)
+    forgetting: float = quantity("s", "time constant with which the map forgets", gt=0, default=0.82)
+    curvature: float = quantity("1", "weight of the map's curvature", gt=0, default=3e-4)
+    flatness: float = quantity("1", "share of the adhesion given away for less slip", gt=0, lt=1, default=0.0056)
+    rise: float = quantity("1/s", "largest rate of the reference slip, upwards", gt=0, default=0.022)
+    fall: float = quantity("1/s", "largest rate of the reference slip, downwards", gt=0, default=0.36)
+
+    fade_speed: float = quantity("m/s", "speed below which the reference slip fades", gt=0, default=27 * KMH)
+    hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=13 * KMH)
+    last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=5 * KMH)
+    hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.88)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.93)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        for names in (("least_slip", "first_slip", "largest_slip"), ("last_speed", "hand_over_speed", "fade_speed")):
+            values = [getattr(self, name) for name in names]
+            if values != sorted(values):
+                told = ", ".join(f"{value:g}" for value in values)
+                raise InputError(f"{names[0]}: {told} are not in order; give {' <= '.join(names)}")
+        return self
+
+
+@checked
+def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
+    """The gains for a vehicle, by rules in its dead time theta: kappa = 0.134/theta, torque time 0.58 theta,
+    observer 0.34 theta, deceleration 0.52 theta, start lead 0.9 theta. The factors were searched for over stops.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its wheel, wheel load and actuator; its mass is not used.
+    torque_high : float
+        Largest torque of the brake, N*m.
+
+    Raises
+    ------
+    InputError
+        A brake without dead time, or a torque that is not positive.
+    """
+    dead_time = vehicle.actuator.dead_time
+    if dead_time <= 0:
+        raise InputError(f"seeking: dead_time {dead_time:g} s is not allowed; its gains go by it, give one > 0")
+    return SeekingGains(
+        inertia=vehicle.effective_inertia,
+        viscous_friction=vehicle.inertia_scale * vehicle.wheel.viscous_friction,
+        wheel_load=vehicle.wheel_load,
+        dead_time=dead_time,
+        lag=vehicle.actuator.lag,
+        torque_high=torque_high,
+        kappa=0.134 / dead_time,
+        torque_time=0.58 * dead_time,
+        observer_time=0.34 * dead_time,
+        deceleration_time=0.52 * dead_time,
+        start_lead=0.9 * dead_time,
+    )
+
+
+_COMMON = 20
+"""Largest whole number of parts that the believed dead time is divided into, of which the brake's is a multiple."""
+
+
+@checked
+def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator | None = None) -> DelayedLoop:
+    """The exact loop of the inner part at a point, broken at the acting torque; its reference is the point's slip.
+
+    The speed is frozen, its rate is not. With E = exp(-theta s), Q = 1/(tau_o s + 1) of the observer, Qa of the
+    deceleration, G and A from the acting torque to sigma and v', lambda the slip ratio, a the deceleration:
+    L = E J/r [(1 + kappa theta)(s Q G + ((1 - lambda) Qa - Q) A + a/v G) + kappa (G - lambda theta Qa A)] / [tau_c s +
+    1 + kappa (1 - E)/s - (1 + kappa theta) Q E]. It runs sampled; this is the loop of a short period.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+    gains : SeekingGains
+        What the controller believes of wheel and brake, and its own numbers.
+    actuator : Actuator, optional
+        The brake, s; left out, as believed.
+
+    Returns
+    -------
+    DelayedLoop
+        Of several commensurate delays where the dead times differ, dimensionless.
+
+    Raises
+    ------
+    InputError
+        A dead time that is no multiple of a part (down to a twentieth) of the believed one.
+    """
+    believed = Actuator(dead_time=gains.dead_time, lag=gains.lag)
+    brake = believed if actuator is None else actuator
+    share = Fraction(brake.dead_time / gains.dead_time).limit_denominator(_COMMON)
+    if not math.isclose(share, brake.dead_time / gains.dead_time, rel_tol=1e-9):
+        raise InputError(
+            f"dead_time: {brake.dead_time:g} s is not allowed; give a multiple of {gains.dead_time / _COMMON:g} s"
+        )
+    den, sigma, v_rate = _responses(point)
+    law = point.law
+    now = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0, 0.0)
+    rate = -float(numeric_plant(type(law)).rates(*now, plant_parameters(law, point.vehicle))[0]) / point.speed  # a/v
+    more, slip, ratio = 1 + gains.kappa * gains.dead_time, point.slip, gains.inertia / point.vehicle.wheel.radius
+    s, observer, slow = (
+        np.poly1d([tau, one]) for tau, one in ((1, 0), (gains.observer_time, 1), (gains.deceleration_time, 1))
+    )
+    holding = s * slow * sigma + ((1 - slip) * observer - slow) * v_rate + rate * observer * slow * sigma
+    error = observer * slow * sigma - slip * gains.dead_time * observer * v_rate
+    above = ratio * (more * holding + gains.kappa * error) * np.poly1d([believed.lag, 1]) * s
+    undelayed = observer * np.poly1d([gains.torque_time, 1]) * s + gains.kappa * observer
+    delayed = -(gains.kappa * observer + more * s)
+    rest = den * slow * np.poly1d([brake.lag, 1])
+    part = gains.dead_time / share.denominator
+    numerator = QuasiPolynomial([*[[0.0]] * share.numerator, above.coeffs], part, removed=1)
+    gap = [[0.0]] * (share.denominator - 1)
+    denominator = QuasiPolynomial([(undelayed * rest).coeffs, *gap, (delayed * rest).coeffs], part, removed=1)
+    return DelayedLoop(DelayedRatio(numerator, denominator))
+
+
+def _responses(point: OperatingPoint) -> tuple[np.poly1d, np.poly1d, np.poly1d]:
+    """Common denominator, and numerators of acting torque to sigma and to v', the speed frozen."""
+    plant, moving = linearize(point), linearize(point, speed_state=True)
+    den = np.poly1d(np.poly(plant.A).real)
+    sigma = np.array([[float(name == "sigma") for name in plant.states]])
+    found = [np.poly1d(np.poly(plant.A - plant.B @ row).real) - den for row in (sigma, moving.A[:1, 1:])]
+    return den, found[0], found[1]

@@ -1,0 +1,325 @@
+"""One sample of the seeking slip controller: it finds the peak of adhesion without being told rail, mass or curve.
+
+The text of this module is compiled into the loop of a braking run. The parts, in the order in which a sample runs them:
+model of the actuator, adhesion-torque observer, predictor over the dead time, map of adhesion and peak seeking, then
+fast start or inner loop, low-speed hand-over, re-adhesion. x and c are laid out by the names below; SI.
+"""
+
+from __future__ import annotations
+
+import math
+
+from railslip_ctrl.model.kernels import compiled
+
+# the controller's row c: reference slip and wheel radius, then its own numbers
+RADIUS = 1
+(
+    INERTIA,
+    FRICTION,
+    WHEEL_LOAD,
+    DEAD_TIME,
+    LAG,
+    PERIOD,
+    TORQUE_HIGH,
+    KAPPA,
+    TAU_C,
+    TAU_O,
+    TAU_A,
+    START_LEAD,
+    START_SLIP,
+    ELASTICITY,
+    FIRST_SLIP,
+    LEAST_SLIP,
+    LARGEST_SLIP,
+    FORGETTING,
+    CURVATURE,
+    FLATNESS,
+    RISE,
+    FALL,
+    HAND_OVER_SPEED,
+    FADE_SPEED,
+    HAND_OVER_SHARE,
+    LAST_SHARE,
+    LAST_SPEED,
+    RING,
+    KNOTS,
+    FIRST_KNOT,
+) = range(2, 32)
+
+# the state x
+(
+    SAMPLES,
+    TORQUE_AHEAD,
+    FILTERED_OMEGA,
+    FILTERED_TORQUE,
+    FILTERED_SIGMA,
+    FILTERED_SPEED,
+    SLOW_SPEED,
+    ADHESION_TORQUE,
+    DECELERATION,
+    HOLDING_TORQUE,
+    SIGMA_AHEAD,
+    SPEED_AHEAD,
+    SLIP_RATE,
+    REFERENCE_SLIP,
+    PEAK,
+    STARTING,
+    LAST_LOG_TORQUE,
+    LAST_LOG_SLIP,
+    FLAT_SAMPLES,
+    LOW_TIME,
+    MEAN_TORQUE,
+    QUICK_TORQUE,
+    MEAN_HOLDING,
+    HISTORY,
+) = range(24)
+
+_MEAN_TIME = 0.5  # s, of the means that a rise of adhesion and the hand-over are judged by
+_QUICK_TIME = 0.05  # s
+AGAIN = 2.0  # in STARTING: after a rise of adhesion; 1: the first start, 0: none
+_AGAIN_TORQUE = 3.0  # of what held the slip before: dry after wet takes twice as much
+_TINY = 1e-9  # of the map: weight of a knot never visited
+_LOWEST_SLIP = 1e-4  # whose logarithm is taken
+
+
+@compiled
+def actuator_model(x, c, applied):
+    """Acting torque ahead of the dead time, from the command that the brake took; into its history."""
+    k, ring = int(x[SAMPLES]), int(c[RING])
+    if k > 0:
+        x[TORQUE_AHEAD] += (1.0 - math.exp(-c[PERIOD] / c[LAG]) if c[LAG] > 0.0 else 1.0) * (applied - x[TORQUE_AHEAD])
+    x[HISTORY + k % ring] = x[TORQUE_AHEAD]
+
+
+@compiled
+def torque_ago(x, c, samples):
+    """The modelled torque a number of samples ago, N*m; 0 before the first, in between linear."""
+    k, ring, whole = int(x[SAMPLES]), int(c[RING]), int(samples)
+    share = samples - whole
+    late = x[HISTORY + (k - whole) % ring] if k >= whole else 0.0
+    later = x[HISTORY + (k - whole - 1) % ring] if k > whole else 0.0
+    return (1.0 - share) * late + share * later
+
+
+@compiled
+def observe(x, c, v, omega):
+    """Adhesion torque Ta = (J omega' + B omega + T)/(tau_o s + 1), and the torque that holds the slip ratio."""
+    sigma = v - c[RADIUS] * omega
+    if x[SAMPLES] == 0.0:
+        x[FILTERED_OMEGA], x[FILTERED_SIGMA], x[FILTERED_SPEED], x[SLOW_SPEED] = omega, sigma, v, v
+    blend, slow = 1.0 - math.exp(-c[PERIOD] / c[TAU_O]), 1.0 - math.exp(-c[PERIOD] / c[TAU_A])
+    acting = torque_ago(x, c, c[DEAD_TIME] / c[PERIOD])
+    x[FILTERED_OMEGA] += blend * (omega - x[FILTERED_OMEGA])
+    x[FILTERED_TORQUE] += blend * (acting - x[FILTERED_TORQUE])
+    x[FILTERED_SIGMA] += blend * (sigma - x[FILTERED_SIGMA])
+    x[FILTERED_SPEED] += blend * (v - x[FILTERED_SPEED])
+    rate = blend / (1.0 - blend) / c[PERIOD]  # of a filtered value to its derivative
+    x[SLIP_RATE] = rate * (sigma - x[FILTERED_SIGMA])
+    spin = rate * (omega - x[FILTERED_OMEGA])
+    x[ADHESION_TORQUE] = c[INERTIA] * spin + c[FRICTION] * x[FILTERED_OMEGA] + x[FILTERED_TORQUE]
+    x[SLOW_SPEED] += slow * (v - x[SLOW_SPEED])
+    x[DECELERATION] = slow / (1.0 - slow) / c[PERIOD] * (x[SLOW_SPEED] - v)
+    turning = c[INERTIA] / c[RADIUS] * x[DECELERATION] * (1.0 - sigma / v)
+    x[HOLDING_TORQUE] = x[ADHESION_TORQUE] + turning - c[FRICTION] * x[FILTERED_OMEGA]
+
+
+@compiled
+def predict(x, c, v, sigma):
+    """Slip velocity and train speed when a command of now acts, the adhesion torque as it is."""
+    count = c[DEAD_TIME] / c[PERIOD]
+    under_way = 0.0
+    for i in range(int(count)):
+        under_way += torque_ago(x, c, float(i)) * c[PERIOD]
+    under_way += (count - int(count)) * c[PERIOD] * torque_ago(x, c, count)
+    x[SIGMA_AHEAD] = sigma + c[RADIUS] / c[INERTIA] * (under_way - c[DEAD_TIME] * x[HOLDING_TORQUE])
+    x[SPEED_AHEAD] = v - c[DEAD_TIME] * x[DECELERATION]
+
+
+@compiled
+def learn(x, c):
+    """Weigh the adhesion of now into the map, linear between its knots of slip; what is old is forgotten."""
+    knots = int(c[KNOTS])
+    matrix, side = HISTORY + int(c[RING]), HISTORY + int(c[RING]) + 2 * knots
+    kept = math.exp(-c[PERIOD] / c[FORGETTING])
+    for i in range(knots):
+        x[matrix + 2 * i] *= kept
+        x[matrix + 2 * i + 1] *= kept
+        x[side + i] *= kept
+    slip = x[FILTERED_SIGMA] / x[FILTERED_SPEED]
+    if x[SAMPLES] * c[PERIOD] <= c[DEAD_TIME] + 2.0 * c[TAU_O] or not 0.0 < slip < c[FIRST_KNOT + knots - 1]:
+        return
+    coefficient = x[ADHESION_TORQUE] / (c[WHEEL_LOAD] * c[RADIUS])
+    j = 0
+    while slip > c[FIRST_KNOT + j + 1]:
+        j += 1
+    share = (slip - c[FIRST_KNOT + j]) / (c[FIRST_KNOT + j + 1] - c[FIRST_KNOT + j])
+    x[matrix + 2 * j] += (1.0 - share) ** 2
+    x[matrix + 2 * j + 1] += share * (1.0 - share)
+    x[matrix + 2 * j + 2] += share**2
+    x[side + j] += (1.0 - share) * coefficient
+    x[side + j + 1] += share * coefficient
+
+
+@compiled
+def forget(x, c):
+    """Empty the map."""
+    matrix = HISTORY + int(c[RING])
+    for i in range(3 * int(c[KNOTS])):
+        x[matrix + i] = 0.0
+
+
+@compiled
+def solve_map(x, c):
+    """The adhesion coefficients at the knots that fit what was weighed in, with little curvature: regularised least
+    squares, by Cholesky's factors of a matrix with five diagonals; into the room behind the sums."""
+    knots = int(c[KNOTS])
+    matrix = HISTORY + int(c[RING])
+    side, factors, found = matrix + 2 * knots, matrix + 3 * knots, matrix + 6 * knots
+    for i in range(knots):
+        x[factors + 3 * i] = x[matrix + 2 * i] + _TINY
+        x[factors + 3 * i + 1] = x[matrix + 2 * i + 1]
+        x[factors + 3 * i + 2] = 0.0
+        x[found + i] = x[side + i]
+    for i in range(knots - 2):
+        near = c[FIRST_KNOT + i + 1] - c[FIRST_KNOT + i]
+        far = c[FIRST_KNOT + i + 2] - c[FIRST_KNOT + i + 1]
+        mean = 0.5 * (near + far)
+        a, b, d = mean / near, -mean / near - mean / far, mean / far
+        x[factors + 3 * i] += c[CURVATURE] * a * a
+        x[factors + 3 * i + 1] += c[CURVATURE] * a * b
+        x[factors + 3 * i + 2] += c[CURVATURE] * a * d
+        x[factors + 3 * i + 3] += c[CURVATURE] * b * b
+        x[factors + 3 * i + 4] += c[CURVATURE] * b * d
+        x[factors + 3 * i + 6] += c[CURVATURE] * d * d
+    for i in range(knots):  # L D L', rows of D, and of L' next to it
+        pivot, first, second = x[factors + 3 * i], x[factors + 3 * i + 1], x[factors + 3 * i + 2]
+        if i + 1 < knots:
+            x[factors + 3 * i + 3] -= first * first / pivot
+            x[factors + 3 * i + 4] -= first * second / pivot
+            x[found + i + 1] -= first / pivot * x[found + i]
+        if i + 2 < knots:
+            x[factors + 3 * i + 6] -= second * second / pivot
+            x[found + i + 2] -= second / pivot * x[found + i]
+    for back in range(knots):
+        i = knots - 1 - back
+        total = x[found + i]
+        if i + 1 < knots:
+            total -= x[factors + 3 * i + 1] * x[found + i + 1]
+        if i + 2 < knots:
+            total -= x[factors + 3 * i + 2] * x[found + i + 2]
+        x[found + i] = total / x[factors + 3 * i]
+
+
+@compiled
+def peak_of_map(x, c):
+    """The least slip ratio within the flatness of the map's highest adhesion."""
+    knots = int(c[KNOTS])
+    found = HISTORY + int(c[RING]) + 6 * knots
+    best = x[found]
+    for i in range(knots):
+        best = max(best, x[found + i])
+    enough = best * (1.0 - c[FLATNESS])
+    for i in range(knots - 1):
+        low, high = x[found + i], x[found + i + 1]
+        if low < enough <= high:
+            return c[FIRST_KNOT + i] + (enough - low) / (high - low) * (c[FIRST_KNOT + i + 1] - c[FIRST_KNOT + i])
+    return c[LARGEST_SLIP]
+
+
+@compiled
+def seek(x, c):
+    """Move the reference slip towards the peak of the map, at most at its rates."""
+    learn(x, c)
+    if int(x[SAMPLES]) % 5 == 0 and x[SAMPLES] * c[PERIOD] > 2.0 * c[DEAD_TIME]:
+        solve_map(x, c)
+        x[PEAK] = peak_of_map(x, c)
+    if x[PEAK] > 0.0 and x[STARTING] == 0.0:
+        goal = min(max(x[PEAK], c[LEAST_SLIP]), c[LARGEST_SLIP])
+        x[REFERENCE_SLIP] += min(max(goal - x[REFERENCE_SLIP], -c[FALL] * c[PERIOD]), c[RISE] * c[PERIOD])
+
+
+@compiled
+def fading(v, c):
+    """The share of the reference slip to be held at a speed."""
+    if v >= c[FADE_SPEED]:
+        return 1.0
+    return 0.7 + 0.3 * max(v - c[HAND_OVER_SPEED], 0.0) / (c[FADE_SPEED] - c[HAND_OVER_SPEED])
+
+
+@compiled
+def fast_start(x, c, v, sigma, reference):
+    """The largest torque; it ends where the slip is about to pass the start's, or adhesion rises no more with it."""
+    if sigma + c[START_LEAD] * x[SLIP_RATE] >= min(c[START_SLIP], 0.85 * reference) * v:
+        x[STARTING] = 0.0
+    slip, elasticity = x[FILTERED_SIGMA] / x[FILTERED_SPEED], 1.0
+    if x[ADHESION_TORQUE] > 0.0 and slip > _LOWEST_SLIP:
+        log_torque, log_slip = math.log(x[ADHESION_TORQUE]), math.log(slip)
+        if x[LAST_LOG_SLIP] != 0.0 and log_slip - x[LAST_LOG_SLIP] > 1e-3:
+            elasticity = (log_torque - x[LAST_LOG_TORQUE]) / (log_slip - x[LAST_LOG_SLIP])
+        x[LAST_LOG_TORQUE], x[LAST_LOG_SLIP] = log_torque, log_slip
+    flat = elasticity < c[ELASTICITY] and x[ADHESION_TORQUE] > 0.1 * c[WHEEL_LOAD] * c[RADIUS]
+    x[FLAT_SAMPLES] = x[FLAT_SAMPLES] + 1.0 if flat else 0.0
+    if x[FLAT_SAMPLES] >= 2.0:
+        x[STARTING] = 0.0
+    x[LOW_TIME], x[MEAN_TORQUE], x[QUICK_TORQUE] = 0.0, x[ADHESION_TORQUE], x[ADHESION_TORQUE]
+    if x[STARTING] == AGAIN:
+        return min(c[TORQUE_HIGH], _AGAIN_TORQUE * x[MEAN_HOLDING])
+    return c[TORQUE_HIGH]
+
+
+@compiled
+def inner_loop(x, c, reference):
+    """The torque that brings the predicted slip to the reference with kappa, and the acting torque to it in tau_c."""
+    error = reference * x[SPEED_AHEAD] - x[SIGMA_AHEAD]
+    wanted = x[HOLDING_TORQUE] + c[INERTIA] / c[RADIUS] * c[KAPPA] * error
+    below = min(max((error / (reference * x[SPEED_AHEAD]) - 0.25) / 0.75, 0.0), 1.0)
+    if below > 0.0:
+        wanted = max(wanted, x[HOLDING_TORQUE] * (1.0 + 0.3 * below))
+    return wanted
+
+
+@compiled
+def hand_over(x, c, v, wanted):
+    """Below the hand-over speed at most a share of what held the slip before, which falls with the speed."""
+    if v >= c[HAND_OVER_SPEED]:
+        x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
+        return wanted
+    slow = min((c[HAND_OVER_SPEED] - v) / (c[HAND_OVER_SPEED] - c[LAST_SPEED]), 1.0)
+    return min(wanted, (c[HAND_OVER_SHARE] - (c[HAND_OVER_SHARE] - c[LAST_SHARE]) * slow) * x[MEAN_HOLDING])
+
+
+@compiled
+def readhesion(x, c, v, slip, reference):
+    """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before."""
+    x[LOW_TIME] = x[LOW_TIME] + c[PERIOD] if slip < 0.69 * reference else 0.0
+    x[QUICK_TORQUE] += c[PERIOD] / _QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
+    x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
+    rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
+    if v > c[HAND_OVER_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
+        x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = AGAIN, 0.0, 0.0, 0.0
+        forget(x, c)
+
+
+@compiled
+def seeking(x, t, v, omega, applied, c, table):
+    """The seeking controller; x: what the names above say, the history of torque, then the map."""
+    if not (math.isfinite(v) and math.isfinite(omega)) or v <= 0.0:
+        return applied
+    if x[SAMPLES] == 0.0:
+        x[REFERENCE_SLIP], x[STARTING] = c[FIRST_SLIP], 1.0
+    sigma = v - c[RADIUS] * omega
+    actuator_model(x, c, applied)
+    observe(x, c, v, omega)
+    predict(x, c, v, sigma)
+    reference = x[REFERENCE_SLIP] * fading(v, c)
+    seek(x, c)
+    if x[STARTING] > 0.0:
+        if v >= c[HAND_OVER_SPEED]:
+            x[MEAN_HOLDING] += c[PERIOD] / _MEAN_TIME * (x[HOLDING_TORQUE] - x[MEAN_HOLDING])
+        torque = fast_start(x, c, v, sigma, reference)
+    else:
+        wanted = hand_over(x, c, v, inner_loop(x, c, reference))
+        torque = x[TORQUE_AHEAD] + c[LAG] / c[TAU_C] * (wanted - x[TORQUE_AHEAD])
+        readhesion(x, c, v, sigma / v, reference)
+    x[SAMPLES] += 1.0
+    return min(max(torque, 0.0), c[TORQUE_HIGH])

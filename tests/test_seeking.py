@@ -1,0 +1,258 @@
+"""The seeking controller: its parts against closed forms, its loop block by block, its stops against bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import control as ct
+import numpy as np
+import pytest
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
+from railslip_ctrl.loop.quasi import QuasiPolynomial
+from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
+from railslip_ctrl.simulation import BrakeLimits, Event, Simulator, simulate, stop
+from railslip_ctrl.simulation import seeking_step as step
+from railslip_ctrl.simulation.bound import clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import seeking_control
+from railslip_ctrl.simulation.controller_files import load_controller
+from railslip_ctrl.simulation.controllers import Situation
+from railslip_ctrl.simulation.seeking import KNOTS
+
+GAINS = seeking_gains(PARK2008, 9000.0)
+CONTROL = seeking_control()
+PERIOD = 0.01
+
+
+@pytest.fixture
+def row():
+    situation = Situation(stop(PARK2008, "dry"), Rail.DRY, published_law("curve", "dry"), PERIOD)
+    return np.array([0.132, PARK2008.wheel.radius, *CONTROL.row(situation), 0.0])
+
+
+@pytest.fixture
+def state():
+    return np.array(CONTROL.start(27.0))
+
+
+# --- parts ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_observer_finds_a_constant_adhesion_torque(row, state):
+    """Ta_hat tends to Ta = J omega' + B omega + T: a ramp of omega passes the filters without error."""
+    wheel, torque, ta = PARK2008.wheel, 3000.0, 2400.0
+    spin, v, omega = (ta - torque) / wheel.inertia, 27.0, 60.0
+    state[step.TORQUE_AHEAD] = torque
+    for k in range(100):
+        state[step.SAMPLES] = k
+        step.actuator_model(state, row, torque)
+        step.observe(state, row, v, omega)
+        omega += spin * PERIOD
+    friction = wheel.viscous_friction * state[step.FILTERED_OMEGA]
+    assert state[step.ADHESION_TORQUE] - friction == pytest.approx(ta, rel=1e-6)  # 17 time constants of the observer
+    assert state[step.HOLDING_TORQUE] == pytest.approx(ta, rel=1e-6)  # the train does not slow down
+    assert state[step.DECELERATION] == 0.0
+
+
+def test_the_predictor_is_exact_for_a_constant_adhesion(row, state):
+    """sigma a dead time ahead, sigma' = r/J (T - Th), where T is what the history has: summed here sample by sample."""
+    rng = np.random.default_rng(3)
+    held, sigma, late = 2000.0, 0.4, round(GAINS.dead_time / PERIOD)
+    ahead = []
+    for k in range(60):
+        state[step.SAMPLES] = k
+        step.actuator_model(state, row, rng.uniform(0, 4000))
+        ahead.append(state[step.TORQUE_AHEAD])
+    state[step.HOLDING_TORQUE], state[step.DECELERATION] = held, 1.5
+    step.predict(state, row, 27.0, sigma)
+    for torque in ahead[-late:]:
+        sigma += PARK2008.wheel.radius / PARK2008.wheel.inertia * PERIOD * (torque - held)
+    assert state[step.SIGMA_AHEAD] == pytest.approx(sigma, rel=1e-12)
+    assert state[step.SPEED_AHEAD] == pytest.approx(27.0 - 0.15 * 1.5, rel=1e-15)
+
+
+def test_the_map_is_regularised_least_squares(row, state):
+    """Against NumPy's solution of the same normal equations."""
+    rng = np.random.default_rng(5)
+    n = len(KNOTS)
+    matrix, side = np.zeros((n, n)), np.zeros(n)
+    kept = math.exp(-PERIOD / GAINS.forgetting)
+    for k in range(100, 400):
+        slip, mu = rng.uniform(0.001, 0.16), rng.uniform(0.1, 0.3)
+        state[step.SAMPLES], state[step.FILTERED_SPEED] = k, 20.0
+        state[step.FILTERED_SIGMA] = slip * 20.0
+        state[step.ADHESION_TORQUE] = mu * GAINS.wheel_load * PARK2008.wheel.radius
+        step.learn(state, row)
+        weights = np.array([np.interp(slip, KNOTS, unit) for unit in np.eye(n)])
+        matrix, side = kept * matrix + np.outer(weights, weights), kept * side + mu * weights
+    bends = np.zeros((n - 2, n))
+    for i in range(n - 2):
+        near, far = np.diff(KNOTS)[i : i + 2]
+        bends[i, i : i + 3] = 0.5 * (near + far) * np.array([1 / near, -1 / near - 1 / far, 1 / far])
+    expected = np.linalg.solve(matrix + GAINS.curvature * bends.T @ bends + 1e-9 * np.eye(n), side)
+    step.solve_map(state, row)
+    found = state[-n:]
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+    best = expected.max() * (1 - GAINS.flatness)
+    grid = np.linspace(0, KNOTS[-1], 200_001)
+    first = grid[np.argmax(np.interp(grid, KNOTS, expected) >= best)]
+    assert step.peak_of_map(state, row) == pytest.approx(first, abs=2e-6)  # of the grid
+
+
+# --- the loop -------------------------------------------------------------------------------------------------------
+
+
+def test_zeros_removed_at_the_origin():
+    """(1 - exp(-theta s))/s: the integral over the dead time, 1 at s -> 0 times theta; its argument principle."""
+    integral = QuasiPolynomial([[1.0], [-1.0]], 0.15, removed=1)
+    s = np.array([0.0, 1e-9, 1e-4j, 0.1 + 0.2j, 3j])
+    exact = [0.15 if x == 0 else complex(-np.expm1(-0.15 * x) / x) for x in s]
+    np.testing.assert_allclose(integral(s), exact, rtol=1e-12)
+    slopes = (integral(s + 1e-6) - integral(s - 1e-6)) / 2e-6
+    np.testing.assert_allclose(integral.slope(s), slopes, rtol=1e-7)  # of the difference quotient
+    assert np.all(np.abs(integral(1j * np.linspace(0, 50, 501))) <= integral.size(50.0))
+    # s + k (1 - exp(-theta s))/s has, times s, the roots of s^2 + k (1 - exp(-theta s)) but the one at 0
+    for k, expected in ((1.0, 0), (1e4, 2)):
+        sum_ = QuasiPolynomial([[1.0, 0.0, k], [-k]], 0.15, removed=1)
+        num, den = ct.pade(0.15, 12)[0], ct.pade(0.15, 12)[1]
+        roots = np.roots(np.polysub(np.polymul([1.0, 0.0, k], den), k * np.asarray(num)))
+        roots = roots[np.abs(roots) > 1e-6]
+        right = int(np.sum((roots.real > 0) & (np.abs(roots) < 150)))  # as far as Pade of order 12 serves
+        assert sum_.count_right().right == right
+        assert (right > 0) == bool(expected)
+
+
+@pytest.mark.parametrize("late", [1.0, 1.3])
+@pytest.mark.parametrize(("law", "slip", "kmh"), [("curve", 0.1, 100), ("bristle", 0.09, 60), ("beam", 0.119, 40)])
+def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
+    """Composed of transfer functions block by block, dead times as Pade of order 9."""
+    adhesion = published_law(law, "dry")
+    point = operating_point(adhesion, PARK2008, kmh / 3.6, slip)
+    brake = Actuator(dead_time=late * 0.15, lag=late * 0.6)
+    exact = seeking_loop(point, GAINS, brake)
+    s, g = ct.tf("s"), GAINS
+    plant = linearize(point)
+    sigma = ct.tf(ct.ss(plant.A, plant.B, [[float(n == "sigma") for n in plant.states]], [[0.0]]))
+    moving = linearize(point, speed_state=True)
+    rate = ct.tf(ct.ss(plant.A, plant.B, moving.A[:1, 1:], [[0.0]]))
+    q, qa = 1 / (g.observer_time * s + 1), 1 / (g.deceleration_time * s + 1)
+    a = (point.adhesion_force + 0.63 * point.speed**2) / PARK2008.mass
+    more, ratio = 1 + g.kappa * g.dead_time, g.inertia / PARK2008.wheel.radius
+
+    def response(w):
+        x = 1j * w
+        e, e_true = np.exp(-g.dead_time * x), np.exp(-brake.dead_time * x)
+        acting = e_true * (g.lag * x + 1) / (brake.lag * x + 1)
+        spin = x * sigma(x) - rate(x)  # J omega' = -J/r (sigma' - v')
+        holding = ratio * (q(x) * spin + (1 - slip) * qa(x) * rate(x) + a / point.speed * sigma(x))
+        error = sigma(x) - slip * g.dead_time * qa(x) * rate(x)
+        own = g.torque_time * x + 1 + g.kappa * (1 - e) / x - more * q(x) * e
+        return acting * (more * holding + g.kappa * ratio * error) / own
+
+    w = np.geomspace(1e-3, 60, 400)
+    np.testing.assert_allclose(exact(1j * w), [response(one) for one in w], rtol=1e-8)
+    margins = exact.margins()
+    dense = np.geomspace(1e-2, 100, 20_000)
+    assert margins.ms == pytest.approx(np.abs(1 / (1 + exact(1j * dense))).max(), rel=1e-5)  # of the grid
+    assert exact.is_stable() == (exact.scaled(1.0).root_count.right == 0)
+    assert not exact.scaled(1.02 * margins.gain_increase).is_stable()
+    assert exact.scaled(0.98 * margins.gain_increase).is_stable()
+
+
+def test_margins_over_the_points_it_runs_at():
+    """Ms at most 2 at the published slips, both masses; with a brake 30 % slower or quicker it is stable."""
+    for car in (PARK2008, PARK2008.loaded()):
+        law = published_law("curve", "wet")
+        point = operating_point(law, car, 100 / 3.6, law.reference_slip(Rail.WET))
+        assert seeking_loop(point, GAINS).margins().ms <= 2.0
+        for share in (0.7, 1.3):
+            brake = Actuator(dead_time=share * 0.15, lag=share * 0.6)
+            assert seeking_loop(point, GAINS, brake).is_stable()
+
+
+# --- stops ----------------------------------------------------------------------------------------------------------
+
+
+def over(scenario, control=CONTROL, seeds=(0, 1)):
+    """Shares over the bound with the brake's limit, and the highest slip."""
+    scenario = scenario.with_changes(limits=BrakeLimits(torque_max=9000.0))
+    bound = clairvoyant_stop(scenario).braking_distance
+    simulator = Simulator(scenario, control)
+    runs = [simulator.run(seed) for seed in seeds]
+    assert all(run.stopped and run.locked_fraction == 0 for run in runs)
+    return max(run.braking_distance for run in runs) / bound - 1
+
+
+@pytest.mark.parametrize("load", ["empty", "loaded"])
+def test_stops_of_a_rail_that_it_is_not_told(load):
+    """The same controller on rails and masses it is not told; a PI-lead told the rail needs 38 % and 10 % over."""
+    car = PARK2008 if load == "empty" else PARK2008.loaded()
+    assert over(stop(car, "dry")) < 0.06
+    assert over(stop(car, "wet")) < 0.06
+    assert over(stop(car, "dry", adhesion="bristle")) < 0.10
+    assert over(stop(car, "wet", adhesion="beam")) < 0.08
+
+
+def test_stops_with_a_change_of_rail_or_another_brake():
+    dry, wet = stop(PARK2008, "dry"), stop(PARK2008, "wet")
+    assert over(dry.with_changes(events=(Event(distance=40, rail="wet"),))) < 0.15
+    assert over(wet.with_changes(events=(Event(distance=80, rail="dry"),))) < 0.15
+    for share in (0.7, 1.3):
+        brake = Actuator(dead_time=share * 0.15, lag=share * 0.6)
+        assert over(dry.with_changes(vehicle=PARK2008.model_copy(update={"actuator": brake}))) < 0.15
+
+
+def test_it_is_told_neither_mass_nor_rail_nor_curve():
+    other = PARK2008.model_copy(update={"mass": 5276.0})
+    assert seeking_gains(other, 9000.0) == GAINS
+    assert (CONTROL.knows_rail, CONTROL.model_law) == (False, None)
+    wet = Situation(stop(PARK2008, "wet"), Rail.WET, published_law("beam", "wet"), PERIOD)
+    dry = Situation(stop(PARK2008.loaded(), "dry"), Rail.DRY, published_law("curve", "dry"), PERIOD)
+    assert CONTROL.row(wet) == CONTROL.row(dry)
+
+
+# --- files, bad input -----------------------------------------------------------------------------------------------
+
+
+def test_a_file_of_it(tmp_path):
+    keys = "\n".join(f"{name} = {value!r}" for name, value in GAINS.model_dump().items())
+    path = tmp_path / "seeking.toml"
+    path.write_text(f'kind = "seeking"\n[gains]\n{keys}\n[reference]\ndry = 0.132\nwet = 0.092\n', "utf-8")
+    assert load_controller(path) == CONTROL
+    path.write_text(f'kind = "seeking"\n[gains]\n{keys.replace("kappa", "kapa")}\n', "utf-8")
+    with pytest.raises(InputError, match="kapa"):
+        load_controller(path)
+
+
+def test_bad_gains_are_refused():
+    with pytest.raises(InputError, match="dead_time"):
+        seeking_gains(PARK2008.model_copy(update={"actuator": Actuator(dead_time=0.0, lag=0.6)}), 9000.0)
+    with pytest.raises(InputError, match="not in order"):
+        SeekingGains(**{**GAINS.model_dump(), "least_slip": 0.2})
+    with pytest.raises(InputError, match="kappa"):
+        SeekingGains(**{**GAINS.model_dump(), "kappa": -1.0})
+    point = operating_point(published_law("curve", "dry"), PARK2008, 20.0, 0.1)
+    with pytest.raises(InputError, match="multiple"):
+        seeking_loop(point, GAINS, Actuator(dead_time=0.15 * math.sqrt(2), lag=0.6))
+
+
+def test_a_sample_that_is_not_finite_keeps_the_command(row, state):
+    assert step.seeking(state, 0.0, math.nan, 60.0, 1234.0, row, None) == 1234.0
+    assert not state.any()
+
+
+def test_compiled_and_interpreted_it_does_the_same():
+    scenario = stop(PARK2008, "wet").with_changes(initial_speed=8.0, final_speed=6.5)
+    first, second = (simulate(scenario, CONTROL, seed=0, compiled=compiled) for compiled in (True, False))
+    assert first.braking_distance == pytest.approx(second.braking_distance, rel=1e-12)
+    np.testing.assert_allclose(first.signals.command, second.signals.command, rtol=1e-9)  # many roundings
+
+
+def test_sampling_periods_of_others(row):
+    other = replace(CONTROL, period=0.02)
+    assert len(other.start(0.0)) < len(CONTROL.start(0.0))
+    assert over(stop(PARK2008, "dry"), other, seeds=(0,)) < 0.08
