@@ -247,7 +247,7 @@ def record_in(path: Path, name: str, needed: Sequence[str]) -> Any:
     sys.modules[module.__name__] = module  # dataclasses look their module up by its name
     try:  # of its text: what Python keeps compiled of a file may be of another of equal length and second
         exec(compile(text, module.__file__, "exec", dont_inherit=True), module.__dict__)
-    except Exception as error:  # the user's file may fail in any way, and is an input
+    except (Exception, SystemExit) as error:  # the user's file may fail in any way, and is an input
         raise InputError(failure(error, "running it")) from error
     found = getattr(module, name, None)
     missing = [attribute for attribute in needed if not hasattr(found, attribute)]

@@ -164,8 +164,10 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield "Ms with tolerances", *_worst_cells(judged.worst_with_tolerances)
     if worst.margins is not None:
         yield from _margin_rows(judged)
-    for stop in report.first_stops:
-        yield f"Stop, {stop.rail}", _distance(stop), f"{_stop_words(stop)}; {_locks(report, stop)}"
+    for first in report.first_stops:
+        stop = max((one for one in report.stops if one.rail is first.rail), key=lambda one: one.distance)
+        where = f"{stop.law}, {stop.load}: {_stop_words(stop)}; {_locks(report, stop)}"
+        yield f"Stop, {stop.rail}", _distance(stop), where
     if report.tolerance_stops:
         slipped = max(report.tolerance_stops, key=lambda stop: stop.max_slip)
         locked = sum(stop.locks for stop in report.tolerance_stops)
@@ -386,7 +388,8 @@ def _stops(report: DesignReport) -> Section | None:
     )
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
-        "bound is what no controller of this brake beats; slip held is the median over the second half. "
+        "bound is what no controller of this brake beats; slip held is the median over the second half of the time "
+        "under control. "
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
     shown = table(head, rows, caption="Stops.", wide=True)

@@ -54,8 +54,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-_REACHED = 0.95  # of the reference slip: as good as there
-_SLIDING = 0.5
+_REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a slip ratio
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Stop:
     bound : ClairvoyantStop or None
         What no controller of this brake beats; None where none is known.
     held : float
-        Median of slip over the second half of `run`: what is held, without the noise and the start.
+        Median of slip over the second half of the time under control: what is held, without the noise and the start.
     reference : float
         The slip ratio to be held.
     cut_out : float
@@ -126,6 +125,11 @@ class Stop:
         assert signals is not None, "the run is recorded"
         controlled = signals.speed > self.cut_out
         return bool(signals.slip[controlled].min(initial=0.0) < -0.5 * self.reference)
+
+    @property
+    def distance(self) -> float:
+        """Braking distance of `run`, m; inf if it does not stop."""
+        return self.run.braking_distance if self.run.stopped else math.inf
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -176,8 +180,8 @@ class Trial:
 
     def distance(self, rail: Rail | None = None) -> float:
         """Mean braking distance of its stops on a rail, or on all, m; inf where one does not stop."""
-        runs = [stop.run for stop in self.stops if rail is None or stop.rail is rail]
-        return sum(run.braking_distance if run.stopped else math.inf for run in runs) / len(runs)
+        found = [stop.distance for stop in self.stops if rail is None or stop.rail is rail]
+        return sum(found) / len(found)
 
     @property
     def rank(self) -> tuple[bool, float, bool, float]:
@@ -336,7 +340,7 @@ class DesignReport:
 
     @property
     def first_stops(self) -> tuple[Stop, ...]:
-        """One a rail: those of the first page."""
+        """One a rail, of the first law and load: those of the first page's picture."""
         rails = dict.fromkeys(stop.rail for stop in self.stops)
         return tuple(next(stop for stop in self.stops if stop.rail is rail) for rail in rails)
 
@@ -428,7 +432,7 @@ def _tolerance_stops(trial: Trial, judgement: Judgement) -> tuple[Stop, ...]:
 def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = OTHER_SEEDS, brake: str = "") -> Stop:
     simulator = Simulator(scenario, control)
     every = max(round(LOG_PERIOD / simulator.period), 1)
-    run = simulator.run(SEED, record_every=every)
+    run, cut_out = simulator.run(SEED, record_every=every), getattr(control, "cut_out_speed", 0.0)
     return Stop(
         control.name,
         scenario.adhesion.name,
@@ -437,9 +441,9 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
         run,
         tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
         None if brake else _bound(scenario, getattr(control, "torque_high", None)),
-        _held(run),
+        _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
-        getattr(control, "cut_out_speed", 0.0),
+        cut_out,
         brake,
     )
 
@@ -457,10 +461,10 @@ def _rolling_loops(trial: Trial, judgement: Judgement) -> tuple[RollingLoop, ...
     return tuple(found)
 
 
-def _held(run: Run) -> float:
-    """The median of slip over the second half of a stop."""
+def _held(run: Run, cut_out: float) -> float:
+    """The median of slip over the second half of the time in which it is controlled, above the `cut_out` speed, m/s."""
     assert run.signals is not None, "the run is recorded"
-    slip = run.signals.slip
+    slip = run.signals.slip[run.signals.speed > cut_out]
     return float(np.median(slip[slip.size // 2 :]))
 
 
@@ -496,8 +500,7 @@ LOAD_STEP = 100.0
 """N*m at the wheel, of the load response."""
 
 _CACHED = "conditions-layered"
-_LARGEST_SLIP = 0.5  # end of the adhesion curves
-_SLIPS = 401
+_LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
 _GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
 FASTER = (0.75, 0.5, 0.25)

@@ -630,6 +630,7 @@ def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
     axes[0, 0].set_ylabel("speed (km/h)")
     axes[1, 0].set_ylabel("slip ratio λ (-)" + ("\nhigher slip cut off" if slip_cut else ""))
     axes[2, 0].set_ylabel("torque (kN·m)" + ("\ncommand cut off" if cut else ""))
+    figure.align_ylabels(axes[:, 0])
     for ax in axes[:, -1]:
         ax.legend(fontsize=SMALL, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=2.4)
     return figure
