@@ -703,10 +703,11 @@ def test_the_slips_held_are_those_of_every_law():
 def test_what_tune_writes_is_judged_the_same_and_a_transfer_function_too(railslip, coach, tmp_path):
     file = tmp_path / "best.toml"
     case = ("--vehicle", coach, "--envelope", "default", "--adhesion", "curve", "--speed", "60", "--speed", "100")
-    _, out, _ = railslip(
+    _, out, told = railslip(
         "tune", *case, "--structure", "pi-lead", "--ms-max", "2", "--slip", "0.1", "--out", file, "--json"
     )
     tuned = json.loads(out)
+    assert f"below {load_controller(file).cut_out_speed * 3.6:g} km/h" in told
     _, out, _ = railslip("margins", *case, "--controller", file, "--json")  # with the slip of its file
     judged = json.loads(out)
     for key in ("verdict", "worst", "worst_with_tolerances"):

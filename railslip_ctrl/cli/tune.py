@@ -17,7 +17,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize
 from railslip_ctrl.model.vehicle import Rail
 from railslip_ctrl.report.export import check_file
 from railslip_ctrl.report.text import tuning_json, tuning_text
-from railslip_ctrl.simulation.catalogue import braking_control
+from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of
 from railslip_ctrl.simulation.scenario import LEAST_STEP
 
 from .options import DEFAULT_ENVELOPE, CaseOptions, Quantity, envelope_options, family_options
@@ -124,8 +124,10 @@ def command(
             period=period,
         )
         judgement = None if found is None else found.judgement
-        if found is not None and out is not None:
+        if found is not None and judgement is not None and out is not None:
             found.save(out)
+            if hand_over := hand_over_of(judgement):
+                progress(f"below {hand_over:g} km/h the file holds a torque, without slip control")
     if out is not None and tuned.design is not None:
         progress(f"wrote {out}")
     if as_json:
