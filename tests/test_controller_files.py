@@ -19,7 +19,7 @@ from railslip_ctrl.loop import DeadTimeLoop
 from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, PIGains, Rail
-from railslip_ctrl.report.recommendation import as_run
+from railslip_ctrl.report.stops import as_run
 from railslip_ctrl.simulation import LinearControl, SlideProtection, SlidingControl
 from railslip_ctrl.simulation.campaign.files import load_campaign
 from railslip_ctrl.simulation.catalogue import published_reference

@@ -37,8 +37,10 @@ from railslip_ctrl.report.design_report import (
 from railslip_ctrl.report.document import Paragraph, Table
 from railslip_ctrl.report.export import Provenance
 from railslip_ctrl.report.page import page
-from railslip_ctrl.report.recommendation import _rolling_loops, design_report, restricted
+from railslip_ctrl.report.recommendation import design_report, restricted
+from railslip_ctrl.report.stops import rolling_loops
 from railslip_ctrl.simulation import simulate, stop
+from railslip_ctrl.simulation.catalogue import seeking_control
 from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
@@ -404,6 +406,23 @@ def test_stops_with_the_actuator_s_tolerances(robust):
     assert where.startswith(f"{worst.law}, {worst.rail}, {worst.load}")
 
 
+def test_the_seeking_controller_runs_the_same_stops(robust):
+    """It is named where it stops shorter on both rails and no wheel locks, with its longest stops."""
+    stops = {(one.law, one.load, one.rail): one for one in robust.stops}
+    assert {(one.law, one.load, one.rail) for one in robust.seeking} == stops.keys()
+    alone = simulate(stop(robust.vehicle, "wet"), seeking_control(robust.vehicle), seed=0)
+    (same,) = (one for one in robust.seeking if (one.law, one.load, one.rail) == ("curve", "empty", "wet"))
+    assert same.run.braking_distance == alone.braking_distance
+    worst = {rail: max(one.distance for one in robust.seeking if one.rail == rail) for rail in ("dry", "wet")}
+    told = dict(first_page(robust).lines)["To do"]
+    assert f"--controller seeking, {worst['dry']:.0f} m dry, {worst['wet']:.0f} m wet." in told
+    locked = replace(robust.seeking[0], run=replace(robust.seeking[0].run, locked_fraction=0.1))
+    longer = replace(robust.seeking[0], run=replace(robust.seeking[0].run, braking_distance=1e4))
+    for other in (locked, longer):
+        page = first_page(replace(robust, seeking=(other, *robust.seeking[1:])))
+        assert "seeking" not in dict(page.lines)["To do"]
+
+
 def test_of_designs_level_in_speed_one_without_oscillation_goes_first(robust):
     trial = robust.trials[0]
     one = trial.stops[0]
@@ -421,7 +440,7 @@ def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     signals = swings[0].run.signals
     signals = signals._replace(slip=swings[0].reference * np.sin(signals.time))
     swung = replace(swings[0], run=replace(swings[0].run, signals=signals))
-    (found,) = _rolling_loops(replace(robust.trials[0], stops=(swung,)), robust.judgement)
+    (found,) = rolling_loops((swung,), robust.control.design, robust.judgement)
     car = robust.vehicle
     alpha = published_law("bristle", "dry", wheel_load=car.wheel_load).alpha
     spring = alpha * (car.wheel.radius**2 / car.wheel.inertia + 1 / car.mass)

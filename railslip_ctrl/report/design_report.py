@@ -14,8 +14,9 @@ from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.vehicle import doubts
-from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival, Stop
+from railslip_ctrl.model.vehicle import Rail, doubts
+from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival
+from railslip_ctrl.report.stops import Stop
 from railslip_ctrl.simulation import LinearControl
 
 from .document import (
@@ -25,6 +26,7 @@ from .document import (
     Paragraph,
     Picture,
     Section,
+    Table,
     above,
     below,
     facts,
@@ -112,9 +114,9 @@ def _why(report: DesignReport) -> str:
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
-    slides = "" if robust == report.above_kmh else " Used at lower speeds, a wheel slides: slip over 0.5."
+    slides = "" if robust == report.above_kmh else " Below, a wheel slides."
     factor = report.best.reference_factor
-    less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip; with more, fewer points are robust."
+    less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip, to be robust."
     laws = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
     swings = f" With {' and '.join(laws)} the wheel oscillates." if laws else ""
     return f"{told}.{slides}{less}{swings}"
@@ -124,10 +126,7 @@ def _to_do(report: DesignReport) -> str:
     """The steps that the numbers ask for, the first ones first; few words."""
     told = []
     if report.control is not None and report.usable and report.control.cut_out_speed > 0:
-        told.append(
-            f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m, without slip "
-            "control."
-        )
+        told.append(f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m.")
     slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
     brake = ""
     if report.faster is not None:
@@ -137,7 +136,7 @@ def _to_do(report: DesignReport) -> str:
     if slow and report.usable:
         reached = brake and report.faster is not None and report.faster.reaches
         reach = f"; with {brake} it comes there in every stop tried" if reached else ""
-        told.append(f"On {' and '.join(slow)} rail the slip stays below its reference{reach}.")
+        told.append(f"Slip stays below its reference ({', '.join(slow)}){reach}.")
     if brake and not robust:
         told.append(f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}.")
     elif brake and not report.usable:
@@ -148,7 +147,23 @@ def _to_do(report: DesignReport) -> str:
         told.append(f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag.")
     if report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
         told.append("The reference is at the adhesion peak: hold less slip.")
+    told += _seeking_words(report)
     return " ".join(told) or "Load the file, and confirm it on the rig."
+
+
+def _seeking_words(report: DesignReport) -> Iterator[str]:
+    """That the seeking controller stops shorter on every rail, where no wheel locks with it."""
+    if not report.seeking or any(stop.locks for stop in report.seeking):
+        return
+    found = [(_longest(report.seeking, first.rail), _longest(report.stops, first.rail)) for first in report.first_stops]
+    if all(seeking.distance < stop.distance for seeking, stop in found):
+        told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
+        yield f"Unjudged but shorter: --controller seeking, {told}."
+
+
+def _longest(stops: Iterable[Stop], rail: Rail) -> Stop:
+    """Of all laws and loads."""
+    return max((stop for stop in stops if stop.rail is rail), key=lambda stop: stop.distance)
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
@@ -165,7 +180,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
     if worst.margins is not None:
         yield from _margin_rows(judged)
     for first in report.first_stops:
-        stop = max((one for one in report.stops if one.rail is first.rail), key=lambda one: one.distance)
+        stop = _longest(report.stops, first.rail)
         where = f"{stop.law}, {stop.load}: {_stop_words(stop)}; {_locks(report, stop)}"
         yield f"Stop, {stop.rail}", _distance(stop), where
     if report.tolerance_stops:
@@ -366,16 +381,6 @@ def _rivals(report: DesignReport) -> Section | None:
 def _stops(report: DesignReport) -> Section | None:
     if not report.stops or report.control is None:
         return None
-    rows = []
-    for stop in report.stops:
-        distances = [run.braking_distance for run in stop.runs]
-        stopped = all(run.stopped for run in stop.runs)
-        spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
-        held = f"{short(stop.held, 2)} of {short(stop.reference)}"
-        locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, above(stop.max_slip), held, locks))
-    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Highest slip", "Slip held", "Locks")
     control = report.control
     over = f"below {short(control.cut_out_speed * 3.6)} km/h to {short(control.cut_out_torque)} N·m"
     known = facts(
@@ -392,8 +397,24 @@ def _stops(report: DesignReport) -> Section | None:
         "under control. "
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
-    shown = table(head, rows, caption="Stops.", wide=True)
-    return Section("stops", "Braking runs", (Paragraph(text), known, shown, *_rolling(report)))
+    shown = [_stop_table(report.stops, "Stops.")]
+    if report.seeking:
+        shown.append(_stop_table(report.seeking, "The seeking controller (--controller seeking) in the same stops."))
+    return Section("stops", "Braking runs", (Paragraph(text), known, *shown, *_rolling(report)))
+
+
+def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
+    rows = []
+    for stop in stops:
+        distances = [run.braking_distance for run in stop.runs]
+        stopped = all(run.stopped for run in stop.runs)
+        spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
+        bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
+        held = f"{short(stop.held, 2)} of {short(stop.reference)}"
+        locks = "yes" if stop.locks else "no"
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, above(stop.max_slip), held, locks))
+    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Highest slip", "Slip held", "Locks")
+    return table(head, rows, caption=caption, wide=True)
 
 
 def _rolling(report: DesignReport) -> Iterator[Paragraph]:
@@ -550,6 +571,7 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
             for choice in report.selection.choices
         ],
         "stops": [_stop_json(stop) for stop in report.stops],
+        "seeking": [_stop_json(stop) for stop in report.seeking],
         "given": [
             {"name": one.name, **one.judgement.table(), "stops": [_stop_json(stop) for stop in one.stops]}
             for one in report.rivals

@@ -9,14 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
-from itertools import product
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from railslip_ctrl.core.cache import cached, look_up
-from railslip_ctrl.core.errors import InputError, RailslipError
+from railslip_ctrl.core.errors import RailslipError
 from railslip_ctrl.core.folders import cache_folder
 from railslip_ctrl.core.processes import cpu_count, processes
 from railslip_ctrl.core.units import KMH
@@ -28,33 +27,29 @@ from railslip_ctrl.design.controllers import (
     linear_controller,
     linear_of,
     run_period,
-    wheel_slip_loop,
 )
-from railslip_ctrl.design.envelope import Envelope, EnvelopePoints
-from railslip_ctrl.design.envelope_tuning import REFERENCE_FACTORS, Choice, Selection, operating_plants, select
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import REFERENCE_FACTORS, Choice, Selection, select
 from railslip_ctrl.design.judging import Judgement, WorstCase, judge, margins_at
 from railslip_ctrl.design.limits import Limits
 from railslip_ctrl.loop import Rational
 from railslip_ctrl.loop.deadtime import FrequencyCurve, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse, disturbance_response, step_response
-from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip, law_names
-from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
+from railslip_ctrl.model.adhesion import law_names
+from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
-from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
-from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control, hand_over_of, is_published
-from railslip_ctrl.simulation.controllers import Controller, reference_slip
-from railslip_ctrl.simulation.scenario import in_reading
+from railslip_ctrl.simulation import LinearControl
+from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
+from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.verification.verdict import Verification
+
+from .stops import RollingLoop, Stop, as_run, operating_points, rolling_loops, seeking_stops, stops, tolerance_stops
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-
-
-_REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a slip ratio
 
 
 @dataclass(frozen=True)
@@ -78,90 +73,6 @@ class ShownLoop:
     loop: Any
     margins: Any
     curve: FrequencyCurve
-
-
-@dataclass(frozen=True)
-class Stop:
-    """One controller in one stop.
-
-    Attributes
-    ----------
-    controller, law, load : str
-        What runs, the adhesion law's name, "empty" or "loaded".
-    rail : Rail
-    run : Run
-        Of seed 0, recorded.
-    others : tuple of Run
-        Of the other seeds.
-    bound : ClairvoyantStop or None
-        What no controller of this brake beats; None where none is known.
-    held : float
-        Median of slip over the second half of the time under control: what is held, without the noise and the start.
-    reference : float
-        The slip ratio to be held.
-    cut_out : float
-        Speed below which the slip is not controlled, m/s.
-    brake : str
-        The actuator's tolerances in words; empty: as given.
-    """
-
-    controller: str
-    law: str
-    rail: Rail
-    load: str
-    run: Run
-    others: tuple[Run, ...]
-    bound: ClairvoyantStop | None
-    held: float
-    reference: float
-    cut_out: float = 0.0
-    brake: str = ""
-
-    @property
-    def swings(self) -> bool:
-        """Whether under control in `run` the braked wheel turns faster than the train, by half the reference slip: it
-        oscillates."""
-        signals = self.run.signals
-        assert signals is not None, "the run is recorded"
-        controlled = signals.speed > self.cut_out
-        return bool(signals.slip[controlled].min(initial=0.0) < -0.5 * self.reference)
-
-    @property
-    def distance(self) -> float:
-        """Braking distance of `run`, m; inf if it does not stop."""
-        return self.run.braking_distance if self.run.stopped else math.inf
-
-    @property
-    def runs(self) -> tuple[Run, ...]:
-        """Of all seeds."""
-        return (self.run, *self.others)
-
-    @property
-    def reached(self) -> bool:
-        """Whether the slip comes to 0.95 of the reference."""
-        return self.held >= _REACHED * self.reference
-
-    @property
-    def max_slip(self) -> float:
-        """Highest slip ratio with any seed."""
-        return max(run.max_slip for run in self.runs)
-
-    @property
-    def slides(self) -> bool:
-        """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
-        return self.max_slip > _SLIDING
-
-    @property
-    def locks(self) -> bool:
-        """Whether the wheel locks with some seed."""
-        return any(run.locked_fraction > 0 for run in self.runs)
-
-    @property
-    def over_bound(self) -> float:
-        """Braking distance of `run` over the bound, less 1; NaN without either."""
-        if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
-            return math.nan
-        return self.run.braking_distance / self.bound.braking_distance - 1
 
 
 @dataclass(frozen=True)
@@ -232,20 +143,6 @@ class FasterBrake:
 
 
 @dataclass(frozen=True)
-class RollingLoop:
-    """The recommended loop about free rolling (`linearize_rolling`), of a law with which the wheel oscillates.
-
-    `frequency` is that at which the wheel swings against its contact without a loop, rad/s.
-    """
-
-    law: str
-    load: str
-    rail: Rail
-    frequency: float
-    stable: bool
-
-
-@dataclass(frozen=True)
 class Rival:
     """A controller of the user's, judged and run beside the recommended one."""
 
@@ -285,6 +182,8 @@ class DesignReport:
         Of seed 0 alone, with the ends of the actuator's tolerances.
     rolling : tuple of RollingLoop
         Of the laws and loads in whose stops the wheel oscillates.
+    seeking : tuple of Stop
+        Of the seeking controller, which has no margins of its own here; none where it has no gains.
     rivals : tuple of Rival
         What the user gave.
     limits : tuple of (OperatingPoint, Limits)
@@ -301,6 +200,7 @@ class DesignReport:
     stops: tuple[Stop, ...]
     tolerance_stops: tuple[Stop, ...]
     rolling: tuple[RollingLoop, ...]
+    seeking: tuple[Stop, ...]
     rivals: tuple[Rival, ...]
     limits: tuple[tuple[OperatingPoint, Limits], ...]
     curves: tuple[LawCurve, ...]
@@ -358,124 +258,6 @@ def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
         judgement.points.take(kept),
         replace(judgement.margins, **columns),
     )
-
-
-# --- braking runs of a design report: plain stops, dry and wet, with the recommended controller ----------------------
-
-
-SEED = 0
-OTHER_SEEDS = (1, 2, 3)
-"""Noise seeds of the spread; statistics over many are the campaign's."""
-
-LOG_PERIOD = 0.01
-"""s, between the samples of a recorded run: those of `railslip simulate`."""
-
-
-def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
-    """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
-    those of the law of the first stops."""
-    operating = operating_points(judgement.points)
-    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static one has a bound
-    slips = {point.rail: point.slip for point in operating if point.law.name == first}
-    held = {rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail}
-    reference = judgement.envelope.reference or ReferenceSlip(**held)
-    return braking_control(
-        design, operating, reference, name=name or design.structure.lower(), hand_over_kmh=hand_over_kmh
-    )
-
-
-def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
-    """The operating points of an envelope."""
-    return [plant.point for plant in operating_plants(points)]
-
-
-def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
-    """A stop from the envelope's initial speed on each of its rails and loads, with the static law first."""
-    operating = operating_points(judgement.points)
-    loads = dict(zip(judgement.points.load[judgement.points.operating].tolist(), operating, strict=True))
-    names = sorted({point.law.name: point.law.has_state for point in operating}.items(), key=lambda one: one[1])
-    laws = [name for name, _ in names] if every_law else [names[0][0]]
-    found = []
-    for law in laws:
-        for load in loads:
-            for rail in judgement.envelope.rails:
-                scenario = stop_scenario(judgement, law, load, rail)
-                found.append(_stop(control, scenario, load))
-    return tuple(found)
-
-
-def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
-    """The stop of a load on a rail with a law of the envelope, by name."""
-    envelope, points = judgement.envelope, judgement.points
-    of_load = np.flatnonzero(points.operating & (points.load == load))
-    point = next(p for p in (points.plants[int(points.plant[i])].point for i in of_load) if p.law.name == law)
-    car: Vehicle = point.vehicle
-    own: str | AdhesionLaw = law if law in envelope.laws else in_reading(point.law.on(Rail.DRY), car)
-    return stop(car, rail, speed_kmh=envelope.initial_speed, adhesion=own)
-
-
-def _tolerance_stops(trial: Trial, judgement: Judgement) -> tuple[Stop, ...]:
-    """The stops of a trial with each end of the tolerances on dead time and lag."""
-    envelope = judgement.envelope
-    actuator = envelope.vehicle.actuator
-    found = []
-    for nominal in trial.stops:
-        scenario = stop_scenario(judgement, nominal.law, nominal.load, nominal.rail)
-        for late, slow in product(*(sorted({min(one), max(one)}) for one in (envelope.dead_time, envelope.lag))):
-            brake = Actuator(dead_time=late * actuator.dead_time, lag=slow * actuator.lag)
-            car = scenario.vehicle.model_copy(update={"actuator": brake})
-            words = f"dead time {100 * (late - 1):+.3g} %, lag {100 * (slow - 1):+.3g} %"
-            found.append(_stop(trial.control, scenario.with_changes(vehicle=car), nominal.load, (), words))
-    return tuple(found)
-
-
-def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = OTHER_SEEDS, brake: str = "") -> Stop:
-    simulator = Simulator(scenario, control)
-    every = max(round(LOG_PERIOD / simulator.period), 1)
-    run, cut_out = simulator.run(SEED, record_every=every), getattr(control, "cut_out_speed", 0.0)
-    return Stop(
-        control.name,
-        scenario.adhesion.name,
-        scenario.rail,
-        load,
-        run,
-        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
-        None if brake else _bound(scenario, getattr(control, "torque_high", None)),
-        _held(run, cut_out),
-        reference_slip(control.reference, scenario.rail),
-        cut_out,
-        brake,
-    )
-
-
-def _rolling_loops(trial: Trial, judgement: Judgement) -> tuple[RollingLoop, ...]:
-    """Exact loops about free rolling, where the stops oscillate. An operating point of constant slip shows nothing of
-    it: there a dynamic law slides."""
-    found = []
-    for one in trial.stops:
-        if one.swings:
-            scenario = stop_scenario(judgement, one.law, one.load, one.rail)
-            plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
-            stable = wheel_slip_loop(plant, trial.control.design).is_stable()
-            found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))
-    return tuple(found)
-
-
-def _held(run: Run, cut_out: float) -> float:
-    """The median of slip over the second half of the time in which it is controlled, above the `cut_out` speed, m/s."""
-    assert run.signals is not None, "the run is recorded"
-    slip = run.signals.slip[run.signals.speed > cut_out]
-    return float(np.median(slip[slip.size // 2 :]))
-
-
-@lru_cache(64)
-def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
-    """With this brake: dead time, and lag up to the largest torque."""
-    limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None
-    try:
-        return clairvoyant_stop(scenario if limits is None else scenario.with_changes(limits=limits))
-    except InputError:
-        return None
 
 
 def laws_of(judgement: Judgement) -> Iterator[OperatingPoint]:
@@ -626,7 +408,7 @@ def _designed(
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
     empty = DesignReport(
-        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), None, None, None, Sliding(None),
+        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), (), None, None, None, Sliding(None),
         is_published(envelope.vehicle),
     )  # fmt: skip
     if selection.best is None:
@@ -649,6 +431,7 @@ def _designed(
     in_use = restricted(judgement, trials[0].lowest_kmh)
     progress("limits, gains around the design, responses")
     gains = submit(_gain_map, in_use, plain)
+    seeking = (lambda: ()) if envelope.vehicle.actuator.dead_time <= 0 else submit(seeking_stops, judgement)
     found = replace(
         empty,
         selection=selection,
@@ -658,15 +441,15 @@ def _designed(
         in_use=in_use,
         worst_loops=_worst_loops(in_use),
         stops=trials[0].stops,
-        tolerance_stops=() if nominal else _tolerance_stops(trials[0], judgement),
-        rolling=_rolling_loops(trials[0], judgement),
+        tolerance_stops=() if nominal else tolerance_stops(trials[0].stops, control, judgement),
+        rolling=rolling_loops(trials[0].stops, control.design, judgement),
         limits=_limits(judgement),
         curves=tuple(map(_curve, laws_of(judgement))),
         responses=_responses(in_use.worst, plain),
     )
     if not enough:
         progress("the brake that would do")
-    return replace(found, gains=gains(), faster=faster())
+    return replace(found, gains=gains(), seeking=seeking(), faster=faster())
 
 
 def _trial(choice: Choice, nominal: bool) -> Trial:

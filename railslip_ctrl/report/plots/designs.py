@@ -38,7 +38,8 @@ from railslip_ctrl.report.plots.style import (
     plain_log_ticks,
     sparse_log_ticks,
 )
-from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses, Stop
+from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve, Responses
+from railslip_ctrl.report.stops import Stop
 
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
 

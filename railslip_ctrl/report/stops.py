@@ -1,0 +1,248 @@
+"""The braking runs of a design report: plain stops, dry and wet, of the laws and loads of its envelope."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.design.controllers import (
+    wheel_slip_loop,
+)
+from railslip_ctrl.design.envelope import EnvelopePoints
+from railslip_ctrl.design.envelope_tuning import operating_plants
+from railslip_ctrl.design.judging import Judgement
+from railslip_ctrl.model.adhesion import AdhesionLaw, ReferenceSlip
+from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
+from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
+from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
+from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
+from railslip_ctrl.simulation.catalogue import braking_control, seeking_control
+from railslip_ctrl.simulation.controllers import reference_slip
+from railslip_ctrl.simulation.scenario import in_reading
+
+_REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a slip ratio
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One controller in one stop.
+
+    Attributes
+    ----------
+    controller, law, load : str
+        What runs, the adhesion law's name, "empty" or "loaded".
+    rail : Rail
+    run : Run
+        Of seed 0, recorded.
+    others : tuple of Run
+        Of the other seeds.
+    bound : ClairvoyantStop or None
+        What no controller of this brake beats; None where none is known.
+    held : float
+        Median of slip over the second half of the time under control: what is held, without the noise and the start.
+    reference : float
+        The slip ratio to be held.
+    cut_out : float
+        Speed below which the slip is not controlled, m/s.
+    brake : str
+        The actuator's tolerances in words; empty: as given.
+    """
+
+    controller: str
+    law: str
+    rail: Rail
+    load: str
+    run: Run
+    others: tuple[Run, ...]
+    bound: ClairvoyantStop | None
+    held: float
+    reference: float
+    cut_out: float = 0.0
+    brake: str = ""
+
+    @property
+    def swings(self) -> bool:
+        """Whether under control in `run` the braked wheel turns faster than the train, by half the reference slip: it
+        oscillates."""
+        signals = self.run.signals
+        assert signals is not None, "the run is recorded"
+        controlled = signals.speed > self.cut_out
+        return bool(signals.slip[controlled].min(initial=0.0) < -0.5 * self.reference)
+
+    @property
+    def distance(self) -> float:
+        """Braking distance of `run`, m; inf if it does not stop."""
+        return self.run.braking_distance if self.run.stopped else math.inf
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Of all seeds."""
+        return (self.run, *self.others)
+
+    @property
+    def reached(self) -> bool:
+        """Whether the slip comes to 0.95 of the reference."""
+        return self.held >= _REACHED * self.reference
+
+    @property
+    def max_slip(self) -> float:
+        """Highest slip ratio with any seed."""
+        return max(run.max_slip for run in self.runs)
+
+    @property
+    def slides(self) -> bool:
+        """Whether the slip passes one half, halfway to a locked wheel, with some seed."""
+        return self.max_slip > _SLIDING
+
+    @property
+    def locks(self) -> bool:
+        """Whether the wheel locks with some seed."""
+        return any(run.locked_fraction > 0 for run in self.runs)
+
+    @property
+    def over_bound(self) -> float:
+        """Braking distance of `run` over the bound, less 1; NaN without either."""
+        if self.bound is None or not self.run.stopped or math.isinf(self.bound.braking_distance):
+            return math.nan
+        return self.run.braking_distance / self.bound.braking_distance - 1
+
+
+@dataclass(frozen=True)
+class RollingLoop:
+    """The recommended loop about free rolling (`linearize_rolling`), of a law with which the wheel oscillates.
+
+    `frequency` is that at which the wheel swings against its contact without a loop, rad/s.
+    """
+
+    law: str
+    load: str
+    rail: Rail
+    frequency: float
+    stable: bool
+
+
+SEED = 0
+OTHER_SEEDS = (1, 2, 3)
+"""Noise seeds of the spread; statistics over many are the campaign's."""
+
+LOG_PERIOD = 0.01
+"""s, between the samples of a recorded run: those of `railslip simulate`."""
+
+
+def as_run(design: Any, judgement: Judgement, hand_over_kmh: float, name: str = "") -> LinearControl:
+    """A linear design as `braking_control` runs it at the points of a judgement; where their laws hold different slips,
+    those of the law of the first stops."""
+    operating = operating_points(judgement.points)
+    first = min((point.law for point in operating), key=lambda law: law.has_state).name  # a static one has a bound
+    slips = {point.rail: point.slip for point in operating if point.law.name == first}
+    held = {rail.value: slips.get(rail, next(iter(slips.values()))) for rail in Rail}
+    reference = judgement.envelope.reference or ReferenceSlip(**held)
+    return braking_control(
+        design, operating, reference, name=name or design.structure.lower(), hand_over_kmh=hand_over_kmh
+    )
+
+
+def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
+    """The operating points of an envelope."""
+    return [plant.point for plant in operating_plants(points)]
+
+
+def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
+    """A stop from the envelope's initial speed on each of its rails and loads, with the static law first."""
+    operating = operating_points(judgement.points)
+    loads = dict(zip(judgement.points.load[judgement.points.operating].tolist(), operating, strict=True))
+    names = sorted({point.law.name: point.law.has_state for point in operating}.items(), key=lambda one: one[1])
+    laws = [name for name, _ in names] if every_law else [names[0][0]]
+    found = []
+    for law in laws:
+        for load in loads:
+            for rail in judgement.envelope.rails:
+                scenario = stop_scenario(judgement, law, load, rail)
+                found.append(_stop(control, scenario, load))
+    return tuple(found)
+
+
+def seeking_stops(judgement: Judgement) -> tuple[Stop, ...]:
+    """The seeking controller in the same stops."""
+    return stops(seeking_control(judgement.envelope.vehicle), judgement)
+
+
+def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
+    """The stop of a load on a rail with a law of the envelope, by name."""
+    envelope, points = judgement.envelope, judgement.points
+    of_load = np.flatnonzero(points.operating & (points.load == load))
+    point = next(p for p in (points.plants[int(points.plant[i])].point for i in of_load) if p.law.name == law)
+    car: Vehicle = point.vehicle
+    own: str | AdhesionLaw = law if law in envelope.laws else in_reading(point.law.on(Rail.DRY), car)
+    return stop(car, rail, speed_kmh=envelope.initial_speed, adhesion=own)
+
+
+def tolerance_stops(nominal: Sequence[Stop], control: Any, judgement: Judgement) -> tuple[Stop, ...]:
+    """The nominal stops with each end of the tolerances on dead time and lag."""
+    envelope = judgement.envelope
+    actuator = envelope.vehicle.actuator
+    found = []
+    for one in nominal:
+        scenario = stop_scenario(judgement, one.law, one.load, one.rail)
+        for late, slow in product(*(sorted({min(axis), max(axis)}) for axis in (envelope.dead_time, envelope.lag))):
+            brake = Actuator(dead_time=late * actuator.dead_time, lag=slow * actuator.lag)
+            car = scenario.vehicle.model_copy(update={"actuator": brake})
+            words = f"dead time {100 * (late - 1):+.3g} %, lag {100 * (slow - 1):+.3g} %"
+            found.append(_stop(control, scenario.with_changes(vehicle=car), one.load, (), words))
+    return tuple(found)
+
+
+def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = OTHER_SEEDS, brake: str = "") -> Stop:
+    simulator = Simulator(scenario, control)
+    every = max(round(LOG_PERIOD / simulator.period), 1)
+    run, cut_out = simulator.run(SEED, record_every=every), getattr(control, "cut_out_speed", 0.0)
+    return Stop(
+        control.name,
+        scenario.adhesion.name,
+        scenario.rail,
+        load,
+        run,
+        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
+        None if brake else _bound(scenario, getattr(control, "torque_high", None)),
+        _held(run, cut_out),
+        reference_slip(control.reference, scenario.rail),
+        cut_out,
+        brake,
+    )
+
+
+def rolling_loops(nominal: Sequence[Stop], design: Any, judgement: Judgement) -> tuple[RollingLoop, ...]:
+    """Exact loops about free rolling, where the stops oscillate. An operating point of constant slip shows nothing of
+    it: there a dynamic law slides."""
+    found = []
+    for one in nominal:
+        if one.swings:
+            scenario = stop_scenario(judgement, one.law, one.load, one.rail)
+            plant = linearize_rolling(scenario.law(one.rail), scenario.vehicle, scenario.initial_speed)
+            stable = wheel_slip_loop(plant, design).is_stable()
+            found.append(RollingLoop(one.law, one.load, one.rail, float(abs(plant.poles).max()), stable))
+    return tuple(found)
+
+
+def _held(run: Run, cut_out: float) -> float:
+    """The median of slip over the second half of the time in which it is controlled, above the `cut_out` speed, m/s."""
+    assert run.signals is not None, "the run is recorded"
+    slip = run.signals.slip[run.signals.speed > cut_out]
+    return float(np.median(slip[slip.size // 2 :]))
+
+
+@lru_cache(64)
+def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
+    """With this brake: dead time, and lag up to the largest torque."""
+    limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None
+    try:
+        return clairvoyant_stop(scenario if limits is None else scenario.with_changes(limits=limits))
+    except InputError:
+        return None
