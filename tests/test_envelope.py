@@ -423,6 +423,11 @@ def test_the_best_is_robust_at_a_smaller_slip_and_its_judgement_is_that_of_judge
     assert [c.rank for c in selection.choices] == sorted(c.rank for c in selection.choices)
     assert len(selection.choices) == 6
     assert str(selection).startswith("PI, 0.75 of the reference slip: robust: Ms")
+    told = [
+        ("; adhesion " in one.words, one.reference_factor < 1) for one in selection.choices if one.design is not None
+    ]
+    assert told
+    assert all(says == less for says, less in told)  # what less slip costs
 
 
 @pytest.mark.parametrize(("envelope", "factor"), [(ONE_LAW, 1.0), (ONE_LAW, 0.75), (Envelope(speeds=40.0), 1.0)])
