@@ -119,6 +119,7 @@ def test_an_unstable_plant_may_need_ki_away_from_zero():
         (S / (S + 1) ** 2, r"zero at s = 0 cancels the integrator; use P control \(ki = 0"),
         (0 * S / (S + 1), "the plant is 0"),
         ((S - 1) / ((S - 1) * (S + 2)), "pole at 1.* is cancelled by a zero"),
+        (S / (S * (S + 2)), "pole at 0.* is cancelled by a zero"),
         (1 / S**3, "at least 1 closed-loop pole stays unstable"),
         (1 / ((S - 9) * (S - 8)), "at least 2 closed-loop poles stay unstable"),
     ],
