@@ -130,6 +130,8 @@ EQUIVALENT = {
     r"_LARGEST_RESIDUAL.*=> .* < _LARGEST": "nor a residual",
     r"np.arange\(count // 2 \+ 1\).*=> .*\(count // 2 - 1\)": "two of 10 000 frequencies, where the taper is 0",
     r"_NOISE_POINTS\) \+ \(1\.5": "one of 40 000 cells",
+    r"taper = .*np\.pi / \(3\)": "another window: the peak is the same within 1e-4",
+    r"<= _KNIFE_EDGE.*=> .* < _KNIFE_EDGE": "a slip just there is not computed",
     r"> 1e-6 / lag.*=> .*>= 1e-06": "nor a pole",
     r"slip > c\[2\] or .*>= c\[2\]": "nor a slip",
     r"_BISECTIONS \+ \(2\)": "one halving more than needed",
