@@ -104,9 +104,19 @@ def command(
     given = _given(controller, chosen_gains(kp, ki), plant.point)
     for one in given.values():
         wheel_slip_loop(plant, one)  # refuses what has no margins
+    pictures: dict[str, dict[str, bytes]] = {}
     with claimed(out):
-        found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
-        files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)
+        found = design_report(
+            judged,
+            nominal=nominal,
+            given=given,
+            sliding=whole,
+            fresh=fresh,
+            progress=told,
+            meanwhile=lambda known: _draw(known, pictures, told),
+        )
+        _draw(found, pictures, told)
+        files, content, text = _made(found, pictures, whole, provenance(ctx), _rest(cases, found, out, whole))
         written = write_files(out, {name: files[name] for name in content["files"]})
     if as_json:
         print_json(content)
@@ -122,17 +132,24 @@ def _given(controller: str | None, gains: PIGains | None, point: OperatingPoint)
     return {} if gains is None else {"given PI": PIController(gains)}
 
 
-def _made(
-    found: DesignReport, whole: bool, source: Provenance, rest: str, told: Callable[[str], None]
-) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
-    """Files by name, the content of report.json, and what writes the text at the width of the moment."""
+def _draw(found: DesignReport, pictures: dict[str, dict[str, bytes]], told: Callable[[str], None]) -> None:
+    """Add the pictures that are not drawn yet, PNG and SVG by name."""
     from railslip_ctrl.report.plots.designs import report_drawings
     from railslip_ctrl.report.plots.style import figure_files
 
-    told("pictures")
-    pictures = {name: figure_files(make()) for name, make in report_drawings(found).items()}
+    if not pictures:
+        told("pictures")
+    missing = {name: make for name, make in report_drawings(found).items() if name not in pictures}
+    pictures.update({name: figure_files(make()) for name, make in missing.items()})
+
+
+def _made(
+    found: DesignReport, pictures: dict[str, dict[str, bytes]], whole: bool, source: Provenance, rest: str
+) -> tuple[dict[str, bytes], dict[str, Any], Callable[[], str]]:
+    """Files by name, the content of report.json, and what writes the text at the width of the moment."""
     first = first_page(found)
-    files = {f"{name}.{form}": content for name, forms in pictures.items() for form, content in forms.items()}
+    drawn = [name for name in _PICTURES if name in pictures]
+    files = {f"{name}.{form}": content for name in drawn for form, content in pictures[name].items()}
     if found.control is not None:
         files[RECOMMENDED] = found.control.toml.encode()
     if whole:

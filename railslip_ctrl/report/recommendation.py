@@ -299,6 +299,7 @@ def design_report(
     sliding: bool = True,
     fresh: bool = False,
     progress: Progress = lambda message: None,
+    meanwhile: Callable[[DesignReport], object] = lambda report: None,
 ) -> DesignReport:
     """Everything of one vehicle that a design review looks at.
 
@@ -316,6 +317,9 @@ def design_report(
         Decide them again, which an earlier report of the same vehicle may have kept.
     progress : callable
         Told what is done, a line at a time.
+    meanwhile : callable
+        Given the report without what is still computed in the other process (gains around the design, the seeking
+        controller, a faster brake) and without rivals: its pictures may be drawn by then.
 
     Raises
     ------
@@ -326,7 +330,7 @@ def design_report(
         here: Beside = partial if not _may_be_sent(envelope) else submit
         plain = here(select, envelope, ("pi",))
         decided = _sliding(envelope.vehicle, submit, fresh=fresh) if sliding else lambda: Sliding(None, "not asked for")
-        return _report(envelope, nominal, given or {}, (here, plain, decided), progress)
+        return _report(envelope, nominal, given or {}, (here, plain, decided), progress, meanwhile)
 
 
 Beside = Callable[..., Callable[[], Any]]
@@ -381,6 +385,7 @@ def _report(
     given: dict[str, Any],
     beside: tuple[Beside, Callable[[], Selection], Callable[[], Sliding]],
     progress: Progress,
+    meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
     """`beside`: where to compute, and what gives the plain PI, and the sliding-mode law."""
     started = time.perf_counter()
@@ -394,7 +399,7 @@ def _report(
     if lead and lead[0].design is not None:
         lead += select(envelope, ("pi-lead",), (lead[0].reference_factor,), _QUICK_FILTER).choices
     selection = Selection(tuple(sorted((*lead, *plain().choices), key=lambda choice: choice.rank)))
-    report = _designed(envelope, nominal, selection, submit, progress)
+    report = _designed(envelope, nominal, selection, submit, progress, meanwhile)
     rivals = []
     for name, controller in given.items():
         progress(f"{name}, judged and run beside")
@@ -404,7 +409,12 @@ def _report(
 
 
 def _designed(
-    envelope: Envelope, nominal: bool, selection: Selection, submit: Beside, progress: Progress
+    envelope: Envelope,
+    nominal: bool,
+    selection: Selection,
+    submit: Beside,
+    progress: Progress,
+    meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
     empty = DesignReport(
@@ -447,6 +457,7 @@ def _designed(
         curves=tuple(map(_curve, laws_of(judgement))),
         responses=_responses(in_use.worst, plain),
     )
+    meanwhile(found)
     if not enough:
         progress("the brake that would do")
     return replace(found, gains=gains(), seeking=seeking(), faster=faster())

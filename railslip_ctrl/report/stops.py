@@ -203,13 +203,14 @@ def _stop(control: Any, scenario: Scenario, load: str, seeds: tuple[int, ...] = 
     simulator = Simulator(scenario, control)
     every = max(round(LOG_PERIOD / simulator.period), 1)
     run, cut_out = simulator.run(SEED, record_every=every), getattr(control, "cut_out_speed", 0.0)
+    run = replace(run, controller_signals={})  # not shown, and much to be sent from another process
     return Stop(
         control.name,
         scenario.adhesion.name,
         scenario.rail,
         load,
         run,
-        tuple(replace(simulator.run(seed, record_every=every), signals=None) for seed in seeds),
+        tuple(simulator.run(seed, record_every=None) for seed in seeds),
         None if brake else _bound(scenario, getattr(control, "torque_high", None)),
         _held(run, cut_out),
         reference_slip(control.reference, scenario.rail),
