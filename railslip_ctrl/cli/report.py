@@ -167,7 +167,7 @@ def _rest(cases: CaseOptions, found: DesignReport, out: Path, whole: bool) -> st
     where = f"The rest: {out / _PAGE}" if whole else f"The rest: {out / 'report.json'}"
     if not found.stops:
         return where
-    stop = found.stops[0]
+    stop = found.longest_stops[0]
     words = ["railslip simulate --scenario stop", f"--controller {shlex.quote(str(out / RECOMMENDED))}"]
     words += [f"--vehicle {shlex.quote(str(cases.vehicle))}"] if cases.vehicle is not None else []
     law = next(one for one in found.envelope.laws if str(getattr(one, "name", one)) == stop.law or len(

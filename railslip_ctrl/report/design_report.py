@@ -14,8 +14,8 @@ from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.limits import StructureLimit
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.model.linearization import linearize
-from railslip_ctrl.model.vehicle import Rail, doubts
-from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival
+from railslip_ctrl.model.vehicle import doubts
+from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival, longest
 from railslip_ctrl.report.stops import Stop
 from railslip_ctrl.simulation import LinearControl
 
@@ -29,6 +29,7 @@ from .document import (
     Table,
     above,
     below,
+    counted,
     facts,
     heading,
     listed,
@@ -54,6 +55,7 @@ _AXES = {
     "lag_s": "lag, s",
 }
 _VERDICT = ("verdict", "usable_from_kmh", "robust_from_kmh")
+_MOST_WORDS = 60  # of headline, why and what to do: a minute's reading leaves time for the numbers
 _MOST_TOLD = 8  # of points left out and knife edges
 
 
@@ -62,12 +64,13 @@ _MOST_TOLD = 8  # of points left out and knife edges
 
 def first_page(report: DesignReport) -> FirstPage:
     """What to do, why, and at most ten numbers: what a reviewer reads in a minute."""
+    headline, why = _headline(report), _why(report)
     return FirstPage(
         title=f"Wheel-slip control design: {report.vehicle.name}",
-        headline=_headline(report),
+        headline=headline,
         subject=_design_words(report),
         file=RECOMMENDED if report.control is not None else "",
-        lines=(("Why", _why(report)), ("To do", _to_do(report))),
+        lines=(("Why", why), ("To do", _to_do(report, _MOST_WORDS - len(f"{headline} {why}".split())))),
         head=("", "worst", "where"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
@@ -92,7 +95,7 @@ def _design_words(report: DesignReport) -> str:
     slip = ", ".join(f"{short(slips[rail.value])} {rail}" for rail in report.envelope.rails)
     gains = f"{design.structure}: kp {short(design.gains.kp)} N·m/(m/s), ki {short(design.gains.ki)} N·m/m"
     lead = f", lead {short(design.lead)} s / {short(design.lead_filter)} s" if design.lead > 0 else ""
-    return f"{gains}{lead}; slip {slip}"
+    return f"{gains}{lead}; holds slip {slip}"
 
 
 def _why(report: DesignReport) -> str:
@@ -114,56 +117,55 @@ def _why(report: DesignReport) -> str:
     told = f"Ms ≤ 2 at all {operating} operating points"
     if not report.nominal:
         told += f", stable at all {len(judged.points)} with tolerances"
-    slides = "" if robust == report.above_kmh else " Below, a wheel slides."
+    told += "."
+    if robust != report.above_kmh:
+        told += f" Used below {report.above_kmh:g} km/h, a wheel slides."
     factor = report.best.reference_factor
-    less = "" if factor == 1.0 else f" It holds {factor:g} of the reference slip, to be robust."
-    laws = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
-    swings = f" With {' and '.join(laws)} the wheel oscillates." if laws else ""
-    return f"{told}.{slides}{less}{swings}"
+    if factor < 1.0:
+        more = [choice.tier for choice in report.selection.choices if choice.reference_factor > factor]
+        told += f" It holds {factor:g} of the reference slip; more "
+        told += "is less robust." if min(more, default=report.best.tier) > report.best.tier else "stops no shorter."
+    swinging = dict.fromkeys(stop.law for stop in report.stops if stop.swings)
+    return told + (f" With {' and '.join(swinging)} the wheel oscillates." if swinging else "")
 
 
-def _to_do(report: DesignReport) -> str:
-    """The steps that the numbers ask for, the first ones first; few words."""
-    told = []
-    if report.control is not None and report.usable and report.control.cut_out_speed > 0:
-        told.append(f"Below {report.above_kmh:g} km/h the file holds {short(report.control.cut_out_torque)} N·m.")
-    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
-    brake = ""
-    if report.faster is not None:
-        brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
+def _to_do(report: DesignReport, most: int) -> str:
+    """The steps that the numbers ask for, the first ones first, as far as so many words go."""
+    found: list[str] = []
+    for step in _steps(report):
+        if len(" ".join([*found, step]).split()) <= most:
+            found.append(step)
+    return " ".join(found) or "Load the file, and confirm it on the rig."
+
+
+def _steps(report: DesignReport) -> Iterator[str]:
     lowest = min(report.envelope.speeds)
     robust = report.judgement is not None and report.judgement.robust_from_kmh == lowest
+    slow = list(dict.fromkeys(str(stop.rail) for stop in report.stops if not stop.reached))
+    brake, reach = "", ""
+    if report.faster is not None:
+        brake = f"dead time {short(report.faster.dead_time, 3)} s, lag {short(report.faster.lag, 3)} s"
+        reach = f"; with {brake} it comes there in every stop tried" if report.faster.reaches else ""
+    if report.hands_over:
+        assert report.control is not None
+        yield f"Below {report.above_kmh:g} km/h it holds {short(report.control.cut_out_torque)} N·m."
     if slow and report.usable:
-        reached = brake and report.faster is not None and report.faster.reaches
-        reach = f"; with {brake} it comes there in every stop tried" if reached else ""
-        told.append(f"Slip stays below its reference ({', '.join(slow)}){reach}.")
+        yield f"Slip stays below its reference ({', '.join(slow)}){reach}."
     if brake and not robust:
-        told.append(f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}.")
+        yield f"For Ms ≤ 2 from {lowest:g} km/h up: {brake}."
     elif brake and not report.usable:
-        told.append(f"With {brake} no wheel slides in the stops tried.")
+        yield f"With {brake} no wheel slides in the stops tried."
     elif not report.usable:
         least = min(choice.reference_factor for choice in report.selection.choices)
-        slip = f"{least:g} of the reference slip; " if least < 1 else ""
-        told.append(f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag.")
+        slip = f"{least:g} of the reference slip, or " if least < 1 else ""
+        yield f"Tried, and not enough: {slip}{FASTER[-1]:g} of dead time and lag."
     if report.usable and report.judgement is not None and report.judgement.envelope.knife_edges():
-        told.append("The reference is at the adhesion peak: hold less slip.")
-    told += _seeking_words(report)
-    return " ".join(told) or "Load the file, and confirm it on the rig."
-
-
-def _seeking_words(report: DesignReport) -> Iterator[str]:
-    """That the seeking controller stops shorter on every rail, where no wheel locks with it."""
-    if not report.seeking or any(stop.locks for stop in report.seeking):
-        return
-    found = [(_longest(report.seeking, first.rail), _longest(report.stops, first.rail)) for first in report.first_stops]
-    if all(seeking.distance < stop.distance for seeking, stop in found):
-        told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
-        yield f"Unjudged but shorter: --controller seeking, {told}."
-
-
-def _longest(stops: Iterable[Stop], rail: Rail) -> Stop:
-    """Of all laws and loads."""
-    return max((stop for stop in stops if stop.rail is rail), key=lambda stop: stop.distance)
+        yield "The reference is at the adhesion peak: hold less slip."
+    pairs = list(zip(longest(report.seeking), report.longest_stops, strict=False))
+    locks = any(stop.locks for stop in report.seeking)
+    if pairs and not locks and all(seeking.distance < stop.distance for seeking, stop in pairs):
+        told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in pairs)
+        yield f"Shorter, but its margins are not judged: --controller seeking, {told}."
 
 
 def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
@@ -179,8 +181,7 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         yield "Ms with tolerances", *_worst_cells(judged.worst_with_tolerances)
     if worst.margins is not None:
         yield from _margin_rows(judged)
-    for first in report.first_stops:
-        stop = _longest(report.stops, first.rail)
+    for stop in report.longest_stops:
         where = f"{stop.law}, {stop.load}: {_stop_words(stop)}; {_locks(report, stop)}"
         yield f"Stop, {stop.rail}", _distance(stop), where
     if report.tolerance_stops:
@@ -188,7 +189,8 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
         locked = sum(stop.locks for stop in report.tolerance_stops)
         where = f"{slipped.law}, {slipped.rail}, {slipped.load}, {slipped.brake}"
         of = f"{len(report.tolerance_stops)} stops with the actuator's tolerances"
-        yield "Highest slip", above(slipped.max_slip), f"{where}; {locked or 'none'} of {of} locks"
+        locks = counted(locked, "lock") if locked else "no lock"
+        yield "Highest slip", above(slipped.max_slip), f"{where}; in {of} {locks}"
     if report.usable:
         yield "Mean stop", f"{short(report.trials[0].distance())} m", _chosen(report)
     car = report.vehicle
@@ -201,13 +203,14 @@ def _worst_cells(worst: WorstCase) -> tuple[str, str]:
     """The larger Ms, of the loop or of the sampled one that runs, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
         return _ms(worst.ms), worst.case.words
-    return _ms(worst.run_ms), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {_ms(worst.ms)}"
+    sampled = f"sampled every {worst.as_run.period:g} s; continuous {_ms(worst.ms)}"
+    return _ms(worst.run_ms), f"{worst.run_case.words}, {sampled}"
 
 
 def _chosen(report: DesignReport) -> str:
     """By what the design was chosen, and what the next would give."""
     tried, (_, *others) = len(report.selection.choices), report.trials
-    told = f"of all laws, loads and rails; best of {tried} tried: robust from the lowest speed, then by stops"
+    told = f"over all laws, loads and rails; best of {tried} candidates"
     if not others:
         return told
     after = others[0]
@@ -231,7 +234,8 @@ def _margin_rows(judged: Judgement) -> Iterator[tuple[str, str, str]]:
     delay, where = least(m.delay_s)
     yield "Delay margin", f"{below(delay)} s", where
     (low, under), (high, over) = least(m.gain_decrease, -1.0), least(m.gain_increase)
-    yield "Gain range", f"{above(low)} to {below(high)}", under if under == over else f"{under} | {over}"
+    where = under if under == over else f"low: {under}; high: {over}"
+    yield "Gain range", f"{above(low)} to {below(high)}", where
 
 
 def _distance(stop: Stop) -> str:
@@ -243,8 +247,8 @@ def _stop_words(stop: Stop) -> str:
     told = []
     if stop.bound is not None and not math.isnan(stop.over_bound):
         bound = short(stop.bound.braking_distance)
-        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m)")
-    told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
+        told.append(f"{100 * stop.over_bound:.0f} % over the shortest possible with this brake ({bound} m)")
+    told.append(f"slip held {short(stop.held, 2)} of {short(stop.reference)}, highest {above(stop.max_slip)}")
     return "; ".join(told)
 
 
@@ -255,7 +259,7 @@ def _locks(report: DesignReport, first: Stop) -> str:
     if where:
         return f"locks ({'; '.join(where)})"
     most = max(others, key=lambda stop: stop.max_slip)
-    return "no lock" if most is first else f"≤ {above(most.max_slip)} with {most.law}, {most.load}; no lock"
+    return "no lock" if most is first else f"{above(most.max_slip)} with {most.law}, {most.load}; no lock"
 
 
 def _pictures(report: DesignReport) -> Iterator[Picture]:
@@ -264,20 +268,19 @@ def _pictures(report: DesignReport) -> Iterator[Picture]:
         return
     yield Picture(
         "map",
-        "Worst Ms over speed and load.",
+        "Worst Ms over speed and load, in continuous time.",
         f"Worst Ms in cells over speed and load, at the operating points and with tolerances: {judged.verdict_line}",
     )
     yield Picture(
         "loop",
-        "The recommended design at its worst points: Bode and Nyquist, the dead time exact.",
+        "The recommended design at its worst points: Bode and Nyquist, in continuous time, the dead time exact.",
         "Magnitude, phase and Nyquist curve of the recommended design at its worst operating point and its worst point "
         f"with tolerances: {'; '.join(one.label for one in report.worst_loops)}",
     )
     if report.stops:
-        told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.first_stops)
-        yield Picture(
-            "stops", "One stop a rail with the recommended design.", f"Speed, slip and torque over time. {told}"
-        )
+        told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in report.longest_stops)
+        caption = "The longest stop on each rail with the recommended design."
+        yield Picture("stops", caption, f"Speed, slip and torque over time. {told}")
 
 
 # --- sections -------------------------------------------------------------------------------------------------------
@@ -363,14 +366,14 @@ def _candidates(report: DesignReport) -> Section:
 def _rivals(report: DesignReport) -> Section | None:
     if not report.rivals or report.control is None or report.judgement is None:
         return None
-    taken = Rival("recommended", None, report.judgement, report.first_stops)
+    taken = Rival("recommended", None, report.judgement, report.stops)
     rows = []
     for one in (taken, *report.rivals):
         judged = one.judgement
         distances = " / ".join(
             f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
             for stop in one.stops
-            if stop.load == one.stops[0].load
+            if (stop.law, stop.load) == (one.stops[0].law, one.stops[0].load)
         )
         worst = (_ms(judged.worst.ms), _ms(judged.worst_with_tolerances.ms))
         rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
@@ -479,8 +482,8 @@ def _adhesion(report: DesignReport) -> Section:
         rows.append((curve.law, str(curve.rail), f"{curve.speed_kmh:g}", short(curve.peak.coefficient), peak, *held))
     head = ("Law", "Rail", "Speed, km/h", "Peak μ", "at slip", "Slip held", "μ there")
     laws = listed(dict.fromkeys(curve.law for curve in report.curves))
-    alt = f"Adhesion coefficient at rest over slip of {laws}, a panel a rail; circles where slip is held."
-    picture = Picture("adhesion", "Adhesion at rest over the slip ratio.", alt)
+    alt = f"Steady adhesion coefficient over slip of {laws}, a panel a rail; circles where slip is held."
+    picture = Picture("adhesion", "Steady adhesion over the slip ratio.", alt)
     peaks = table(head, rows, caption="Peaks, and the slip held.")
     return Section("adhesion", "Adhesion", (picture, peaks, facts(law_facts(curve.point for curve in report.curves))))
 

@@ -6,7 +6,7 @@ import datetime
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -239,10 +239,15 @@ class DesignReport:
         return self.above_kmh is not None
 
     @property
-    def first_stops(self) -> tuple[Stop, ...]:
-        """One a rail, of the first law and load: those of the first page's picture."""
-        rails = dict.fromkeys(stop.rail for stop in self.stops)
-        return tuple(next(stop for stop in self.stops if stop.rail is rail) for rail in rails)
+    def longest_stops(self) -> tuple[Stop, ...]:
+        """One a rail, of all laws and loads: those of the first page."""
+        return longest(self.stops)
+
+
+def longest(stops: Sequence[Stop]) -> tuple[Stop, ...]:
+    """The longest stop on each rail."""
+    rails = dict.fromkeys(stop.rail for stop in stops)
+    return tuple(max((s for s in stops if s.rail is rail), key=lambda s: s.distance) for rail in rails)
 
 
 def restricted(judgement: Judgement, from_kmh: float) -> Judgement:
@@ -283,7 +288,7 @@ LOAD_STEP = 100.0
 
 _CACHED = "conditions-layered"
 _LARGEST_SLIP, _SLIPS = 0.5, 401  # end of the adhesion curves, and their points
-_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 13)  # over the design's own, which stand in the middle
+_GAINS = 4.0 ** np.linspace(-1.0, 1.0, 21)  # over the design's own, which stand in the middle
 _RESPONSE_TIME = 10.0  # s
 FASTER = (0.75, 0.5, 0.25)
 """Dead times and lags that are tried in turn where a design does not do, over the brake's."""

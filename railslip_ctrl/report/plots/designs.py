@@ -23,6 +23,7 @@ from railslip_ctrl.design.schedule import MarginSweep
 from railslip_ctrl.design.specification import ROBUST_MS
 from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, frequency_curve
 from railslip_ctrl.loop.responses import TimeResponse
+from railslip_ctrl.report.document import short
 from railslip_ctrl.report.export import words_at
 from railslip_ctrl.report.plots.style import (
     PAGE_WIDTH,
@@ -147,7 +148,7 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
         ax.set_ylabel(label)
         ax.set_xlabel("frequency ω (rad/s)")
         sparse_log_ticks(ax.xaxis)
-    told = "dots: |L| = 1; axes cut: |L| beyond 40 dB, phase, and L far from −1; dash-dotted: Ms = 2"
+    told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; cut off: beyond 40 dB, its phase, far from −1"
     legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
     return figure
 
@@ -310,7 +311,6 @@ _FITS = 9999.0  # the highest number a cell of a map has room for
 _NARROW = 0.15  # of the axes: a contour that its label would take away has none
 _SHORT = 4  # points of a contour too short for a label
 _CLEAR = 0.08  # of the axes: between a label and the side at which a picture is cut
-_APART = 0.07  # of the axes: labels nearer to each other, or to a mark, are moved
 _SHARES = (0.2, 0.98)  # of a field's values, between which contours are drawn
 _ROUND = (1, 1.5, 2, 3, 5, 7)
 
@@ -337,11 +337,11 @@ def region_figure(
         for strip in strips:
             ax.fill(*strip.polygon.T, facecolor="0.95", edgecolor="black", linewidth=1.2)
         _limit(ax, strips)
-        _contours(ax, mesh, values, levels, chosen.values())
         for i, (label, (kp, ki)) in enumerate(chosen.items()):
             ax.plot(kp, ki, markersize=5, label=label, **mark_style(i))
         if not any(strip.ki_cut for strip in strips):
             ax.set_ylim(0.0, 1.05 * ax.dataLim.ymax)
+        _contours(ax, mesh, values, levels, chosen.values())
         ax.set_title(f"contours: {name}", fontsize=TEXT)
         ax.set_xlabel(f"kp ({kp_unit})" + (", no bound" if any(strip.kp_cut for strip in strips) else ""))
     axes[0].set_ylabel(f"ki ({ki_unit})" + (", no bound" if any(strip.ki_cut for strip in strips) else ""))
@@ -401,33 +401,30 @@ def _mesh(strips: Sequence[Strip], grid: MarginGrid) -> _Mesh | None:
 
 
 def _contours(ax: Any, mesh: _Mesh | None, field: Any, levels: dict[float, str], marks: Iterable[Any]) -> None:
-    """Lines of a field that is 0 at the edge, each labelled on its falling side, clear of labels and `marks`."""
+    """Lines of a field that is 0 at the edge, with their numbers clear of `marks`."""
     if mesh is None or not levels:
         return
     style = {"colors": "0.25", "linewidths": 0.8, "linestyles": "-"}
     lines = ax.tricontour(mesh.triangles, mesh.values(field), levels=sorted(levels), **style)
-    size = np.ptp(ax.dataLim.get_points(), axis=0)
-    last = np.inf if ax.get_autoscalex_on() else ax.get_xlim()[1] - _CLEAR * size[0]
-    places: list[Any] = []
-    taken = [np.asarray(mark) for mark in marks]
+    _number_contours(ax, lines, levels, marks)
+
+
+def _number_contours(ax: Any, lines: Any, words: Mapping[float, str], marks: Iterable[Any]) -> None:
+    """Put the number of each contour where it has most room from the sides of the axes, other numbers and marks."""
+    ax.get_xlim()  # whatever was drawn by now counts
+    to_axes = ax.transData - ax.transAxes
+    taken = [to_axes.transform(mark) for mark in marks]
+    places = []
     for path in lines.get_paths():
-        starts = np.flatnonzero(path.codes == Path.MOVETO)  # `to_polygons` would thin the points out
-        parts = [part for part in np.split(path.vertices, starts[1:]) if len(part) > _SHORT]
-        if not parts:
+        at = to_axes.transform(path.vertices) if len(path.vertices) else np.empty((0, 2))
+        at = at[np.all((at > _CLEAR) & (at < 1.0 - _CLEAR), axis=1)]
+        if len(at) <= _SHORT or np.ptp(at, axis=0).max() < _NARROW:
             continue
-        longest = max(parts, key=lambda part: float(np.ptp(part[:, 0])))
-        longest = longest[longest[:, 0] < last]
-        if len(longest) <= _SHORT or np.ptp(longest[:, 0]) < _NARROW * size[0]:
-            continue
-        top = longest[np.argmax(longest[:, 1])]
-        falling = longest[longest[:, 0] >= top[0]]
-        found = [falling[np.argmin(np.abs(falling[:, 1] - part * top[1]))] for part in (0.5, 0.7, 0.3, 0.9)]
-        room = [min([np.hypot(*((one - other) / size)) for other in taken], default=1.0) for one in found]
-        best = found[next((i for i, far in enumerate(room) if far > _APART), int(np.argmax(room)))]
-        places.append(tuple(best))
+        best = at[np.argmax(np.min([np.hypot(*(at - one).T) for one in taken] or [at[:, 1]], axis=0))]
         taken.append(best)
+        places.append(tuple(to_axes.inverted().transform(best)))
     if places:
-        ax.clabel(lines, fmt=levels, fontsize=SMALL, manual=places, inline_spacing=2)
+        ax.clabel(lines, fmt=words, fontsize=SMALL, manual=places, inline_spacing=2)
 
 
 def _round_levels(values: Any) -> dict[float, str]:
@@ -513,7 +510,7 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
     low, span = float(later.min()), float(np.ptp(later))
     if top > low + 2 * span > low:
         ax.set_ylim(low - 0.1 * span, low + 1.5 * span)
-        words = f"cut off: begins with up to {top:.3g} N·m"
+        words = f"cut off: begins with up to {short(top, 3)} N·m"
         ax.annotate(words, (0.98, 0.96), xycoords="axes fraction", ha="right", va="top", fontsize=SMALL)
 
 
@@ -586,15 +583,15 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     drawings: dict[str, Callable[[], Figure]] = {}
     if report.judgement is not None and report.control is not None:
         found, name = report.judgement.map, report.control.design.structure
-        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load"
+        title = f"{report.vehicle.name}, {name}: worst Ms over speed and load, continuous time"
         drawings["map"] = lambda: ms_map_figure({"": found}, title=title)
-        where = f"{report.vehicle.name}, {name}: loops at the worst points in use; dead time exact"
+        where = f"{report.vehicle.name}, {name}: loops at the worst points; continuous time"
         drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
     if report.stops:
-        drawings["stops"] = lambda: _stops(report.first_stops, report.vehicle.name)
+        drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name)
     if report.gains is not None:
         gains = report.gains
-        drawings["gains"] = lambda: _gains(gains)
+        drawings["gains"] = lambda: _gains(gains, report.vehicle.name)
     if report.responses is not None:
         responses = report.responses
         drawings["responses"] = lambda: _responses(responses, report.control)
@@ -603,15 +600,15 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
 
 
 def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
-    first = stops[0]
-    title = f"{vehicle}, {first.load}: stops with the {first.controller}, law {first.law}, seed {first.run.seed}"
-    figure = new_figure(5.2, title)
+    name = stops[0].run.controller.design.structure
+    figure = new_figure(5.2, f"{vehicle}, {name}: the longest stop on each rail, seed {stops[0].run.seed}")
     axes = panels(figure, 3, len(stops), sharex="col", sharey="row")
     cut = False
     for column, stop in zip(axes.T, stops, strict=True):
         signals = stop.run.signals
         assert signals is not None, "the runs of a report are recorded"
-        column[0].set_title(f"{stop.rail} rail: {stop.run.braking_distance:.4g} m", fontsize=TEXT)
+        where = f"{stop.rail} rail, {stop.law}, {stop.load}"
+        column[0].set_title(f"{where}: {stop.run.braking_distance:.4g} m", fontsize=TEXT)
         rim = (signals.speed - signals.slip_velocity) / KMH
         column[0].plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
         column[0].plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
@@ -637,23 +634,21 @@ def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
     return figure
 
 
-def _gains(found: GainMap) -> Figure:
-    title = f"Worst Ms of {found.points} operating points around the recommended gains; grey: unstable"
-    figure = new_figure(3.6, title)
+def _gains(found: GainMap, vehicle: str) -> Figure:
+    figure = new_figure(3.6, f"{vehicle}: worst Ms of {found.points} operating points over the gains")
     ax = panels(figure)[0, 0]
-    inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
-    ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
-    levels = [1 / level for level in reversed(_MS_LEVELS) if inverse.min() < 1 / level < inverse.max()]
-    if levels:
-        lines = ax.contour(found.kp, found.ki, inverse.T, levels=levels, colors="0.25", linewidths=0.9)
-        ax.clabel(lines, fmt=lambda level: f"{1 / level:.3g}", fontsize=SMALL)
-    ax.plot(*found.chosen, marker="*", markersize=11, color=line_style(1)["color"], linestyle="none")
-    ax.annotate("recommended", found.chosen, (8, -4), textcoords="offset points", fontsize=SMALL)
     ax.set_xscale("log")
     ax.set_yscale("log")
+    inverse = 1.0 / found.ms  # 0 where unstable: smooth up to the edge
+    ax.contourf(found.kp, found.ki, inverse.T, levels=[0.0, _UNSTABLE], colors=["0.85"])
+    levels = {1 / level: f"{level:.3g}" for level in _MS_LEVELS if inverse.min() < 1 / level < inverse.max()}
+    if levels:
+        lines = ax.contour(found.kp, found.ki, inverse.T, levels=sorted(levels), colors="0.25", linewidths=0.9)
+        _number_contours(ax, lines, levels, [found.chosen])
+    ax.plot(*found.chosen, marker="*", markersize=11, color=line_style(1)["color"], linestyle="none")
     for axis in (ax.xaxis, ax.yaxis):
         plain_log_ticks(axis)
-    ax.set_xlabel("kp (N·m/(m/s))")
+    ax.set_xlabel("kp (N·m/(m/s)); star: recommended, grey: unstable")
     ax.set_ylabel("ki (N·m/m)")
     return figure
 
@@ -673,7 +668,7 @@ def _responses(found: Responses, control: Any) -> Figure:
 def _adhesion(curves: tuple[LawCurve, ...]) -> Figure:
     rails = list(dict.fromkeys(curve.rail for curve in curves))
     speeds = ", ".join(f"{v:g}" for v in dict.fromkeys(curve.speed_kmh for curve in curves))
-    figure = new_figure(3.6, f"Adhesion at rest over slip at {speeds} km/h; circles: slip held, triangles: peaks")
+    figure = new_figure(3.6, f"Steady adhesion over slip at {speeds} km/h; circles: slip held, triangles: peaks")
     axes = panels(figure, 1, len(rails), sharex=True, sharey=True)[0]
     for ax, rail in zip(axes, rails, strict=True):
         for i, curve in enumerate(one for one in curves if one.rail is rail):
