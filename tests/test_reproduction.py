@@ -21,7 +21,6 @@ from railslip_ctrl.paper.tables import (
     CASES,
     published_facts,
     published_setup,
-    rms_deviation_percent,
     run_setups,
     table3,
     table5,
@@ -66,7 +65,6 @@ def test_deviation_is_of_the_published_number(few_seeds):
     assert not replace(row, obtained=728.1).within
     assert not replace(row, obtained=671.9).within
     deviations = [100 * (row.obtained / row.published - 1) for row in few_seeds.rows]
-    assert rms_deviation_percent(few_seeds.results) == pytest.approx(few_seeds.rms_deviation_percent)
     assert few_seeds.rms_deviation_percent == pytest.approx(np.sqrt(np.mean(np.square(deviations))))
 
 
@@ -78,8 +76,8 @@ def test_a_run_that_does_not_stop_passes_for_no_number(few_seeds):
     assert np.isnan(result.mean).all()
     row = replace(few_seeds.rows[12], obtained=float(result.mean[0]))
     assert not row.within
-    assert math.isnan(rms_deviation_percent((*few_seeds.results[:3], result)))
-    with_it = replace(few_seeds, rows=(*few_seeds.rows[:12], row, *few_seeds.rows[13:]))
+    rows = (*few_seeds.rows[:12], row, *few_seeds.rows[13:])
+    with_it = replace(few_seeds, rows=rows, results=(*few_seeds.results[:3], result))
     assert not with_it.within
     assert math.isnan(with_it.rms_deviation_percent)
 

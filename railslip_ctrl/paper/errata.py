@@ -145,7 +145,8 @@ def _without_latex(text: str) -> str:
 
 def adhesion_errata() -> tuple[Erratum, ...]:
     """The rows, in the order of the equations."""
-    return (_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer(), _observer_forms())
+    forms = compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,))
+    return (_force_per_length(), _beam_force(), *_bristle_coefficients(), _observer(), forms)
 
 
 def _force_per_length() -> Erratum:
@@ -200,11 +201,7 @@ def _bristle_coefficients() -> tuple[Erratum, Erratum]:
     beta_fitted = fitted["beta"]
     return (
         compared(
-            "(22)-(24)",
-            printed.bristle_coefficients,
-            derived,
-            static=fitted["gamma"] / beta_fitted,
-            beta=beta_fitted,
+            "(22)-(24)", printed.bristle_coefficients, derived, static=fitted["gamma"] / beta_fitted, beta=beta_fitted
         ),
         compared("(24) with brackets", (vs / (Fs - Fc), Fs * vs / (Fs - Fc)), derived),
     )
@@ -239,10 +236,6 @@ def _observer() -> Erratum:
     return compared("(27)", (as_printed,), (derived,), jump=jump)
 
 
-def _observer_forms() -> Erratum:
-    return compared("(28) = (27)", (printed.observer_without_derivative,), (printed.observer,))
-
-
 # --- the sliding-mode law and its proof -------------------------------------------------------------------------------
 
 
@@ -253,44 +246,35 @@ _MASS = (PARK2008.mass, PARK2008.mass_loaded)
 
 def law_errata(derivation: Derivation) -> tuple[Erratum, ...]:
     """The rows, in the order of the equations."""
+
+    def agrees(where: str, as_printed: sp.Expr, derived: sp.Expr, note: str = "") -> Erratum:
+        return compared(where, (_named(as_printed, derivation),), (derived,), text="as derived", note=note)
+
+    d = derivation
+    closed_rate = sp.factor(d.closed_rate.subs(UNCERTAIN))
     return (
-        *_known_parameters(derivation),
-        _asked_rate(derivation),
-        _random_force(derivation),
-        *_theta(derivation),
-        *_adaptive(derivation),
-        *_lyapunov_rate(derivation),
-        _adaptation(derivation),
-        _invariant_set(derivation),
+        agrees("(35)", printed.s_rate, d.s_rate, "with Fr read as the travelling resistance of (4)"),
+        agrees("(36)", printed.equivalent_control, d.equivalent_control),
+        agrees("(37)", printed.reaching, d.reaching),
+        agrees("(41)", printed.robust_control, d.robust_term, "for s' = -D0 s - K0 sgn s"),
+        agrees("(42)", printed.reaching_product, d.reaching_product, "(first line)"),
+        agrees("(43)", printed.control_law, d.control_law),
+        compared("(38)-(39) with (41)", (printed.asked_rate,), (closed_rate,), ratio=_RATIO),
+        _random_force(d),
+        _theta1(d),
+        agrees("(44), theta_2", printed.theta[1], d.theta[1]),
+        agrees("(45)", printed.adaptive_law, d.adaptive_law_control, "with theta corrected"),
+        agrees("(46)", printed.lyapunov, d.V, "(chosen, not derived)"),
+        _lyapunov_rate(d),
+        compared("(47)-(48)", (printed.lyapunov_rate_with_law,), (d.V_rate,), ratio=_RATIO),
+        compared("(49)", printed.adaptation, d.adaptation_matrix, units=_gain_units(d)),
+        _invariant_set(d),
     )
 
 
 def _named(expression: sp.Expr, derivation: Derivation) -> sp.Expr:
     """The printed sigma_d' as the reference has it."""
     return expression.subs(sliding_symbol("sigma_d_rate"), derivation.reference_rate)
-
-
-def _known_parameters(derivation: Derivation) -> tuple[Erratum, ...]:
-    pairs = (
-        ("(35)", printed.s_rate, derivation.s_rate, "with Fr read as the travelling resistance of (4)"),
-        ("(36)", printed.equivalent_control, derivation.equivalent_control, ""),
-        ("(37)", printed.reaching, derivation.reaching, ""),
-        ("(41)", printed.robust_control, derivation.robust_term, "for s' = -D0 s - K0 sgn s"),
-        ("(42)", printed.reaching_product, derivation.reaching_product, "(first line)"),
-        ("(43)", printed.control_law, derivation.control_law, ""),
-    )
-    return tuple(
-        _expected_to_agree(where, as_printed, derived, note, derivation) for where, as_printed, derived, note in pairs
-    )
-
-
-def _expected_to_agree(where: str, as_printed: sp.Expr, derived: sp.Expr, note: str, derivation: Derivation) -> Erratum:
-    return compared(where, (_named(as_printed, derivation),), (derived,), text="as derived", note=note)
-
-
-def _asked_rate(derivation: Derivation) -> Erratum:
-    derived = sp.factor(derivation.closed_rate.subs(UNCERTAIN))
-    return compared("(38)-(39) with (41)", (printed.asked_rate,), (derived,), ratio=_RATIO)
 
 
 def _random_force(derivation: Derivation) -> Erratum:
@@ -308,61 +292,30 @@ def _random_force(derivation: Derivation) -> Erratum:
     )
 
 
-def _theta(derivation: Derivation) -> tuple[Erratum, Erratum]:
-    first, second = printed.theta
-    values = {
-        sliding_symbol("Mn"): _MASS[0],
-        sliding_symbol("Mp"): _MASS[1] - _MASS[0],
-        plant.r: _R,
+def _theta1(derivation: Derivation) -> Erratum:
+    first, derived = printed.theta[0], derivation.theta[0]
+    values = {sliding_symbol("Mn"): _MASS[0], sliding_symbol("Mp"): _MASS[1] - _MASS[0], plant.r: _R}
+    sizes = tuple(float(expression.subs(values)) for expression in (first, derived))
+    return compared("(44), theta_1", (first,), (derived,), masses=_MASS, sizes=sizes)
+
+
+def _lyapunov_rate(derivation: Derivation) -> Erratum:
+    """(47) before the law is put in: with the derived law in it, it must be the derived V'."""
+    names = ("theta1", "theta2")
+    errors = {
+        error: sliding_symbol(name) - sliding_symbol(f"{name}_hat")
+        for error, name in zip(THETA_TILDE, names, strict=True)
     }
-    as_printed, derived = (float(expression.subs(values)) for expression in (first, derivation.theta[0]))
-    return (
-        compared("(44), theta_1", (first,), (derivation.theta[0],), masses=_MASS, sizes=(as_printed, derived)),
-        _expected_to_agree("(44), theta_2", second, derivation.theta[1], "", derivation),
-    )
-
-
-def _adaptive(derivation: Derivation) -> tuple[Erratum, Erratum]:
-    return (
-        _expected_to_agree(
-            "(45)", printed.adaptive_law, derivation.adaptive_law_control, "with theta corrected", derivation
-        ),
-        _expected_to_agree("(46)", printed.lyapunov, derivation.V, "(chosen, not derived)", derivation),
-    )
-
-
-def _lyapunov_rate(derivation: Derivation) -> tuple[Erratum, Erratum]:
-    theta = [sliding_symbol("theta1"), sliding_symbol("theta2")]
-    hat = [sliding_symbol("theta1_hat"), sliding_symbol("theta2_hat")]
-    errors = dict(zip(THETA_TILDE, (a - b for a, b in zip(theta, hat, strict=True)), strict=True))
-    # (47) before the law is put in: put the derived law in, and it must be the derived V'
     before = _named(printed.lyapunov_rate, derivation).subs(plant.Tb, derivation.adaptive_law_control)
-    law_put_in = sp.expand(before.subs(errors)), sp.expand(derivation.V_rate.subs(errors))
-    return (
-        compared("(47) with (45)", law_put_in[:1], law_put_in[1:]),
-        compared("(47)-(48)", (printed.lyapunov_rate_with_law,), (derivation.V_rate,), ratio=_RATIO),
-    )
-
-
-def _adaptation(derivation: Derivation) -> Erratum:
-    return compared("(49)", printed.adaptation, derivation.adaptation_matrix, units=_gain_units(derivation))
+    return compared("(47) with (45)", *((sp.expand(rate.subs(errors)),) for rate in (before, derivation.V_rate)))
 
 
 def _gain_units(derivation: Derivation) -> list[str]:
     """Units of k1, k2 from theta' = k s phi, by putting units for symbols in the derived theta and phi."""
     kg, m, sec = sp.symbols("kg m s", positive=True)
-    units = {
-        plant.r: m,
-        plant.J: kg * m**2,
-        plant.Ta: kg * m**2 / sec**2,
-        plant.omega: 1 / sec,
-        sliding_symbol("s"): m / sec,
-        sliding_symbol("Mn"): kg,
-        sliding_symbol("Mp"): kg,
-        sliding_symbol("Bp"): kg * m**2 / sec,
-        sliding_symbol("k1"): sp.Integer(1),
-        sliding_symbol("k2"): sp.Integer(1),
-    }
+    units = {plant.r: m, plant.J: kg * m**2, plant.Ta: kg * m**2 / sec**2, plant.omega: 1 / sec}
+    named = {"s": m / sec, "Mn": kg, "Mp": kg, "Bp": kg * m**2 / sec, "k1": sp.Integer(1), "k2": sp.Integer(1)}
+    units |= {sliding_symbol(name): unit for name, unit in named.items()}
     found = []
     for theta, rate in zip(derivation.theta, derivation.adaptation_matrix, strict=True):
         gain = theta.subs(units, simultaneous=True) / sec / rate.subs(units, simultaneous=True)
@@ -404,16 +357,8 @@ _WHEEL = PARK2008.wheel
 
 def number_errata(derivation: Derivation) -> tuple[Erratum, ...]:
     """The rows, in the order of the source."""
-    return (
-        _reaching_gain(derivation),
-        _viscous(),
-        _table3(),
-        _table4_kp(),
-        _table4_ki(),
-        _table4_asmc(),
-        _energy(),
-        _duration(),
-    )
+    rest = (_viscous, _table3, _table4_kp, _table4_ki, _table4_asmc, _energy, _duration)
+    return (_reaching_gain(derivation), *(decide() for decide in rest))
 
 
 def random_disturbance(derivation: Derivation) -> float:

@@ -126,9 +126,7 @@ SPEEDS_KMH = (100.0, 5.0)
 PEAK_ADHESION = MappingProxyType({"dry": 0.30, "wet": 0.15})
 """Peaks of the bristle curves of Fig. 17, read from it."""
 
-TABLE3 = MappingProxyType(
-    {"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)},
-)
+TABLE3 = MappingProxyType({"beam": (0.0130, 0.0085, 0.0132, 0.0093), "bristle": (0.0080, 0.0080, 0.0102, 0.0077)})
 """Mean absolute errors of the adhesion coefficient at 30, 60, 100, 140 km/h."""
 
 TABLE3_MEANS = MappingProxyType({"beam": 0.011, "bristle": 0.0083})

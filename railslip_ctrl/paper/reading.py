@@ -128,36 +128,19 @@ class _LoadedWetCurve(Curve):
 # --- kinds of change -----------------------------------------------------------------------------------------------
 
 
-def _changed(setup: Setup, **changes: Any) -> Setup:
-    """With fields of the scenario changed."""
-    return replace(setup, scenario=setup.scenario.with_changes(**changes))
-
-
 def _scenario(**changes: Any) -> Change:
     """Fields of the scenario."""
-    return lambda setup: _changed(setup, **changes)
+    return lambda setup: replace(setup, scenario=setup.scenario.with_changes(**changes))
 
 
-def _vehicle(**changes: Any) -> Change:
-    """Fields of the vehicle."""
-    return lambda setup: _changed(setup, vehicle=setup.scenario.vehicle.model_copy(update=changes))
-
-
-def _disturbances(**changes: Any) -> Change:
-    """Fields of the scenario's disturbances."""
-    return lambda setup: _changed(setup, disturbances=setup.scenario.disturbances.model_copy(update=changes))
-
-
-def _ramp(factor: float) -> Change:
-    """The slip acceleration of the curve's ramp."""
-    return lambda setup: _changed(
-        setup, adhesion=setup.scenario.adhesion.model_copy(update={"R": factor * SLIP_ACCELERATION})
-    )
+def _part(name: str, **changes: Any) -> Change:
+    """Fields of a part of the scenario."""
+    return lambda setup: _scenario(**{name: getattr(setup.scenario, name).model_copy(update=changes)})(setup)
 
 
 def _wet_by(law: type[Curve]) -> Change:
     """Another way in which the curve turns wet."""
-    return lambda setup: _changed(setup, adhesion=law(**dict(setup.scenario.adhesion)))
+    return lambda setup: _scenario(adhesion=law(**dict(setup.scenario.adhesion)))(setup)
 
 
 def _plant(adhesion: str, *columns: str) -> Change:
@@ -169,31 +152,30 @@ def _plant(adhesion: str, *columns: str) -> Change:
     )
 
 
+def _controller(kind: type[Any], changes: Callable[[Setup], dict[str, Any]]) -> Change:
+    """Fields of the controllers of a kind."""
+
+    def change(setup: Setup) -> Setup | None:
+        if not isinstance(setup.controller, kind):
+            return None
+        return replace(setup, controller=replace(setup.controller, **changes(setup)))
+
+    return change
+
+
 def _asmc(**changes: Any) -> Change:
-    """Fields of the sliding-mode controller."""
-    return lambda setup: (
-        replace(setup, controller=replace(setup.controller, **changes))
-        if isinstance(setup.controller, SlidingControl)
-        else None
-    )
+    return _controller(SlidingControl, lambda setup: changes)
 
 
 def _asmc_gains(gains: Callable[[Setup], dict[str, Any]]) -> Change:
-    """Gains of the sliding-mode controller."""
-    return lambda setup: (
-        _asmc(gains=replace(setup.controller.gains, **gains(setup)))(setup)
-        if isinstance(setup.controller, SlidingControl)
-        else None
-    )
+    def changed(setup: Setup) -> dict[str, Any]:
+        return {"gains": replace(setup.controller.gains, **gains(setup))}  # type: ignore[union-attr]
+
+    return _controller(SlidingControl, changed)
 
 
 def _pi(changes: Callable[[Setup], dict[str, Any]]) -> Change:
-    """Fields of the PI controller."""
-    return lambda setup: (
-        replace(setup, controller=replace(setup.controller, **changes(setup)))
-        if isinstance(setup.controller, LinearControl)
-        else None
-    )
+    return _controller(LinearControl, changes)
 
 
 def _si(setup: Setup) -> Setup:
@@ -237,16 +219,12 @@ ALTERNATIVES = (
     Alternative("plant law", "beam law in all columns", _plant("beam")),
     Alternative("plant law", "beam law in the beam columns", _plant("beam", "beam")),
     Alternative("plant law", "dynamic bristle law", _plant("bristle")),
-    Alternative("ramp of the curve", "R 10 % less", _ramp(0.9)),
-    Alternative("ramp of the curve", "R 10 % more", _ramp(1.1)),
+    Alternative("ramp of the curve", "R 10 % less", _part("adhesion", R=0.9 * SLIP_ACCELERATION)),
+    Alternative("ramp of the curve", "R 10 % more", _part("adhesion", R=1.1 * SLIP_ACCELERATION)),
     Alternative("wet rail", "half the force at every slip", _wet_by(_HalvedCurve)),
     Alternative("wheel load", "N follows M at 25 s", _wet_by(_LoadedWetCurve)),
     Alternative("PI units", "gains in N m per m/s", _pi(_si_gains)),
-    Alternative(
-        "PI limits",
-        "anti-windup, Tt = Kp/Ki",
-        _pi(lambda _: {"torque_low": 0.0, "tracking_time": None}),
-    ),
+    Alternative("PI limits", "anti-windup, Tt = Kp/Ki", _pi(lambda _: {"torque_low": 0.0, "tracking_time": None})),
     Alternative("references", "bristle reference in all columns", _one_reference(published_reference("bristle"))),
     Alternative("references", "beam reference in all columns", _one_reference(published_reference("beam"))),
     Alternative("ASMC units", "D and K as rates of s, (39), as printed", _asmc_gains(_rates_of_s)),
@@ -261,18 +239,18 @@ ALTERNATIVES = (
     Alternative("adaptation", "k = 2.1e-8 as printed", _asmc_gains(_adaptation)),
     Alternative("acceleration filter", "tau 0.02 s", _asmc(filter_time=0.02)),
     Alternative("acceleration filter", "tau 0.5 s", _asmc(filter_time=0.5)),
-    Alternative("actuator", "none: torque at once", _vehicle(actuator=Actuator(dead_time=0.0, lag=0.0))),
+    Alternative("actuator", "none: torque at once", _part("vehicle", actuator=Actuator(dead_time=0.0, lag=0.0))),
     Alternative("torque sign", "Tb < 0 allowed", _scenario(limits=_FREE_TORQUE)),
     Alternative(
         "resistance",
         "v in km/h",
-        _vehicle(resistance=Resistance(quadratic=PARK2008.resistance.quadratic / KMH**2)),
+        _part("vehicle", resistance=Resistance(quadratic=PARK2008.resistance.quadratic / KMH**2)),
     ),
-    Alternative("random force", "none", _disturbances(random_force=0.0)),
-    Alternative("noise hold", "1 ms", _disturbances(random_hold=0.001)),
-    Alternative("noise hold", "0.1 s", _disturbances(random_hold=0.1)),
+    Alternative("random force", "none", _part("disturbances", random_force=0.0)),
+    Alternative("noise hold", "1 ms", _part("disturbances", random_hold=0.001)),
+    Alternative("noise hold", "0.1 s", _part("disturbances", random_hold=0.1)),
     Alternative("viscous friction", "B at least 0", _scenario(viscous_least=0.0)),
-    Alternative("caliper", "no Td", _disturbances(caliper_fraction=0.0)),
+    Alternative("caliper", "no Td", _part("disturbances", caliper_fraction=0.0)),
     Alternative("slip error", "against each column's own reference", lambda setup: replace(setup, own_reference=True)),
 )
 """One or more for each rule that could be read otherwise, in the order of `reading.READING`."""
@@ -323,10 +301,7 @@ class Sensitivity:
 
 
 def sensitivity(
-    seeds: int = DEFAULT_SEEDS,
-    *,
-    alternatives: Sequence[Alternative] = ALTERNATIVES,
-    progress: Progress | None = None,
+    seeds: int = DEFAULT_SEEDS, *, alternatives: Sequence[Alternative] = ALTERNATIVES, progress: Progress | None = None
 ) -> Sensitivity:
     """Run the reading and each alternative to one of its rules, with 2 to `MOST_SEEDS` seeds."""
     checked_seeds(seeds)

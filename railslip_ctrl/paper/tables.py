@@ -28,7 +28,7 @@ from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, TABLE4_PI, Rail
-from railslip_ctrl.simulation import Run, Scenario, Signals, Simulator, SlidingControl, published_scenario, simulate
+from railslip_ctrl.simulation import Run, Scenario, Simulator, SlidingControl, published_scenario, simulate
 from railslip_ctrl.simulation.catalogue import COLUMNS, Column, Kind, published_controller
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.verification.actuator_effects import largest_adaptation, published_loop
@@ -210,7 +210,7 @@ class Table5:
     @property
     def rms_deviation_percent(self) -> float:
         """Root mean square of the rows' deviations; NaN where one of them has none."""
-        return _rms([row.deviation_percent for row in self.rows])
+        return rms_deviation_percent(self.results)
 
     @property
     def within(self) -> bool:
@@ -254,10 +254,7 @@ def deviations_percent(result: CaseResult) -> tuple[float, ...]:
 
 def rms_deviation_percent(results: tuple[CaseResult, ...]) -> float:
     """Root mean square of the deviations of all columns, %; NaN where one of them did not always stop."""
-    return _rms([deviation for result in results for deviation in deviations_percent(result)])
-
-
-def _rms(values: Sequence[float]) -> float:
+    values = [deviation for result in results for deviation in deviations_percent(result)]
     return math.sqrt(sum(value**2 for value in values) / len(values))
 
 
@@ -475,7 +472,8 @@ def wet_rail_unknown(seed: int) -> Fact:
     for column in COLUMNS:
         run = simulate(scenario, _asmc(column, knows_rail=False), seed=seed)
         known = simulate(scenario, _asmc(column), seed=seed, record_every=None)
-        signals = _recorded(run)
+        signals = run.signals
+        assert signals is not None, "the run was recorded"
         runs[column] = {
             "slip": float(signals.slip[signals.time > change].mean()),
             **{"locking": _locking(run), "end": _end(run)},
@@ -510,7 +508,8 @@ def si_stops_early(seed: int) -> Fact:
         run = simulate(scenario, published_controller(case.kind, case.gains), seed=seed)
         holds = holds and run.stopped and run.braking_time < end
         if case.kind == "asmc":
-            over = np.flatnonzero(_recorded(run).slip > highest)
+            assert run.signals is not None, "the run was recorded"
+            over = np.flatnonzero(run.signals.slip > highest)
             holds = holds and over.size > 0 and run.first_lock > (1.0 - LATE_SHARE) * run.braking_time
         locking = _locking(run) if case.kind == "asmc" else ""
         runs[case.name] = {"end": _end(run), "locking": locking, "highest": run.max_slip}
@@ -526,11 +525,6 @@ def _asmc(column: Column, *, knows_rail: bool = True, adaptive: bool = False) ->
 def _rail_change(scenario: Scenario) -> float:
     """When the rail turns wet, s."""
     return next(event.time for event in scenario.events if event.rail is Rail.WET and event.time is not None)
-
-
-def _recorded(run: Run) -> Signals:
-    assert run.signals is not None, "the run was recorded"
-    return run.signals
 
 
 def _end(run: Run) -> str:

@@ -100,10 +100,7 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
             facts([("done", step.done), ("check", step.check)]),
             Text(""),
         ]
-    parts += [
-        heading("Law", "-"),
-        Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4)),
-    ]
+    parts += [heading("Law", "-"), Padding(Text(f"Tb = {plain(derivation.law_in_adhesion)}"), (0, 0, 1, 4))]
     for one in numbers:
         parts += [heading(_numeric_title(one), "-"), indented(_parameters(one))]
         parts.append(Padding(Text(_numeric_text(one)), (1, 0, 1, 4)))
@@ -112,12 +109,7 @@ def derivation_text(derivation: Derivation, errata: Sequence[Erratum], numbers: 
         parts += [
             heading(f"{row.where}   {_verdict(row)} ({row.how})", "-"),
             facts(
-                [
-                    ("printed", row.printed),
-                    ("derived", row.derived),
-                    ("size", row.sign_and_size),
-                    ("", row.explanation),
-                ]
+                [("printed", row.printed), ("derived", row.derived), ("size", row.sign_and_size), ("", row.explanation)]
             ),
             Text(""),
         ]

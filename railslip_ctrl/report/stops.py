@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.design.controllers import (
-    wheel_slip_loop,
-)
+from railslip_ctrl.design.controllers import wheel_slip_loop
 from railslip_ctrl.design.envelope import EnvelopePoints
 from railslip_ctrl.design.envelope_tuning import operating_plants
 from railslip_ctrl.design.judging import Judgement

@@ -100,10 +100,7 @@ def law_facts(points: Iterable[OperatingPoint]) -> list[tuple[str, str]]:
     found = {(point.rail, point.law.parameters()): point for point in points}
     dry = next((point.law for point in found.values() if point.rail is Rail.DRY), None)
     return [
-        (
-            f"Adhesion law, {point.rail} rail",
-            f"{words_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}",
-        )
+        (f"Adhesion law, {point.rail} rail", f"{words_at(point)}: {_parameters(point.law)}{_wet_rule(point, dry)}")
         for point in found.values()
     ]
 

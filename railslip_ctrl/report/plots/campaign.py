@@ -12,12 +12,13 @@ from railslip_ctrl.report.campaign import measure_head, quantity_heads
 from railslip_ctrl.simulation.campaign.execution import Replay, measured
 from railslip_ctrl.simulation.campaign.statistics import CampaignSummary
 
+from .runs import runs_figure
 from .style import (
     PAGE_WIDTH,
     SMALL,
     TEXT,
     folded,
-    legend_beside,
+    grid_of,
     legend_of_figure,
     line_style,
     mark_style,
@@ -71,16 +72,12 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
     if not heads or not summary.any_stopped:
         return None
     columns = 2 if len(heads) in (2, 4) else min(3, len(heads))
-    rows = -(-len(heads) // columns)
     told = "rings: the worst runs of each controller, with the number of the worst"
-    figure = new_figure(0.8 + 2.5 * rows, f"{_title(summary)}; {told}")
-    axes = panels(figure, rows, columns, sharey=True)
-    for ax, (quantity, head) in zip(axes.flat, heads.items(), strict=False):
+    figure, axes = grid_of(len(heads), columns, f"{_title(summary)}; {told}", (0.8, 2.5), sharey=True)
+    for ax, (quantity, head) in zip(axes, heads.items(), strict=True):
         for i, (name, found) in enumerate(summary.controllers.items()):
             sample, color = summary.sample[name], line_style(i)["color"]
-            fill = (
-                "none" if i % 2 else "full"
-            )  # in grey, marks of one size differ by what is in them before their shape
+            fill = "none" if i % 2 else "full"  # in grey, what is in marks of one size tells them apart
             look = {"markersize": 2.4, "alpha": 0.6, "fillstyle": fill, "markeredgewidth": 0.6, **mark_style(i)}
             ax.plot(sample[quantity], measure.scale * sample[measure.name], label=name, **look)
             for row in found.worst:
@@ -100,36 +97,19 @@ def scatter_figure(summary: CampaignSummary) -> Figure | None:
                 )
         ax.margins(x=0.12, y=0.15)  # a label beside the outermost mark stays inside
         ax.set_xlabel(folded(_dotted(head), 0.9 * PAGE_WIDTH / columns))
-    for ax in axes.flat[len(heads) :]:
-        ax.set_visible(False)
-    for ax in axes[:, 0]:
+    for ax in axes[::columns]:
         ax.set_ylabel(_dotted(measure_head(measure)))
-    legend_of_figure(figure, axes[0, 0], columns=4, markerscale=3)
+    legend_of_figure(figure, axes[0], columns=4, markerscale=3)
     return figure
 
 
 def replay_figure(replayed: Replay) -> Figure:
     """Speeds, slip and torque of a run, each controller."""
-    figure = new_figure(6.0, f"Run {replayed.number} again")
-    axes = panels(figure, 3, len(replayed.runs), sharex="col", sharey="row")
-    for column, (name, run) in zip(axes.T, replayed.runs.items(), strict=True):
-        signals = run.signals
-        assert signals is not None, "a replay records them"
-        radius = run.scenario.vehicle.wheel.radius
-        column[0].plot(signals.time, 3.6 * signals.speed, label="train", **line_style(0))
-        column[0].plot(signals.time, 3.6 * radius * signals.wheel_speed, label="wheel", **line_style(1))
-        column[1].plot(signals.time, signals.slip, label="slip", **line_style(0))
-        column[1].plot(signals.time, signals.reference, label="reference", **line_style(1))
-        column[2].plot(signals.time, signals.command / 1e3, label="commanded", color="0.65", linewidth=0.7)
-        column[2].plot(signals.time, signals.torque / 1e3, label="acting", **line_style(0))
-        ended = f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s"
-        column[0].set_title(folded(ended, 0.9 * PAGE_WIDTH / len(replayed.runs)), fontsize=TEXT)
-        column[2].set_xlabel("time (s)")
-    for ax, label in zip(axes[:, 0], ("speed (km/h)", "slip ratio λ (-)", "torque (kN·m)"), strict=True):
-        ax.set_ylabel(label)
-    for ax in axes[:, -1]:
-        legend_beside(ax)
-    return figure
+    runs = {
+        f"{name}: {run.outcome.value} after {run.braking_distance:.0f}\u00a0m, {run.braking_time:.1f}\u00a0s": run
+        for name, run in replayed.runs.items()
+    }
+    return runs_figure(runs, f"Run {replayed.number} again")
 
 
 def _title(summary: CampaignSummary) -> str:

@@ -15,7 +15,6 @@ from matplotlib.tri import Triangulation
 
 from railslip_ctrl import __version__
 from railslip_ctrl.core.rounding import rounded_up
-from railslip_ctrl.core.units import KMH
 from railslip_ctrl.design import MarginGrid, Strip
 from railslip_ctrl.design.assessment import Assessment, ControllerGroup
 from railslip_ctrl.design.judging import MsMap
@@ -25,6 +24,7 @@ from railslip_ctrl.loop.deadtime import FrequencyCurve, GangOfFour, Loop, freque
 from railslip_ctrl.loop.responses import TimeResponse
 from railslip_ctrl.report.document import short
 from railslip_ctrl.report.export import words_at
+from railslip_ctrl.report.plots.runs import runs_figure
 from railslip_ctrl.report.plots.style import (
     PAGE_WIDTH,
     SMALL,
@@ -33,6 +33,7 @@ from railslip_ctrl.report.plots.style import (
     legend_below,
     legend_of_figure,
     line_style,
+    magnitudes_figure,
     mark_style,
     new_figure,
     panels,
@@ -43,6 +44,9 @@ from railslip_ctrl.report.recommendation import DesignReport, GainMap, LawCurve,
 from railslip_ctrl.report.stops import Stop
 
 _CRITICAL = {"color": "black", "marker": "+", "markersize": 9, "markeredgewidth": 1.6, "linestyle": "none"}
+
+_CIRCLE = np.exp(1j * np.linspace(0, 2 * np.pi, 361))
+_TWO = -1 + 0.5 * _CIRCLE  # |1 + L| = 1/2, where Ms is 2
 
 
 class _Alone:
@@ -106,16 +110,9 @@ def bode_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
     figure = _new_figure(groups, 4.5)
     axes = panels(figure, 2, len(groups), sharex="col", sharey="row")
     for column, group in enumerate(groups):
-        magnitude, phase = axes[0, column], axes[1, column]
+        magnitude, phase = axes[:, column]
         for assessment, curve, style in _lines(group):
-            magnitude.semilogx(curve.omega, curve.magnitude_db, **style)
-            phase.semilogx(curve.omega, curve.phase_deg, label=_label(assessment), **style)
-            crossovers = assessment.loop.gain_crossovers
-            at = np.searchsorted(curve.omega, crossovers)
-            at = at[at < curve.omega.size]
-            phase.plot(curve.omega[at], curve.phase_deg[at], "o", markersize=3.5, color=style["color"])
-            magnitude.plot(curve.omega[at], curve.magnitude_db[at], "o", markersize=3.5, color=style["color"])
-        magnitude.axhline(0, color="black", linewidth=0.8)
+            _bode_lines(magnitude, phase, assessment.loop, curve, {"label": _label(assessment), **style})
         _critical_phases(phase, tuple(curve for each in groups for curve in each.curves))
         magnitude.set_title(folded(group.title, _column(groups)), fontsize=TEXT)
         phase.set_xlabel("frequency ω (rad/s)")
@@ -131,15 +128,8 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     figure = new_figure(3.1 + 0.15 * len(loops), title)
     magnitude, phase, near = panels(figure, 1, 3)[0]
     for i, shown in enumerate(loops):
-        curve, style = shown.curve, line_style(i)
-        magnitude.semilogx(curve.omega, curve.magnitude_db, label=shown.label, **style)
-        phase.semilogx(curve.omega, curve.phase_deg, **style)
-        _nyquist_line(near, curve.response, style)
-        at = np.searchsorted(curve.omega, shown.loop.gain_crossovers)
-        at = at[at < curve.omega.size]
-        for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
-            ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
-    magnitude.axhline(0, color="black", linewidth=0.8)
+        _bode_lines(magnitude, phase, shown.loop, shown.curve, {"label": shown.label, **line_style(i)})
+        _nyquist_line(near, shown.curve.response, line_style(i))
     magnitude.set_ylim(-42, 42)
     _critical_phases(phase, tuple(shown.curve for shown in loops))
     _decorate_near(near)
@@ -151,6 +141,16 @@ def worst_loops_figure(loops: Sequence[Any], *, title: str) -> Figure:
     told = "dots, dotted: |L| = 1; dash-dotted: Ms = 2; thin: ω < 0; cut off: beyond 40 dB, its phase, far from −1"
     legend_of_figure(figure, magnitude, columns=1, title=told, title_fontsize=SMALL)
     return figure
+
+
+def _bode_lines(magnitude: Any, phase: Any, loop: Any, curve: FrequencyCurve, style: dict[str, Any]) -> None:
+    """Magnitude and continuous phase, gain crossovers marked."""
+    at = np.searchsorted(curve.omega, loop.gain_crossovers)
+    at = at[at < curve.omega.size]
+    for ax, values in ((magnitude, curve.magnitude_db), (phase, curve.phase_deg)):
+        ax.semilogx(curve.omega, values, **style)
+        ax.plot(curve.omega[at], values[at], "o", markersize=3.5, color=style["color"])
+    magnitude.axhline(0, color="black", linewidth=0.8)
 
 
 def _critical_phases(ax: Any, curves: tuple[FrequencyCurve, ...]) -> None:
@@ -226,14 +226,12 @@ def _nyquist_line(ax: Any, response: Any, style: dict[str, Any]) -> None:
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(seen)))])
     for fraction in (0.3, 0.6, 0.85):
         i = int(np.clip(np.searchsorted(length, fraction * length[-1]), 0, visible.size - 2))
-        tail, head = response[visible[i]], response[min(visible[i] + 12, response.size - 1)]
-        ax.annotate(
-            "",
-            xy=(head.real, head.imag),
-            xytext=(tail.real, tail.imag),
-            arrowprops={"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 9},
-            annotation_clip=True,
-        )
+        _arrow(ax, response[visible[i]], response[min(visible[i] + 12, response.size - 1)], style)
+
+
+def _arrow(ax: Any, tail: complex, head: complex, style: dict[str, Any]) -> None:
+    look = {"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 9}
+    ax.annotate("", (head.real, head.imag), (tail.real, tail.imag), arrowprops=look, annotation_clip=True)
 
 
 def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, Any]) -> None:
@@ -244,21 +242,14 @@ def _closing_arc(ax: Any, loop: Loop, curve: FrequencyCurve, style: dict[str, An
     start, end = np.radians(-curve.phase_deg[0]), np.radians(curve.phase_deg[0])
     middle = 0.5 * (end + start) + np.pi * np.round((end - start + np.pi * integrators) / (2 * np.pi))
     angle = np.linspace(middle + np.pi / 2 * integrators, middle - np.pi / 2 * integrators, 181)
-    radius = np.abs(_compressed(curve.response[:1]))[0]
-    ax.plot(radius * np.cos(angle), radius * np.sin(angle), linewidth=0.6, color=style["color"], linestyle=":")
-    at = angle.size // 3
-    ax.annotate(
-        "",
-        xy=(radius * np.cos(angle[at + 8]), radius * np.sin(angle[at + 8])),
-        xytext=(radius * np.cos(angle[at]), radius * np.sin(angle[at])),
-        arrowprops={"arrowstyle": "-|>", "color": style["color"], "mutation_scale": 8},
-    )
+    arc = np.abs(_compressed(curve.response[:1]))[0] * np.exp(1j * angle)
+    ax.plot(arc.real, arc.imag, linewidth=0.6, color=style["color"], linestyle=":")
+    _arrow(ax, arc[angle.size // 3], arc[angle.size // 3 + 8], style)
 
 
 def _decorate_whole(ax: Any) -> None:
-    angle = np.linspace(0, 2 * np.pi, 361)
-    ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=0.8)
-    ax.plot(0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.8", linewidth=0.8, linestyle=":")
+    ax.plot(_CIRCLE.real, _CIRCLE.imag, color="0.6", linewidth=0.8)
+    ax.plot(0.5 * _CIRCLE.real, 0.5 * _CIRCLE.imag, color="0.8", linewidth=0.8, linestyle=":")
     ax.set_xlim(-1.05, 1.05)
     ax.set_ylim(-1.05, 1.05)
     ax.plot(-0.5, 0, **_CRITICAL)
@@ -267,9 +258,8 @@ def _decorate_whole(ax: Any) -> None:
 
 
 def _decorate_near(ax: Any) -> None:
-    angle = np.linspace(0, 2 * np.pi, 361)
-    ax.plot(np.cos(angle), np.sin(angle), color="0.7", linewidth=0.8, linestyle=":")
-    ax.plot(-1 + 0.5 * np.cos(angle), 0.5 * np.sin(angle), color="0.5", linewidth=0.8, linestyle="-.")
+    ax.plot(_CIRCLE.real, _CIRCLE.imag, color="0.7", linewidth=0.8, linestyle=":")
+    ax.plot(_TWO.real, _TWO.imag, color="0.5", linewidth=0.8, linestyle="-.")
     ax.set_xlim(-3.0, 1.2)
     ax.set_ylim(-2.1, 2.1)
     ax.plot(-1, 0, **_CRITICAL)
@@ -286,11 +276,10 @@ def nichols_figure(groups: tuple[ControllerGroup, ...]) -> Figure:
         ax = axes[0, column]
         for assessment, curve, style in _lines(group):
             ax.plot(curve.phase_deg, curve.magnitude_db, label=_label(assessment), **style)
-        contour = -1 + 0.5 * np.exp(1j * np.linspace(0, 2 * np.pi, 361))  # |1 + L| = 1/2
-        contour_phase = np.degrees(np.unwrap(np.angle(-contour)))
+        contour_phase = np.degrees(np.unwrap(np.angle(-_TWO)))
         for centre in _critical(low, high):
             ax.plot(centre, 0, **_CRITICAL)
-            ax.plot(centre + contour_phase, 20 * np.log10(np.abs(contour)), "-.", color="0.5", linewidth=0.8)
+            ax.plot(centre + contour_phase, 20 * np.log10(np.abs(_TWO)), "-.", color="0.5", linewidth=0.8)
         ax.axhline(0, color="black", linewidth=0.6)
         ax.set_xlim(low - 30, high + 30)
         ax.set_ylim(-42, 42)
@@ -516,24 +505,13 @@ def _without_kick(ax: Any, responses: Collection[TimeResponse]) -> None:
 
 def gang_of_four_figure(gangs: Mapping[str, GangOfFour], *, title: str) -> Figure:
     """|S|, |T|, |PS| and |CS| of named designs."""
-    figure = new_figure(4.5, title)
-    axes = panels(figure, 2, 2, sharex=True)
-    fields = (
-        (axes[0, 0], "s", "|S|, sensitivity (-)"),
-        (axes[0, 1], "ps", "|PS|, disturbance of the command to slip velocity ((m/s)/(N·m))"),
-        (axes[1, 0], "cs", "|CS|, noise to torque (N·m/(m/s))"),
-        (axes[1, 1], "t", "|T|, complementary sensitivity (-)"),
-    )
-    for ax, name, label in fields:
-        for i, (design, gang) in enumerate(gangs.items()):
-            ax.loglog(gang.omega, np.abs(getattr(gang, name)), label=design, **line_style(i))
-        ax.set_title(folded(label, 0.45 * PAGE_WIDTH), fontsize=TEXT)
-        plain_log_ticks(ax.yaxis)
-    for ax in axes[1]:
-        ax.set_xlabel("frequency ω (rad/s)")
-        sparse_log_ticks(ax.xaxis)
-    legend_of_figure(figure, axes[0, 0], columns=3)
-    return figure
+    fields = {
+        "s": "|S|, sensitivity (-)",
+        "ps": "|PS|, disturbance of the command to slip velocity ((m/s)/(N·m))",
+        "cs": "|CS|, noise to torque (N·m/(m/s))",
+        "t": "|T|, complementary sensitivity (-)",
+    }
+    return magnitudes_figure(gangs, fields, title, 4.5)
 
 
 def ms_map_figure(maps: Mapping[str, MsMap], *, title: str) -> Figure:
@@ -574,7 +552,6 @@ def _three(value: float) -> str:
 
 _MS_LEVELS = (1.5, ROBUST_MS, 3.0, 5.0, 10.0)
 _UNSTABLE = 0.02  # an Ms over 50 is as good as unstable
-_ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is cut off in the picture
 _POINT = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 4}
 
 
@@ -600,38 +577,9 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
 
 
 def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
+    runs = {f"{one.rail} rail, {one.law}, {one.load}: {one.run.braking_distance:.4g} m": one.run for one in stops}
     name = stops[0].run.controller.design.structure
-    figure = new_figure(5.2, f"{vehicle}, {name}: the longest stop on each rail, seed {stops[0].run.seed}")
-    axes = panels(figure, 3, len(stops), sharex="col", sharey="row")
-    cut = False
-    for column, stop in zip(axes.T, stops, strict=True):
-        signals = stop.run.signals
-        assert signals is not None, "the runs of a report are recorded"
-        where = f"{stop.rail} rail, {stop.law}, {stop.load}"
-        column[0].set_title(f"{where}: {stop.run.braking_distance:.4g} m", fontsize=TEXT)
-        rim = (signals.speed - signals.slip_velocity) / KMH
-        column[0].plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
-        column[0].plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
-        column[1].plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
-        column[1].plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
-        column[2].plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
-        column[2].plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
-        column[2].set_xlabel("time (s)")
-    top = _ENOUGH_TORQUE * max(stop.run.max_torque for stop in stops) / 1000
-    slip = max(float(np.quantile(stop.run.signals.slip, 0.999)) for stop in stops if stop.run.signals is not None)
-    slip = 1.3 * max(slip, *(stop.reference for stop in stops))
-    cut = any(float(s.run.signals.command.max()) / 1000 > top for s in stops if s.run.signals is not None)
-    slip_cut = any(float(s.run.signals.slip.max()) > slip for s in stops if s.run.signals is not None)
-    axes[0, 0].set_ylim(bottom=0.0)
-    axes[1, 0].set_ylim(0.0, slip)
-    axes[2, 0].set_ylim(0.0, top)
-    axes[0, 0].set_ylabel("speed (km/h)")
-    axes[1, 0].set_ylabel("slip ratio λ (-)" + ("\nhigher slip cut off" if slip_cut else ""))
-    axes[2, 0].set_ylabel("torque (kN·m)" + ("\ncommand cut off" if cut else ""))
-    figure.align_ylabels(axes[:, 0])
-    for ax in axes[:, -1]:
-        ax.legend(fontsize=SMALL, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, handlelength=2.4)
-    return figure
+    return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail, seed {stops[0].run.seed}")
 
 
 def _gains(found: GainMap, vehicle: str) -> Figure:

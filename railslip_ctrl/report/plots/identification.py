@@ -27,10 +27,12 @@ from .style import (
     SMALL,
     TEXT,
     folded,
+    grid_of,
     legend_below,
     legend_beside,
     legend_of_figure,
     line_style,
+    magnitudes_figure,
     new_figure,
     panels,
     rail_style,
@@ -48,18 +50,14 @@ _MODELS_SHOWN = 4
 def adhesion_figure(found: Sequence[Identification]) -> Figure:
     """mu over slip of each log: maximum, mean and minimum by bin, and the models, the chosen one first."""
     columns = min(len(found), 2)
-    rows = -(-len(found) // columns)
     title = f"Adhesion coefficient over slip: {found[0].vehicle.name}, {found[0].setting.rail} rail"
-    figure = new_figure(0.4 + (4.4 if columns == 1 else 3.6) * rows, title)
-    axes = panels(figure, rows, columns, sharey=True).ravel()
+    figure, axes = grid_of(len(found), columns, title, (0.4, 4.4 if columns == 1 else 3.6), sharey=True)
     bottom = min(0.0, *(float(each.curve.bins.least.min()) for each in found))
-    for ax, each in zip(axes, found, strict=False):
+    for ax, each in zip(axes, found, strict=True):
         _adhesion(ax, each, columns)
     for ax in axes[::columns]:
         ax.set_ylabel("adhesion coefficient μ (-)")
     axes[0].set_ylim(bottom=bottom - (0.03 * axes[0].dataLim.ymax if bottom < 0 else 0.0))  # a mark is seen whole
-    for ax in axes[len(found) :]:
-        ax.set_axis_off()
     return figure
 
 
@@ -176,13 +174,9 @@ def coefficients_figure(
     `beside` is a label and other values of all parameters at a speed in km/h, for a second line.
     """
     count, first = len(found.polynomials), found.logs[0].chosen.fit
-    columns = min(count, 3)
-    rows = -(-count // columns)
-    figure = new_figure(0.8 + 2.3 * rows, f"Parameters of {first.model.name} over the initial speed v0")
-    axes = panels(figure, rows, columns).ravel()
-    for ax in axes[count:]:
-        ax.set_axis_off()
-    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=False)):
+    title = f"Parameters of {first.model.name} over the initial speed v0"
+    figure, axes = grid_of(count, min(count, 3), title, (0.8, 2.3))
+    for k, (ax, p) in enumerate(zip(axes, found.polynomials, strict=True)):
         intervals = np.array([each.chosen.fit.parameters[k].interval for each in found.logs]).T
         reach = np.nan_to_num(np.maximum(np.abs(intervals - p.values), 0.0))
         ax.errorbar(p.speeds_kmh, p.values, reach, fmt="o", color="black", capsize=3, markersize=4, label="fit, 99 %")
@@ -199,18 +193,12 @@ def coefficients_figure(
 
 # --- observers -------------------------------------------------------------------------------------------------------
 
-_NOTHING = 1e-9  # a response that is nowhere larger is the rounding of one that is zero, and is not drawn
-
 
 def tradeoff_figure(curves: Mapping[str, TradeOff], labels: Mapping[str, str], *, title: str) -> Figure:
     """Error from lag, from noise, and both, over each observer's setting; `labels` name the setting with its unit."""
     columns = min(len(curves), 3)
-    rows = -(-len(curves) // columns)
-    figure = new_figure(1.0 + 2.8 * rows, title)
-    axes = panels(figure, rows, columns, sharey=True).ravel()
-    for ax in axes[len(curves) :]:
-        ax.set_axis_off()
-    for ax, (name, curve) in zip(axes, curves.items(), strict=False):
+    figure, axes = grid_of(len(curves), columns, title, (1.0, 2.8), sharey=True)
+    for ax, (name, curve) in zip(axes, curves.items(), strict=True):
         for i, (kind, label) in enumerate((("lag", "lag"), ("noise", "noise (H2 norm)"), ("total", "both"))):
             ax.loglog(curve.settings, [getattr(e, kind) for e in curve.errors], label=label, **line_style(i))
         simulated = [error.simulated for error in curve.errors]
@@ -253,28 +241,13 @@ def estimates_figure(
 
 def observer_responses_figure(responses: Mapping[str, ObserverResponses], *, title: str) -> Figure:
     """Magnitudes from true adhesion torque, brake torque and sensor noise to the estimate."""
-    figure = new_figure(5.6, title)
-    axes = panels(figure, 2, 2, sharex=True)
-    fields = (
-        (axes[0, 0], "adhesion", "from the adhesion torque (N·m per N·m)"),
-        (axes[0, 1], "brake", "from the brake torque (N·m per N·m)"),
-        (axes[1, 0], "torque_noise", "from noise of the torque (N·m per N·m)"),
-        (axes[1, 1], "speed_noise", "from noise of the speed (N·m per rad/s)"),
-    )
-    for ax, name, label in fields:
-        absent = []
-        for i, (observer, response) in enumerate(responses.items()):
-            magnitude = np.abs(getattr(response, name))
-            if magnitude.max() > _NOTHING:
-                ax.loglog(response.omega, magnitude, label=observer, **line_style(i))
-            else:
-                absent.append(observer)
-                ax.plot([], [], label=observer, **line_style(i))
-        ax.set_title(label + (f"\n0 for {' and '.join(absent)}" if absent else ""), fontsize=TEXT)
-    for ax in axes[1]:
-        ax.set_xlabel("frequency ω (rad/s)")
-    legend_of_figure(figure, axes[0, 0], columns=3)
-    return figure
+    fields = {
+        "adhesion": "from the adhesion torque (N·m per N·m)",
+        "brake": "from the brake torque (N·m per N·m)",
+        "torque_noise": "from noise of the torque (N·m per N·m)",
+        "speed_noise": "from noise of the speed (N·m per rad/s)",
+    }
+    return magnitudes_figure(responses, fields, title, 5.6)
 
 
 # --- a test on the virtual rig -------------------------------------------------------------------------------------

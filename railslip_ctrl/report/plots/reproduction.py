@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.paper.tables import QUANTITIES, TABLE5, AdhesionCurve, Table5
-from railslip_ctrl.simulation import Run, Signals
+from railslip_ctrl.simulation import Run
 from railslip_ctrl.simulation.scenario import PUBLISHED_REFERENCE
 
+from .runs import recorded
 from .style import (
     PAGE_WIDTH,
     SMALL,
@@ -120,7 +121,7 @@ def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
     figure = new_figure(1.0 + 2.2 * len(runs), f"[Park2008] Fig. {number}: train and wheel speed{_seeded(runs)}")
     axes = panels(figure, len(runs), sharex=True, sharey=True)[:, 0]
     for ax, (name, run) in zip(axes, runs.items(), strict=True):
-        signals = _recorded(run)
+        signals = recorded(run)
         rim = signals.wheel_speed * run.scenario.vehicle.wheel.radius
         ax.plot(signals.time, rim / KMH, color="0.55", linewidth=0.8, label="wheel, r ω")
         ax.plot(signals.time, signals.speed / KMH, color="black", label="train, v")
@@ -139,7 +140,7 @@ def _torques(runs: Mapping[str, Run]) -> Figure:
     figure = new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
     axes = _by_controller(figure, runs)
     for ax, i, name, run in axes:
-        signals = _recorded(run)
+        signals = recorded(run)
         energy = run.scenario.vehicle.inertia_scale * run.brake_energy
         printed = TABLE5[name][QUANTITIES.index("brake_energy_published_reading")]
         label = f"{name}: energy in the printed reading {energy / 1e7:.2f}·10⁷ N·m (Table 5: {printed / 1e7:.2f}·10⁷)"
@@ -155,7 +156,7 @@ def _slips(runs: Mapping[str, Run]) -> Figure:
     figure = new_figure(5.6, title)
     axes = _by_controller(figure, runs)
     for ax, i, name, run in axes:
-        signals = _recorded(run)
+        signals = recorded(run)
         printed = TABLE5[name][QUANTITIES.index("mean_abs_slip_error")]
         label = f"{name}: mean error {run.mean_abs_slip_error_published:.4f} (Table 5: {printed:.4f})"
         ax.plot(signals.time, signals.slip, label=label, **_pair_style(i))
@@ -206,11 +207,6 @@ def _reference_style(i: int) -> dict[str, Any]:
 def _seeded(runs: Mapping[str, Run]) -> str:
     seeds = ", ".join(sorted({"without noise" if run.seed is None else f"seed {run.seed}" for run in runs.values()}))
     return f"; one run each, {seeds}"
-
-
-def _recorded(run: Run) -> Signals:
-    assert run.signals is not None, "the run was recorded"
-    return run.signals
 
 
 def deviations_figure(comparison: Table5) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,17 +14,7 @@ from railslip_ctrl.simulation import Run, Signals
 from railslip_ctrl.simulation.run import events_log
 from railslip_ctrl.simulation.run_comparison import ControllerRow, RunComparison
 
-from .style import (
-    PAGE_WIDTH,
-    SMALL,
-    TEXT,
-    folded,
-    legend_beside,
-    legend_of_figure,
-    line_style,
-    new_figure,
-    panels,
-)
+from .style import PAGE_WIDTH, SMALL, TEXT, folded, legend_beside, legend_of_figure, line_style, new_figure, panels
 
 if TYPE_CHECKING:  # it loads SymPy
     from railslip_ctrl.verification.lyapunov_runs import LyapunovRun
@@ -76,6 +66,7 @@ def _met(row: ControllerRow) -> str:
 
 
 _ENOUGH_TORQUE = 1.15  # of the highest acting torque; a command far above it is cut off in the picture
+_ENOUGH_SLIP = 1.3  # of the slip that is passed for a thousandth of the time, or of the reference
 
 
 def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
@@ -83,51 +74,71 @@ def simulation_figure(run: Run, *, title: str | None = None) -> Figure:
 
     A vertical line stands at each event that happened.
     """
-    assert run.signals is not None, "the run was recorded"
+    signals = recorded(run)
     name = f"{run.scenario.name}, {run.controller.name}: {run.outcome.value} at {run.braking_time:.4g} s"
     noise = "without noise" if run.seed is None else f"seed {run.seed}"
     figure = new_figure(8.0, title or f"{name}, {run.braking_distance:.4g} m; {noise}")
-    axes = panels(figure, 4, sharex=True)[:, 0]
+    axes = panels(figure, 4, sharex=True)
+    _draw(axes[:3], [run])
+    adhesion = signals.adhesion_force / run.scenario.vehicle.wheel_load
+    axes[3, 0].plot(signals.time, adhesion, color=line_style(0)["color"], linewidth=0.9)
+    axes[3, 0].set_ylabel("adhesion coefficient μ (-)")
     events = [one for one in events_log(run) if one.reached]
-    for ax, draw in zip(axes, (_speeds, _slip, _torque, _adhesion), strict=True):
-        draw(ax, run, run.signals)
+    for ax in axes.flat:
         for one in events:
             ax.axvline(one.time, color="0.6", linewidth=0.8, linestyle=(0, (1, 2)))
-        if len(ax.lines) > 1 and ax.get_legend_handles_labels()[0]:
-            legend_beside(ax)
-    told = "\n".join(f"dotted, {one.text}" for one in events)
-    axes[-1].set_xlabel(folded(f"time (s)\n{told}" if told else "time (s)", 0.8 * PAGE_WIDTH))
-    axes[-1].set_xlim(0.0, float(run.signals.time[-1]))
+    told = "\n".join(("time (s)", *(f"dotted, {one.text}" for one in events)))
+    axes[3, 0].set_xlabel(folded(told, 0.8 * PAGE_WIDTH))
+    axes[3, 0].set_xlim(0.0, float(signals.time[-1]))
     return figure
 
 
-def _speeds(ax: Any, run: Run, signals: Signals) -> None:
-    ax.plot(signals.time, signals.speed / KMH, label="train, v", **line_style(0))
-    rim = (signals.speed - signals.slip_velocity) / KMH
-    ax.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **line_style(1))
-    ax.set_ylabel("speed (km/h)")
-    ax.set_ylim(bottom=0.0)
+def runs_figure(runs: Mapping[str, Run], title: str) -> Figure:
+    """Speeds, slip and torque of recorded runs over time, a column each under its name."""
+    figure = new_figure(5.2, title)
+    axes = panels(figure, 3, len(runs), sharex="col", sharey="row")
+    _draw(axes, list(runs.values()))
+    for ax, name in zip(axes[0], runs, strict=True):
+        ax.set_title(folded(name, 0.9 * PAGE_WIDTH / len(runs)), fontsize=TEXT)
+    for ax in axes[-1]:
+        ax.set_xlabel("time (s)")
+    figure.align_ylabels(axes[:, 0])
+    return figure
 
 
-def _slip(ax: Any, run: Run, signals: Signals) -> None:
-    ax.plot(signals.time, signals.slip, label="slip ratio", linewidth=0.9, **line_style(0))
-    ax.plot(signals.time, signals.reference, label="reference", **line_style(1))
-    ax.set_ylabel("slip ratio λ (-)")
+def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
+    """Speeds, slip and torque, a row each, a run a column; an axis that cuts its lines says so."""
+    slips, torques, highest = [], [1.0], [0.0]
+    for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
+        signals = recorded(run)
+        rim = (signals.speed - signals.slip_velocity) / KMH
+        speed.plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
+        speed.plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
+        slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
+        slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
+        torque.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
+        torque.plot(signals.time, signals.torque / 1000, label="acting", linewidth=1.0, **line_style(0))
+        slips += [float(np.quantile(signals.slip, 0.999)), float(np.nanmax(signals.reference))]
+        torques.append(run.max_torque)
+        highest.append(float(signals.command.max()))
+    top = _ENOUGH_TORQUE * max(torques)
+    _limited(axes[0], "speed (km/h)")
+    slipping = max(float(recorded(run).slip.max()) for run in runs)
+    _limited(axes[1], "slip ratio λ (-)", _ENOUGH_SLIP * max(slips), slipping, "higher slip")
+    _limited(axes[2], "torque (kN·m)", top / 1000, max(highest) / 1000, "command")
 
 
-def _torque(ax: Any, run: Run, signals: Signals) -> None:
-    ax.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
-    ax.plot(signals.time, signals.torque / 1000, label="acting", **line_style(0))
-    top = _ENOUGH_TORQUE * max(run.max_torque, 1.0) / 1000
-    cut = float(signals.command.max()) / 1000 > 2 * top
-    ax.set_ylim(0.0, top if cut else None)
-    ax.set_ylabel("brake torque (kN·m)" + ("\ncommand cut off" if cut else ""))
+def _limited(row: Sequence[Any], label: str, top: float = np.inf, highest: float = 0.0, what: str = "") -> None:
+    """Axes of a row from 0 up to what is enough, if there is more."""
+    row[0].set_ylim(0.0, top if highest > top else None)
+    row[0].set_ylabel(f"{label}\n{what} cut off" if highest > top else label)
+    legend_beside(row[-1])
 
 
-def _adhesion(ax: Any, run: Run, signals: Signals) -> None:
-    load = run.scenario.vehicle.wheel_load
-    ax.plot(signals.time, signals.adhesion_force / load, color=line_style(0)["color"], linewidth=0.9)
-    ax.set_ylabel("adhesion coefficient μ (-)")
+def recorded(run: Run) -> Signals:
+    """The signals of a run that was recorded."""
+    assert run.signals is not None, "the run was recorded"
+    return run.signals
 
 
 # --- runs judged by the Lyapunov conditions ---------------------------------------------------------------------------
@@ -139,54 +150,62 @@ _TICKS = 9  # of such an axis, at most
 _BLOCKS = 150  # of a run, at least: a run with noise has its spikes apart
 
 
+_Curve = tuple[str, str, bool, Callable[[Any], Floats]]
+"""Label, scale of the axis, whether the largest of each interval is drawn, values of a run's signals."""
+
+
 def lyapunov_runs_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
     """s, V, s s', and what (40) asks for against what K + D|s| gives; of all but s the largest in each interval."""
-    interval = _interval(cases)
-    figure = new_figure(8.0, f"{title}\nbelow s: the largest in each {interval:g} s")
-    surface, value, product, margin = panels(figure, 4, sharex=True)[:, 0]
-    for i, (name, judged) in enumerate(cases):
-        signals, style = judged.signals, {**line_style(i), "linewidth": 0.9}
-        block = _block(signals.time, interval)
-        surface.plot(signals.time, signals.s, **style)
-        value.semilogy(*_largest(signals.time, np.maximum(signals.V, _LEAST), block), **style)
-        product.plot(*_largest(signals.time, signals.s * signals.s_rate, block), **style)
-        margin.semilogy(*_largest(signals.time, signals.asked / np.maximum(signals.available, _LEAST), block), **style)
-        margin.lines[-1].set_label(name)
-    _both_signs(product)
-    product.axhline(0.0, color="black", linewidth=0.6)
-    margin.axhline(1.0, color="black", linewidth=0.6)
-    surface.set_ylabel("s (m/s)")
-    value.set_ylabel("V ((m/s)²)")
-    product.set_ylabel("s s' (m²/s³)")
-    margin.set_ylabel("asked by (40)\n/ available (-)")
-    margin.set_xlabel("time (s)")
-    legend_of_figure(figure, margin, columns=2)
+    curves: tuple[_Curve, ...] = (
+        ("s (m/s)", "linear", False, lambda x: x.s),
+        ("V ((m/s)²)", "log", True, lambda x: np.maximum(x.V, _LEAST)),
+        ("s s' (m²/s³)", "symlog", True, lambda x: x.s * x.s_rate),
+        ("asked by (40)\n/ available (-)", "log", True, lambda x: x.asked / np.maximum(x.available, _LEAST)),
+    )
+    figure, axes = _along_runs(cases, f"{title}\nbelow s", curves)
+    axes[3].axhline(1.0, color="black", linewidth=0.6)
+    legend_of_figure(figure, axes[3], columns=2)
     return figure
 
 
 def adaptation_figure(cases: Sequence[tuple[str, LyapunovRun]], title: str) -> Figure:
     """V of (46) and its rate, and the estimates beside the true theta, along runs of the adaptive law."""
-    interval = _interval(cases)
-    figure = new_figure(8.0, f"{title}\nof V': the largest in each {interval:g} s")
-    value, rate, first, second = panels(figure, 4, sharex=True)[:, 0]
-    for i, (name, judged) in enumerate(cases):
-        signals, style = judged.signals, {**line_style(i), "linewidth": 0.9}
-        value.plot(signals.time, signals.V, **style)
-        rate.plot(*_largest(signals.time, signals.V_rate_constant, _block(signals.time, interval)), **style)
-        for axes, component in ((first, 0), (second, 1)):
-            axes.plot(signals.time, signals.theta_hat[:, component], label=name, **style)
+    curves: tuple[_Curve, ...] = (
+        ("V ((m/s)²)", "log", False, lambda x: x.V),
+        ("V', theta\nconstant (m²/s³)", "symlog", True, lambda x: x.V_rate_constant),
+        ("theta1 (1/(kg·m))", "linear", False, lambda x: x.theta_hat[:, 0]),
+        ("theta2 (m/s)", "linear", False, lambda x: x.theta_hat[:, 1]),
+    )
+    figure, axes = _along_runs(cases, f"{title}\nof V'", curves)
     longest = max((judged.signals for _, judged in cases), key=lambda signals: float(signals.time[-1]))
-    for axes, component in ((first, 0), (second, 1)):
-        axes.plot(longest.time, longest.theta[:, component], color="black", linewidth=1.6, label="true theta")
-        axes.set_ylabel(("theta1 (1/(kg·m))", "theta2 (m/s)")[component])
-    value.set_yscale("log")
-    _both_signs(rate)
-    rate.axhline(0.0, color="black", linewidth=0.6)
-    value.set_ylabel("V ((m/s)²)")
-    rate.set_ylabel("V', theta\nconstant (m²/s³)")
-    second.set_xlabel("time (s)")
-    legend_of_figure(figure, second, columns=2)
+    for ax, theta in zip(axes[2:], longest.theta.T, strict=True):
+        ax.plot(longest.time, theta, color="black", linewidth=1.6, label="true theta")
+    legend_of_figure(figure, axes[3], columns=2)
     return figure
+
+
+def _along_runs(
+    cases: Sequence[tuple[str, LyapunovRun]], title: str, curves: Sequence[_Curve]
+) -> tuple[Figure, NDArray[Any]]:
+    """Curves over time, a panel each with a line a case."""
+    interval = _interval(cases)
+    figure = new_figure(8.0, f"{title}: the largest in each {interval:g} s")
+    axes = panels(figure, len(curves), sharex=True)[:, 0]
+    for ax, (label, scale, largest, values) in zip(axes, curves, strict=True):
+        for i, (name, judged) in enumerate(cases):
+            time, line = judged.signals.time, values(judged.signals)
+            if largest:
+                time, line = _largest(time, line, _block(time, interval))
+            ax.plot(time, line, label=name, **{**line_style(i), "linewidth": 0.9})
+        ax.set_ylabel(label)
+        if scale == "symlog":  # logarithmic above and below zero, with as many ticks as have room
+            ax.set_yscale(scale, linthresh=_LINEAR)
+            ax.yaxis.get_major_locator().set_params(numticks=_TICKS)
+            ax.axhline(0.0, color="black", linewidth=0.6)
+        else:
+            ax.set_yscale(scale)
+    axes[-1].set_xlabel("time (s)")
+    return figure, axes
 
 
 def _interval(cases: Sequence[tuple[str, LyapunovRun]]) -> float:
@@ -198,12 +217,6 @@ def _interval(cases: Sequence[tuple[str, LyapunovRun]]) -> float:
 def _block(time: Floats, interval: float) -> int:
     """Samples in an interval."""
     return max(round(interval / float(np.median(np.diff(time)))), 1)
-
-
-def _both_signs(axes: Any) -> None:
-    """Logarithmic above and below zero, with as many ticks as have room."""
-    axes.set_yscale("symlog", linthresh=_LINEAR)
-    axes.yaxis.get_major_locator().set_params(numticks=_TICKS)
 
 
 def _largest(time: Floats, values: Floats, block: int) -> tuple[Floats, Floats]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -31,6 +33,7 @@ _DPI = 200  # of a PNG
 _PLAIN_SPAN = 2000.0  # of a logarithmic axis whose ticks are plain numbers
 _LEAST_SPAN = 1e-6  # of an axis with plain ticks, over its values: labels of at most eight digits have room
 _FEW = 5.0  # of one with fewer than three of the ticks 1, 2, 5
+_NOTHING = 1e-9  # a magnitude that is nowhere larger is the rounding of one that is zero, and is not drawn
 _HANDLE = 3.6  # letters: a legend's line shows two periods of the longest dash
 
 # no two equally light in grey, all of them dark enough on white; a dash each besides
@@ -73,6 +76,40 @@ def panels(figure: Figure, rows: int = 1, columns: int = 1, **options: Any) -> N
         ax.grid(visible=True, which="major", **GRID)
         ax.set_axisbelow(True)
     return axes
+
+
+def grid_of(
+    count: int, columns: int, title: str, height: tuple[float, float], **options: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure with so many panels, so many a row; `height` is of what is beside them and of a row, inches."""
+    rows = -(-count // columns)
+    figure = new_figure(height[0] + height[1] * rows, title)
+    axes = panels(figure, rows, columns, **options).ravel()
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    return figure, axes[:count]
+
+
+def magnitudes_figure(records: Mapping[str, Any], fields: Mapping[str, str], title: str, height: float) -> Figure:
+    """Magnitudes over `omega` (rad/s) of named records; `fields` are their names, in two columns, with titles."""
+    figure, axes = grid_of(len(fields), 2, title, (0.0, height / 2), sharex=True)
+    for ax, (field, label) in zip(axes, fields.items(), strict=True):
+        absent = []
+        for i, (name, record) in enumerate(records.items()):
+            magnitude = np.abs(getattr(record, field))
+            if magnitude.max() > _NOTHING:
+                ax.loglog(record.omega, magnitude, label=name, **line_style(i))
+            else:
+                absent.append(name)
+                ax.plot([], [], label=name, **line_style(i))
+        ax.set_title(folded(label, 0.45 * PAGE_WIDTH) + (f"\n0 for {' and '.join(absent)}" if absent else ""))
+        ax.title.set_fontsize(TEXT)
+        plain_log_ticks(ax.yaxis)
+    for ax in axes[-2:]:
+        ax.set_xlabel("frequency ω (rad/s)")
+        sparse_log_ticks(ax.xaxis)
+    legend_of_figure(figure, axes[0], columns=3)
+    return figure
 
 
 def folded(text: str, inches: float, size: float = TEXT) -> str:
