@@ -112,8 +112,8 @@ def _draw(axes: NDArray[Any], runs: Sequence[Run]) -> None:
     for (speed, slip, torque), run in zip(axes.T, runs, strict=True):
         signals = recorded(run)
         rim = (signals.speed - signals.slip_velocity) / KMH
-        speed.plot(signals.time, rim, label="wheel rim, rω", color="0.6", linewidth=0.9)
-        speed.plot(signals.time, signals.speed / KMH, label="train, v", color="black", linewidth=1.2)
+        speed.plot(signals.time, signals.speed / KMH, label="train, v", **line_style(0))
+        speed.plot(signals.time, rim, label="wheel rim, rω", linewidth=0.9, **line_style(1))
         slip.plot(signals.time, signals.slip, label="slip", linewidth=0.8, **line_style(0))
         slip.plot(signals.time, signals.reference, label="reference", linewidth=1.2, **line_style(1))
         torque.plot(signals.time, signals.command / 1000, label="commanded", color="0.65", linewidth=0.7)
