@@ -169,7 +169,8 @@ def _asmc(**changes: Any) -> Change:
 
 def _asmc_gains(gains: Callable[[Setup], dict[str, Any]]) -> Change:
     def changed(setup: Setup) -> dict[str, Any]:
-        return {"gains": replace(setup.controller.gains, **gains(setup))}  # type: ignore[union-attr]
+        controller: Any = setup.controller
+        return {"gains": replace(controller.gains, **gains(setup))}
 
     return _controller(SlidingControl, changed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -17,7 +18,7 @@ from railslip_ctrl.model.linearization import linearize
 from railslip_ctrl.model.vehicle import doubts
 from railslip_ctrl.report.recommendation import FASTER, DesignReport, Rival, longest
 from railslip_ctrl.report.stops import Stop
-from railslip_ctrl.simulation import LinearControl
+from railslip_ctrl.simulation.catalogue import is_published
 
 from .document import (
     NONE,
@@ -312,17 +313,11 @@ def _envelope(report: DesignReport) -> Section:
         worst += [] if judged.nominal else [("With tolerances", judged.worst_with_tolerances)]
         rows = []
         for name, one in worst:
-            margins = (
-                (NONE, NONE) if one.margins is None else (below(one.margins.phase_deg), below(one.margins.delay_s))
-            )
+            found = one.margins
+            margins = (NONE, NONE) if found is None else (below(found.phase_deg), below(found.delay_s))
             rows.append((name, _ms(one.ms), *margins, one.case.words))
         axes = [
-            (
-                _AXES.get(axis, axis),
-                f"{value:g}" if isinstance(value, float) else str(value),
-                f"{100 * share:.3g}",
-                _ms(ms),
-            )
+            (_AXES.get(axis, axis), value if isinstance(value, str) else f"{value:g}", f"{100 * share:.3g}", _ms(ms))
             for axis, values in judged.by_axis().items()
             if len(values) > 1
             for value, (share, ms) in values.items()
@@ -366,7 +361,7 @@ def _candidates(report: DesignReport) -> Section:
 def _rivals(report: DesignReport) -> Section | None:
     if not report.rivals or report.control is None or report.judgement is None:
         return None
-    taken = Rival("recommended", None, report.judgement, report.stops)
+    taken = Rival("recommended", report.judgement, report.stops)
     rows = []
     for one in (taken, *report.rivals):
         judged = one.judgement
@@ -528,7 +523,7 @@ def _sliding(report: DesignReport) -> Section:
 
 def _paper(report: DesignReport) -> Section | None:
     text = "The numbers of [Park2008], its errata and its gains in both readings: railslip reproduce --out DIR."
-    return Section("paper", "The paper", (Paragraph(text),)) if report.published else None
+    return Section("paper", "The paper", (Paragraph(text),)) if is_published(report.vehicle) else None
 
 
 def _speed(speed: float | None) -> str:
@@ -605,7 +600,7 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
         return None
     said = (report.in_use or judgement).table()
     return {
-        "controller": _controller_json(report.control),
+        "controller": tomllib.loads(report.control.toml),
         **exported(judgement, "verdict", "nominal", "robust_from_kmh"),
         "usable_from_kmh": report.above_kmh,
         "stable_from_kmh": judgement.usable_from_kmh,
@@ -616,36 +611,13 @@ def _recommended(report: DesignReport) -> dict[str, Any] | None:
     }
 
 
-def _controller_json(control: LinearControl) -> dict[str, Any]:
-    """A controller as its TOML has it."""
-    import tomllib
-
-    return tomllib.loads(control.toml)
-
-
 def _stop_json(stop: Stop) -> dict[str, Any]:
     """A stop: numbers of seed 0, and the distances and highest slips of all seeds."""
+    of_stop = {"adhesion": "law", "held_slip": "held", "reference_slip": "reference", "reference_reached": "reached"}
+    of_run = {"braking_time_s": "braking_time", "braking_distance_m": "braking_distance"}
     return {
-        **exported(
-            stop,
-            "controller",
-            "load",
-            "rail",
-            "locks",
-            adhesion="law",
-            held_slip="held",
-            reference_slip="reference",
-            reference_reached="reached",
-        ),
-        **exported(
-            stop.run,
-            "seed",
-            "stopped",
-            "max_slip",
-            "locked_fraction",
-            braking_time_s="braking_time",
-            braking_distance_m="braking_distance",
-        ),
+        **exported(stop, "controller", "load", "rail", "locks", **of_stop),
+        **exported(stop.run, "seed", "stopped", "max_slip", "locked_fraction", **of_run),
         **exported(stop.bound, bound_m="braking_distance"),
         "seeds": [run.seed for run in stop.runs],
         "distances_m": [plain(run.braking_distance) for run in stop.runs],

@@ -118,17 +118,10 @@ def _log_facts(found: Identification) -> list[tuple[str, str]]:
 
 
 def _parameter_table(fit: Fit) -> RenderableType:
-    rows = [
-        (
-            p.name,
-            fit.model.unit(p.name),
-            fixed(p.value, 6),
-            fixed(p.stderr, 3),
-            *(fixed(x) for x in p.interval),
-            p.status,
-        )
-        for p in fit.parameters
-    ]
+    rows = []
+    for p in fit.parameters:
+        numbers = (fixed(p.value, 6), fixed(p.stderr, 3), *(fixed(x) for x in p.interval))
+        rows.append((p.name, fit.model.unit(p.name), *numbers, p.status))
     for name, value in fit.model.known.items():
         if isinstance(value, float):
             rows.append((name, fit.model.unit(name), fixed(value, 6), "-", "-", "-", "known"))
@@ -147,46 +140,29 @@ def _correlation(fit: Fit) -> RenderableType:
 
 
 def _score_table(found: Identification) -> RenderableType:
-    rows = [
-        (
-            score.fit.model.name,
-            str(len(score.fit.parameters)),
-            *(fixed(x, 3) for x in (score.mean_abs_error, *found.regimes.errors(score))),
-            f"{score.aic:.1f}",
-            f"{score.bic:.1f}",
-        )
-        for score in found.scores
-    ]
+    rows = []
+    for score in found.scores:
+        errors = (fixed(x, 3) for x in (score.mean_abs_error, *found.regimes.errors(score)))
+        name, count = score.fit.model.name, str(len(score.fit.parameters))
+        rows.append((name, count, *errors, f"{score.aic:.1f}", f"{score.bic:.1f}"))
     return table(("Model", "Parameters", "Mean |error|", "adhesion", "sliding", "AIC", "BIC"), rows)
 
 
 def _bin_table(found: Identification) -> RenderableType:
     b, regimes = found.curve.bins, found.regimes.of(found.curve.bins.slip)
-    rows = [
-        (
-            f"{b.low[i]:.2f} to {b.high[i]:.2f}",
-            str(regimes[i]),
-            str(b.count[i]),
-            *(f"{x[i]:.4f}" for x in (b.most, b.mean, b.least, b.deviation)),
-        )
-        for i in range(len(b.slip))
-    ]
+    rows = []
+    for i in range(len(b.slip)):
+        numbers = (f"{x[i]:.4f}" for x in (b.most, b.mean, b.least, b.deviation))
+        rows.append((f"{b.low[i]:.2f} to {b.high[i]:.2f}", str(regimes[i]), str(b.count[i]), *numbers))
     return table(("Slip", "Regime", "Samples", "Max", "Mean", "Min", "Std. deviation"), rows, left=2)
 
 
 def _peak_table(peaks: tuple[PeakSlip, ...]) -> RenderableType:
-    rows = [
-        (
-            peak.rail.value,
-            peak.basis,
-            f"{peak.speed / KMH:.4g}",
-            _pair(peak.slip, peak.slip_stderr),
-            _pair(peak.coefficient, peak.coefficient_stderr),
-            fixed(peak.reference, 4),
-            fixed(peak.reference_coefficient, 4),
-        )
-        for peak in peaks
-    ]
+    rows = []
+    for peak in peaks:
+        found = (_pair(peak.slip, peak.slip_stderr), _pair(peak.coefficient, peak.coefficient_stderr))
+        held = (fixed(peak.reference, 4), fixed(peak.reference_coefficient, 4))
+        rows.append((peak.rail.value, peak.basis, f"{peak.speed / KMH:.4g}", *found, *held))
     return table(("Rail", "From", "Speed, km/h", "Peak slip", "Peak mu", "Reference slip", "mu there"), rows, left=2)
 
 
@@ -219,18 +195,7 @@ def _doubt(found: Identification) -> str:
 
 @checked
 def model_toml(found: Identification) -> str:
-    """The chosen law of an identified log, for `--adhesion FILE`.
-
-    Parameters
-    ----------
-    found : Identification
-        Of `identify`.
-
-    Returns
-    -------
-    str
-        The TOML text: parameters in SI, speeds in km/h.
-    """
+    """The chosen law of an identified log as TOML for `--adhesion FILE`: parameters in SI, speeds in km/h."""
     fit, curve = found.chosen.fit, found.curve
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)
     comments = [
@@ -312,9 +277,7 @@ def law_toml(
     `wheel_load` is that of the log, N, `speeds_kmh` the lowest and the highest initial speed in it; `comments` go to
     its head, a line each.
     """
-    lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
-    lines += _head(law, wheel_load, speeds_kmh)
-    lines += ["", "[parameters]"]
+    lines = [*_head(law, wheel_load, speeds_kmh, comments), "", "[parameters]"]
     for name in law.parameter_names():
         info = type(law).model_fields[name]
         extra = info.json_schema_extra
@@ -332,8 +295,11 @@ def _held_on(law: AdhesionLaw, references: Iterable[ReferenceSlip]) -> tuple[str
     return (Rail.WET.value,) if wet_alone else tuple(ReferenceSlip.model_fields)
 
 
-def _head(law: AdhesionLaw, wheel_load: float, speeds_kmh: tuple[float, float] | None) -> list[str]:
-    lines = [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
+def _head(
+    law: AdhesionLaw, wheel_load: float, speeds_kmh: tuple[float, float] | None, comments: Iterable[str]
+) -> list[str]:
+    lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
+    lines += [f'law = "{law.name}"', f'condition = "{law.rail.value}"']
     if speeds_kmh is not None:
         lines.append(f"initial_speed_range = {_number(speeds_kmh)}  # km/h, v0 that the parameters are for")
     return [*lines, f"wheel_load = {wheel_load!r}  # N, of the log; forces among the parameters are those of this load"]
@@ -353,28 +319,23 @@ def polynomials_toml(
     `law` gives name and rail condition, `speeds_kmh` the range, `references` the slips to hold by v0 in km/h, none if
     there are none; `wheel_load` and `comments` as of `law_toml`.
     """
-    lines = [*(f"# {' '.join(comment.split())}" for comment in comments)]
-    lines += _head(law, wheel_load, speeds_kmh)
+    lines = _head(law, wheel_load, speeds_kmh, comments)
     lines += ["", "[polynomials]  # of the initial speed v0 in km/h: constant, factor of v0, of v0^2"]
     lines += [f"{name} = {_number(tuple(coefficients[name]))}" for name in law.parameter_names()]
     if references:
         speeds = tuple(sorted(references))
-        lines += [
-            "",
-            "[reference_slip]  # at these initial speeds, straight between",
-            f"initial_speed = {_number(speeds)}",
-        ]
+        lines += ["", "[reference_slip]  # at these initial speeds, straight between"]
+        lines.append(f"initial_speed = {_number(speeds)}")
         for name in _held_on(law, references.values()):
             lines.append(f"{name} = {_number(tuple(getattr(references[speed], name) for speed in speeds))}")
     return "\n".join(lines) + "\n"
 
 
-def _number(value: object) -> str:
+def _number(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_number(each) for each in value) + "]"
-    number = float(value)  # type: ignore[arg-type]
-    assert math.isfinite(number), "records refuse other numbers"
-    return repr(number)
+    assert math.isfinite(value), "records refuse other numbers"
+    return repr(float(value))
 
 
 # --- what `railslip identify` found, as JSON -------------------------------------------------------------------------
@@ -515,16 +476,9 @@ _BLOCK = 1 << 16  # rows in memory at a time
 
 
 class ObservedRows:
-    """Rows that wait in a scratch file, as bytes, until the regimes are known.
+    """Rows that wait in the scratch file `rows`, as bytes, until the regimes are known.
 
-    Parameters
-    ----------
-    path : Path
-        The CSV to be.
-    radius : float
-        Of the wheel, m.
-    rows : binary file
-        Where they wait.
+    `path` is the CSV to be, `radius` the wheel's, m.
     """
 
     def __init__(self, path: Path, radius: float, rows: IO[bytes]) -> None:

@@ -40,7 +40,7 @@ from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.numeric import Peak, adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl
-from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
+from railslip_ctrl.simulation.catalogue import hand_over_of
 from railslip_ctrl.simulation.controllers import Controller
 from railslip_ctrl.verification.verdict import Verification
 
@@ -67,11 +67,10 @@ class LawCurve:
 
 @dataclass(frozen=True)
 class ShownLoop:
-    """A loop to be drawn: where it is, the loop, its margins (None: unstable), its frequency response."""
+    """A loop to be drawn: where it is, the loop, its frequency response."""
 
     label: str
     loop: Any
-    margins: Any
     curve: FrequencyCurve
 
 
@@ -89,10 +88,9 @@ class Trial:
     control: LinearControl
     stops: tuple[Stop, ...]
 
-    def distance(self, rail: Rail | None = None) -> float:
-        """Mean braking distance of its stops on a rail, or on all, m; inf where one does not stop."""
-        found = [stop.distance for stop in self.stops if rail is None or stop.rail is rail]
-        return sum(found) / len(found)
+    def distance(self) -> float:
+        """Mean braking distance of its stops, m; inf where one does not stop."""
+        return sum(stop.distance for stop in self.stops) / len(self.stops)
 
     @property
     def rank(self) -> tuple[bool, float, bool, float]:
@@ -117,7 +115,6 @@ class Responses:
     """Of the recommended design at a point, to a step of the reference slip velocity, and of torque at the wheel."""
 
     point: OperatingPoint
-    reference_step: float
     load_step: float
     reference: TimeResponse
     load: TimeResponse
@@ -147,69 +144,35 @@ class Rival:
     """A controller of the user's, judged and run beside the recommended one."""
 
     name: str
-    controller: Any
     judgement: Judgement
     stops: tuple[Stop, ...]
 
 
 @dataclass(frozen=True)
 class DesignReport:
-    """All that a report on a vehicle shows.
+    """All that a report on a vehicle shows; what there is none of is empty or None."""
 
-    Attributes
-    ----------
-    envelope : Envelope
-        What the design must hold, and its vehicle.
-    nominal : bool
-        Whether operating points alone are judged.
-    selection : Selection
-        The candidates, the best first.
-    trials : tuple of Trial
-        The choices that are robust from the lowest speed that any is, in their stops, the best first; of none robust,
-        the best alone.
-    control : LinearControl or None
-        The recommended design as it runs: what `recommended.toml` says; None if no design holds the loops.
-    above_kmh : float or None
-        The speed, km/h, above which it may be used: robust from there up, and handed over below it, no wheel slides
-        in its own stops; None if nowhere.
-    in_use : Judgement or None
-        Its judgement over the speeds from `above_kmh` up (if None: all at which it is stable, or all).
-    worst_loops : tuple of ShownLoop
-        Its loops at the worst operating point, and at the worst with tolerances.
-    stops : tuple of Stop
-        Of the recommended design.
-    tolerance_stops : tuple of Stop
-        Of seed 0 alone, with the ends of the actuator's tolerances.
-    rolling : tuple of RollingLoop
-        Of the laws and loads in whose stops the wheel oscillates.
-    seeking : tuple of Stop
-        Of the seeking controller, which has no margins of its own here; none where it has no gains.
-    rivals : tuple of Rival
-        What the user gave.
-    limits : tuple of (OperatingPoint, Limits)
-        The points where no controller can be better than these, the hardest of each rail and load.
-    """
-
-    envelope: Envelope
-    nominal: bool
-    selection: Selection
-    control: LinearControl | None
-    above_kmh: float | None
-    in_use: Judgement | None
-    worst_loops: tuple[ShownLoop, ...]
-    stops: tuple[Stop, ...]
-    tolerance_stops: tuple[Stop, ...]
-    rolling: tuple[RollingLoop, ...]
-    seeking: tuple[Stop, ...]
-    rivals: tuple[Rival, ...]
-    limits: tuple[tuple[OperatingPoint, Limits], ...]
-    curves: tuple[LawCurve, ...]
-    gains: GainMap | None
-    responses: Responses | None
-    faster: FasterBrake | None
-    sliding: Sliding
-    published: bool
+    envelope: Envelope  # what the design must hold, and its vehicle
+    nominal: bool  # whether operating points alone are judged
+    selection: Selection  # the candidates, the best first
+    # the choices robust from the lowest speed that any is, in their stops, the best first; of none robust the best
     trials: tuple[Trial, ...] = ()
+    control: LinearControl | None = None  # the recommended design as it runs: what `recommended.toml` says
+    # km/h: from there up it is robust, and handed over below it no wheel slides in its own stops
+    above_kmh: float | None = None
+    in_use: Judgement | None = None  # from `above_kmh` up; if that is None, at all speeds at which it is stable, or all
+    worst_loops: tuple[ShownLoop, ...] = ()  # at the worst operating point, and at the worst with tolerances
+    stops: tuple[Stop, ...] = ()  # of the recommended design
+    tolerance_stops: tuple[Stop, ...] = ()  # of seed 0 alone, with the ends of the actuator's tolerances
+    rolling: tuple[RollingLoop, ...] = ()  # of the laws and loads in whose stops the wheel oscillates
+    seeking: tuple[Stop, ...] = ()  # of the seeking controller, whose margins are not judged; where it has gains
+    rivals: tuple[Rival, ...] = ()  # what the user gave
+    limits: tuple[tuple[OperatingPoint, Limits], ...] = ()  # what no controller beats, hardest of each rail and load
+    curves: tuple[LawCurve, ...] = ()
+    gains: GainMap | None = None
+    responses: Responses | None = None
+    faster: FasterBrake | None = None
+    sliding: Sliding = Sliding(None)
     seconds: float = math.nan
     date: datetime.date = field(default_factory=datetime.date.today)
 
@@ -422,10 +385,7 @@ def _designed(
     meanwhile: Callable[[DesignReport], object],
 ) -> DesignReport:
     """The report but for rivals and the sliding-mode law."""
-    empty = DesignReport(
-        envelope, nominal, selection, None, None, None, (), (), (), (), (), (), (), (), None, None, None, Sliding(None),
-        is_published(envelope.vehicle),
-    )  # fmt: skip
+    empty = DesignReport(envelope, nominal, selection)
     if selection.best is None:
         points = envelope.points(nominal=True)
         blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
@@ -500,7 +460,7 @@ def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report
     judged = SampledController(design, run_period(design)) if continuous else design
     judgement = judge(judged, envelope, nominal=nominal)
     control = controller if runs else as_run(controller, judgement, hand_over_of(judgement), name)
-    return Rival(name, controller, judgement, stops(control, judgement, every_law=False))
+    return Rival(name, judgement, stops(control, judgement, every_law=False))
 
 
 # --- loops ----------------------------------------------------------------------------------------------------------
@@ -510,9 +470,7 @@ def _worst_loops(judgement: Judgement) -> tuple[ShownLoop, ...]:
     cases = [judgement.worst] + ([] if judgement.nominal else [judgement.worst_with_tolerances])
     bands = [case.loop.feature_band() for case in cases]
     low, high = min(band[0] for band in bands), max(band[1] for band in bands)
-    return tuple(
-        ShownLoop(case.loop_words, case.loop, case.margins, frequency_curve(case.loop, low, high)) for case in cases
-    )
+    return tuple(ShownLoop(case.loop_words, case.loop, frequency_curve(case.loop, low, high)) for case in cases)
 
 
 def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
@@ -521,11 +479,10 @@ def _limits(judgement: Judgement) -> tuple[tuple[OperatingPoint, Limits], ...]:
     operating = points.plant[points.operating].tolist()
     found: dict[tuple[str, str], tuple[OperatingPoint, Limits]] = {}
     for i in operating:
-        plant = points.plants[i]
-        here = limits_of(plant, points.vehicle.actuator)
-        key = (plant.point.rail.value, points.loads[i])
+        point, here = points.plants[i].point, limits_of(points.plants[i], points.vehicle.actuator)
+        key = (point.rail.value, points.loads[i])
         if key not in found or here.ms_bound > found[key][1].ms_bound:
-            found[key] = (plant.point, here)
+            found[key] = (point, here)
     return tuple(found.values())
 
 
@@ -558,7 +515,7 @@ def _responses(worst: WorstCase, design: PIController) -> Responses | None:
         push = disturbance_response(c, bare, tau, final_time=_RESPONSE_TIME, actuator=brake, height=LOAD_STEP)
     except RailslipError:
         return None
-    return Responses(worst.point, KMH, LOAD_STEP, step, push)
+    return Responses(worst.point, LOAD_STEP, step, push)
 
 
 def _lag(actuator: Actuator) -> Rational:

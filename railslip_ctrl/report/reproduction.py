@@ -42,17 +42,11 @@ from .document import (
 from .export import exported, number
 from .page import formula, typeset
 
-QUANTITY_WORDS = dict(
-    zip(
-        QUANTITIES, ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -"), strict=True
-    )
-)
+_WORDS = ("braking time, s", "braking distance, m", "brake energy, N·m", "mean |slip error|, -")
+QUANTITY_WORDS = dict(zip(QUANTITIES, _WORDS, strict=True))
 """What a row of Table 5 is called, with its unit."""
 
-FIGURES = {
-    **{"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15", "fig_17": "Fig. 17", "fig_18": "Fig. 18"},
-    **{"fig_19": "Fig. 19", "fig_20": "Fig. 20", "fig_21": "Fig. 21"},
-}
+FIGURES = {"fig_13": "Fig. 13", "figs_14_15": "Figs. 14 and 15"} | {f"fig_{n}": f"Fig. {n}" for n in range(17, 22)}
 """The paper's figures by the names of the pictures redrawn."""
 
 _ENERGY = QUANTITIES[2]
@@ -137,20 +131,16 @@ def reproduction_text(
 
 
 def _table3_parts(three: Table3) -> list[RenderableType]:
+    means, asked = printed.TABLE3_MEANS, f"printed {printed.TABLE3_IMPROVEMENT:g} %"
+    found = f"{three.improvement_percent:.1f} %"
+    if three.improvement_follows_from_printed_means:
+        asked += f", which is that of the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
+        found += " of the row means"
+    rows = [(three.beam_mean, "beam"), (three.bristle_mean, "bristle")]
     known = facts(
         [
-            (
-                "Row means",
-                f"beam {three.beam_mean:.6g} (printed {printed.TABLE3_MEANS['beam']:g}), "
-                f"bristle {three.bristle_mean:.6g} (printed {printed.TABLE3_MEANS['bristle']:g})",
-            ),
-            (
-                "Improvement",
-                f"{three.improvement_percent:.1f} % of the row means; printed {printed.TABLE3_IMPROVEMENT:g} %, which "
-                f"is that of the printed means ({three.improvement_of_printed_means_percent:.1f} %)"
-                if three.improvement_follows_from_printed_means
-                else f"{three.improvement_percent:.1f} %; printed {printed.TABLE3_IMPROVEMENT:g} %",
-            ),
+            ("Row means", ", ".join(f"{name} {mean:.6g} (printed {means[name]:g})" for mean, name in rows)),
+            ("Improvement", f"{found}; {asked}"),
             ("Where adhesion rises", f"{three.improvement_in_adhesion_regime_percent:.1f} %"),
         ]
     )

@@ -30,40 +30,19 @@ _REACHED, _SLIDING = 0.95, 0.5  # of the reference slip: as good as there; a sli
 
 @dataclass(frozen=True)
 class Stop:
-    """One controller in one stop.
-
-    Attributes
-    ----------
-    controller, law, load : str
-        What runs, the adhesion law's name, "empty" or "loaded".
-    rail : Rail
-    run : Run
-        Of seed 0, recorded.
-    others : tuple of Run
-        Of the other seeds.
-    bound : ClairvoyantStop or None
-        What no controller of this brake beats; None where none is known.
-    held : float
-        Median of slip over the second half of the time under control: what is held, without the noise and the start.
-    reference : float
-        The slip ratio to be held.
-    cut_out : float
-        Speed below which the slip is not controlled, m/s.
-    brake : str
-        The actuator's tolerances in words; empty: as given.
-    """
+    """One controller in one stop."""
 
     controller: str
-    law: str
+    law: str  # the adhesion law's name
     rail: Rail
-    load: str
-    run: Run
-    others: tuple[Run, ...]
-    bound: ClairvoyantStop | None
-    held: float
-    reference: float
-    cut_out: float = 0.0
-    brake: str = ""
+    load: str  # "empty" or "loaded"
+    run: Run  # of seed 0, recorded
+    others: tuple[Run, ...]  # of the other seeds
+    bound: ClairvoyantStop | None  # what no controller of this brake beats; None where none is known
+    held: float  # median of slip over the second half of the time under control, without the noise and the start
+    reference: float  # the slip ratio to be held
+    cut_out: float = 0.0  # m/s: below, the slip is not controlled
+    brake: str = ""  # the actuator's tolerances in words; empty: as given
 
     @property
     def swings(self) -> bool:
@@ -155,16 +134,13 @@ def operating_points(points: EnvelopePoints) -> list[OperatingPoint]:
 def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tuple[Stop, ...]:
     """A stop from the envelope's initial speed on each of its rails and loads, with the static law first."""
     operating = operating_points(judgement.points)
-    loads = dict(zip(judgement.points.load[judgement.points.operating].tolist(), operating, strict=True))
+    loads = dict.fromkeys(judgement.points.load[judgement.points.operating].tolist())
     names = sorted({point.law.name: point.law.has_state for point in operating}.items(), key=lambda one: one[1])
     laws = [name for name, _ in names] if every_law else [names[0][0]]
-    found = []
-    for law in laws:
-        for load in loads:
-            for rail in judgement.envelope.rails:
-                scenario = stop_scenario(judgement, law, load, rail)
-                found.append(_stop(control, scenario, load))
-    return tuple(found)
+    return tuple(
+        _stop(control, stop_scenario(judgement, law, load, rail), load)
+        for law, load, rail in product(laws, loads, judgement.envelope.rails)
+    )
 
 
 def seeking_stops(judgement: Judgement) -> tuple[Stop, ...]:
@@ -240,8 +216,9 @@ def _held(run: Run, cut_out: float) -> float:
 @lru_cache(64)
 def _bound(scenario: Scenario, torque_max: float | None) -> ClairvoyantStop | None:
     """With this brake: dead time, and lag up to the largest torque."""
-    limits = BrakeLimits(torque_max=torque_max) if torque_max is not None and np.isfinite(torque_max) else None
+    if torque_max is not None and np.isfinite(torque_max):
+        scenario = scenario.with_changes(limits=BrakeLimits(torque_max=torque_max))
     try:
-        return clairvoyant_stop(scenario if limits is None else scenario.with_changes(limits=limits))
+        return clairvoyant_stop(scenario)
     except InputError:
         return None

@@ -564,8 +564,8 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
         drawings["map"] = lambda: ms_map_figure({"": found}, title=title)
         where = f"{report.vehicle.name}, {name}: loops at the worst points; continuous time"
         drawings["loop"] = lambda: worst_loops_figure(report.worst_loops, title=where)
-    if report.stops:
-        drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name)
+        if report.stops:
+            drawings["stops"] = lambda: _stops(report.longest_stops, report.vehicle.name, name)
     if report.gains is not None:
         gains = report.gains
         drawings["gains"] = lambda: _gains(gains, report.vehicle.name)
@@ -576,9 +576,8 @@ def report_drawings(report: DesignReport) -> dict[str, Callable[[], Figure]]:
     return drawings
 
 
-def _stops(stops: tuple[Stop, ...], vehicle: str) -> Figure:
+def _stops(stops: tuple[Stop, ...], vehicle: str, name: str) -> Figure:
     runs = {f"{one.rail} rail, {one.law}, {one.load}: {one.run.braking_distance:.4g} m": one.run for one in stops}
-    name = stops[0].run.controller.design.structure
     return runs_figure(runs, f"{vehicle}, {name}: the longest stop on each rail, seed {stops[0].run.seed}")
 
 
