@@ -34,7 +34,7 @@ from railslip_ctrl.report.design_report import (
     design_sections,
     first_page,
 )
-from railslip_ctrl.report.document import Paragraph, Table
+from railslip_ctrl.report.document import Paragraph
 from railslip_ctrl.report.export import Provenance
 from railslip_ctrl.report.page import page
 from railslip_ctrl.report.plots.designs import report_drawings
@@ -242,6 +242,7 @@ def test_a_robust_design_is_to_be_used_and_its_numbers_are_within_the_page(robus
     first = first_page(robust)
     assert robust.in_use.verdict == "robust"
     assert first.headline == "USE ABOVE 20 km/h"  # below the lowest speed judged the file holds a torque
+    assert "Below 20 km/h it holds" in dict(first.lines)["To do"]
     assert ("hold less slip" in dict(first.lines)["To do"]) == bool(robust.judgement.envelope.knife_edges())
     assert words(first) <= MOST_FIRST_WORDS
     assert len(first.rows) <= MOST_NUMBERS
@@ -327,12 +328,6 @@ def test_a_brake_that_is_named_was_tried():
         assert found.reaches == reached >= reaching
         factors.append(found.factor)
     assert factors == sorted(factors, reverse=True)
-
-
-def test_use_above_a_speed_hands_over_below_it(robust):
-    told = first_page(replace(robust, above_kmh=100.0, control=replace(robust.control, cut_out_speed=100 / 3.6)))
-    assert told.headline == "USE ABOVE 100 km/h"
-    assert "Below 100 km/h it holds" in dict(told.lines)["To do"]
 
 
 def test_a_judgement_over_fewer_speeds_is_that_of_the_smaller_envelope(robust):
@@ -465,20 +460,5 @@ def test_a_loop_about_free_rolling_is_told_of_a_law_that_oscillates(robust):
     assert f"{found.frequency / (2 * math.pi):.2g} Hz" in text[1]
 
 
-def test_every_section_fits_its_table(robust):
-    for section in design_sections(robust):
-        for block in section.blocks:
-            if isinstance(block, Table):
-                assert {len(row) for row in block.rows} == {len(block.head)}
-
-
-def test_a_plain_stop_has_one_rail_and_the_law_of_its_load():
-    dry = stop(PARK2008.loaded(), "wet", speed_kmh=80)
-    assert (dry.events, dry.rail, dry.has_named_law) == ((), "wet", True)
-    assert simulate(dry, GIVEN, seed=None, record_every=None).braking_distance > 0
-
-
-@pytest.mark.long
-def test_nominal_says_so(railslip, tmp_path):
-    status, out, _ = railslip("report", *SMALL[:4], "--nominal", "--no-html", "--out", tmp_path / "out")
-    assert (status, "at the operating points" in out) == (0, True)
+def test_nominal_says_so(robust):
+    assert first_page(replace(robust, nominal=True)).headline.endswith("at the operating points")

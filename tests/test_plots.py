@@ -34,7 +34,6 @@ from railslip_ctrl.report.plots import (
     save_figure,
     sweep_figure,
 )
-from railslip_ctrl.report.plots.designs import _round_levels
 from railslip_ctrl.report.plots.style import (
     PAGE_WIDTH,
     figure_bytes,
@@ -297,11 +296,3 @@ def test_the_same_figure_gives_the_same_file(form):
         return figure_bytes(figure, form)
 
     assert drawn() == drawn()
-
-
-def test_levels_of_a_field_with_endless_margins_are_those_of_the_finite_ones():
-    """Gains without a gain crossover, of a plant stable by itself, have no phase margin to draw."""
-    finite = np.linspace(5.0, 60.0, 50)
-    assert _round_levels(np.concatenate([finite, np.full(50, np.inf), [np.nan]])) == _round_levels(finite)
-    assert _round_levels(finite)
-    assert _round_levels(np.array([np.inf, np.nan])) == {}

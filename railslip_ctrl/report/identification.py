@@ -195,7 +195,18 @@ def _doubt(found: Identification) -> str:
 
 @checked
 def model_toml(found: Identification) -> str:
-    """The chosen law of an identified log as TOML for `--adhesion FILE`: parameters in SI, speeds in km/h."""
+    """The chosen law of an identified log, for `--adhesion FILE`.
+
+    Parameters
+    ----------
+    found : Identification
+        Of `identify`.
+
+    Returns
+    -------
+    str
+        The TOML text: parameters in SI, speeds in km/h.
+    """
     fit, curve = found.chosen.fit, found.curve
     lowest, highest = (round(speed / KMH, 1) for speed in found.speeds_shown)
     comments = [
