@@ -60,14 +60,9 @@ def page(
     return text.replace("</main>", _sources(text, environment) + "</main>", 1)
 
 
-def cited_sources(text: str) -> dict[str, str]:
-    """The sources that a text cites, by key."""
-    return {key: source for key, source in SOURCES.items() if f"[{key}]" in text}
-
-
 def _sources(text: str, environment: Any) -> str:
     """The sources that the text cites, as its last section; a DOI or an address in them is a link."""
-    cited = {key: _linked(source) for key, source in cited_sources(text).items()}
+    cited = {key: _linked(source) for key, source in SOURCES.items() if f"[{key}]" in text}
     return str(environment.get_template("sources.html").render(sources=cited)) if cited else ""
 
 

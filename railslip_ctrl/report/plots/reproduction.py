@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,9 @@ from .style import (
 _QUANTITIES = dict(
     zip(QUANTITIES, ("braking time", "braking distance", "brake energy", "mean |slip error|"), strict=True)
 )
+# two noisy lines told apart in grey: light under dark
+_PAIR = ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})
+_PAIR_OF_REFERENCES = ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})
 _LAWS = {"beam": "beam", "curve": "bristle, along a slip ramp", "bristle": "bristle, at rest"}
 _SHORT = {"beam": "beam", "curve": "bristle", "bristle": "bristle at rest"}
 
@@ -137,55 +140,43 @@ def _speeds(number: int, runs: Mapping[str, Run]) -> Figure:
 
 
 def _torques(runs: Mapping[str, Run]) -> Figure:
-    figure = new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
-    axes = _by_controller(figure, runs)
-    for ax, i, name, run in axes:
-        signals = recorded(run)
-        energy = run.scenario.vehicle.inertia_scale * run.brake_energy
+    def draw(ax: Any, i: int, name: str, run: Run) -> None:
+        signals, energy = recorded(run), run.scenario.vehicle.inertia_scale * run.brake_energy
         printed = TABLE5[name][QUANTITIES.index("brake_energy_published_reading")]
         label = f"{name}: energy in the printed reading {energy / 1e7:.2f}·10⁷ N·m (Table 5: {printed / 1e7:.2f}·10⁷)"
-        ax.plot(signals.time, signals.torque / 1e3, label=label, **_pair_style(i))
-        ax.set_ylabel("acting torque Tb (kN·m)")
-    _finish(axes)
-    return figure
+        ax.plot(signals.time, signals.torque / 1e3, label=label, **_PAIR[i])
+
+    figure = new_figure(5.4, f"[Park2008] Fig. 20: brake torque{_seeded(runs)}")
+    return _by_controller(figure, runs, "acting torque Tb (kN·m)", draw)
 
 
 def _slips(runs: Mapping[str, Run]) -> Figure:
-    against = "/".join(f"{slip:g}" for slip in PUBLISHED_REFERENCE.values())
-    title = f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}"
-    figure = new_figure(5.6, title)
-    axes = _by_controller(figure, runs)
-    for ax, i, name, run in axes:
-        signals = recorded(run)
-        printed = TABLE5[name][QUANTITIES.index("mean_abs_slip_error")]
+    def draw(ax: Any, i: int, name: str, run: Run) -> None:
+        signals, printed = recorded(run), TABLE5[name][QUANTITIES.index("mean_abs_slip_error")]
         label = f"{name}: mean error {run.mean_abs_slip_error_published:.4f} (Table 5: {printed:.4f})"
-        ax.plot(signals.time, signals.slip, label=label, **_pair_style(i))
-        ax.plot(signals.time, signals.reference, label=f"{name}: reference", linewidth=1.0, **_reference_style(i))
-        ax.set_ylabel("slip ratio λ (-)")
-    _finish(axes)
-    return figure
+        ax.plot(signals.time, signals.slip, label=label, **_PAIR[i])
+        ax.plot(signals.time, signals.reference, label=f"{name}: reference", linewidth=1.0, **_PAIR_OF_REFERENCES[i])
+
+    against = "/".join(f"{slip:g}" for slip in PUBLISHED_REFERENCE.values())
+    figure = new_figure(5.6, f"[Park2008] Fig. 21: slip ratio{_seeded(runs)}; mean errors against {against}")
+    return _by_controller(figure, runs, "slip ratio λ (-)", draw)
 
 
-def _by_controller(figure: Figure, runs: Mapping[str, Run]) -> list[tuple[Any, int, str, Run]]:
-    """Axes, number of the line in them, name and run: a panel a kind of controller."""
+def _by_controller(
+    figure: Figure, runs: Mapping[str, Run], label: str, draw: Callable[[Any, int, str, Run], None]
+) -> Figure:
+    """A panel a kind of controller; `draw` is given the number of the run in it."""
     kinds = list(dict.fromkeys(name.split()[0] for name in runs))
-    by_kind = dict(zip(kinds, panels(figure, len(kinds), sharex=True, sharey=True)[:, 0], strict=True))
-    numbers = dict.fromkeys(kinds, -1)
-    result = []
-    for name, run in runs.items():
-        kind = name.split()[0]
-        numbers[kind] += 1
-        result.append((by_kind[kind], numbers[kind], name, run))
-    return result
-
-
-def _finish(axes: Sequence[tuple[Any, int, str, Run]]) -> None:
-    each = list(dict.fromkeys(ax for ax, *_ in axes))
-    for ax in each:
+    axes = panels(figure, len(kinds), sharex=True, sharey=True)[:, 0]
+    for ax, kind in zip(axes, kinds, strict=True):
+        for i, name in enumerate(name for name in runs if name.split()[0] == kind):
+            draw(ax, i, name, runs[name])
+        ax.set_ylabel(label)
         count = len(ax.get_legend_handles_labels()[0])
         ax.legend(fontsize=SMALL, frameon=False, loc="upper left", ncols=2 if count > 2 else 1)
         ax.margins(y=0.35)
-    _time_axes(each)
+    _time_axes(axes)
+    return figure
 
 
 def _time_axes(axes: Any) -> None:
@@ -193,15 +184,6 @@ def _time_axes(axes: Any) -> None:
         ax.set_xlim(left=0.0)
         ax.set_ylim(bottom=0.0)
     axes[-1].set_xlabel("time (s)")
-
-
-def _pair_style(i: int) -> dict[str, Any]:
-    """Two noisy lines told apart in grey: light under dark."""
-    return ({"color": "0.62", "linewidth": 0.9}, {"color": "black", "linewidth": 0.7})[i]
-
-
-def _reference_style(i: int) -> dict[str, Any]:
-    return ({"color": "0.45", "linestyle": "--"}, {"color": "black", "linestyle": ":"})[i]
 
 
 def _seeded(runs: Mapping[str, Run]) -> str:
