@@ -79,26 +79,16 @@ def simulation_json(run: Run, gains: str | None, law_speed: float | None = None)
         "mean_abs_slip_error": "mean_abs_slip_error",
         "mean_abs_slip_error_published": "mean_abs_slip_error_published",
     }
+    ends = {"max_torque_nm": "max_torque", "ended_at_s": "braking_time", "ended_at_m": "braking_distance"}
+    rates = {"max_torque_rate_nm_per_s": "max_torque_rate", "rms_torque_rate_nm_per_s": "rms_torque_rate"}
+    ends |= {"first_lock_s": "first_lock", **rates}
     return {
         "scenario": scenario.name,
         "controller": run.controller.name,
         "gains": gains,
         "inertia_scale": scenario.vehicle.inertia_scale,
         **exported(run if run.stopped else None, **of_stop),
-        **exported(
-            run,
-            "seed",
-            "stopped",
-            "max_slip",
-            "locked_fraction",
-            "outcome",
-            max_torque_nm="max_torque",
-            ended_at_s="braking_time",
-            ended_at_m="braking_distance",
-            first_lock_s="first_lock",
-            max_torque_rate_nm_per_s="max_torque_rate",
-            rms_torque_rate_nm_per_s="rms_torque_rate",
-        ),
+        **exported(run, "seed", "stopped", "max_slip", "locked_fraction", "outcome", **ends),
         "final_speed_kmh": number(run.final_speed / KMH),
         "gain_values": gain_values(run.controller),
         "reference_slip": run.controller.reference.model_dump(),
@@ -287,26 +277,24 @@ def _adaptation(gains: LawGains) -> str:
 def _controller_limits(run: Run) -> str:
     """The controller's own limits, and what else it starts and works with."""
     controller, vehicle = run.controller, run.scenario.vehicle
+    low = getattr(controller, "torque_low", 0.0)
+    torque = f"torque {_range(low, getattr(controller, 'torque_high', None))}"
     if isinstance(controller, LinearControl | ScheduledControl):
         tracking = controller.tracking_time
         windup = "by its gains" if tracking is None else f"{tracking:g} s" if math.isfinite(tracking) else "none"
-        return (
-            f"torque {_range(controller.torque_low, controller.torque_high)}, initial torque "
-            f"{controller.initial_torque:g} N·m, anti-windup {windup}, rule {controller.rule.value}"
-        )
+        start = f"initial torque {controller.initial_torque:g} N·m"
+        return f"{torque}, {start}, anti-windup {windup}, rule {controller.rule.value}"
     if isinstance(controller, SlidingControl):
         mass = vehicle.mass if controller.nominal_mass is None else controller.nominal_mass
         viscous = controller.nominal_viscous_friction
+        friction = vehicle.wheel.viscous_friction if viscous is None else viscous
         return (
-            f"torque {_range(controller.torque_low, controller.torque_high)}, anti-windup "
-            f"{'on' if controller.anti_windup else 'none'}, filter of v' {controller.filter_time:g} s, nominal mass "
-            f"{mass:g} kg, nominal friction {vehicle.wheel.viscous_friction if viscous is None else viscous:g} N·m·s"
+            f"{torque}, anti-windup {'on' if controller.anti_windup else 'none'}, filter of v' "
+            f"{controller.filter_time:g} s, nominal mass {mass:g} kg, nominal friction {friction:g} N·m·s"
         )
     if isinstance(controller, SlideProtection):
-        return f"torque {_range(0.0, controller.torque_high)}, filter of deceleration {controller.filter_time:g} s"
-    if isinstance(controller, SeekingControl):
-        return f"torque {_range(0.0, controller.torque_high)}"
-    return "none"
+        return f"{torque}, filter of deceleration {controller.filter_time:g} s"
+    return torque if isinstance(controller, SeekingControl) else "none"
 
 
 def _period(run: Run) -> float:

@@ -176,9 +176,8 @@ def _verdict(verification: Verification) -> str:
     total, failing = len(verification.conditions), len(verification.failing)
     lines = [f"Verdict: {failing} of {total} conditions {'does' if failing == 1 else 'do'} not hold."]
     if undecided:
-        lines[0] = (
-            f"{lines[0].removesuffix('.')}, {len(undecided)} {'was' if len(undecided) == 1 else 'were'} not decided."
-        )
+        was = "was" if len(undecided) == 1 else "were"
+        lines[0] = f"{lines[0].removesuffix('.')}, {len(undecided)} {was} not decided."
     titles = ("Claimed or relied on by [Park2008]:", "Others:", "Not decided:")
     for title, names in zip(titles, (claimed, others, undecided), strict=True):
         lines += [title, *(f"  - {name}" for name in names)] if names else []
@@ -194,14 +193,8 @@ def lyapunov_runs_text(cases: Sequence[tuple[str, LyapunovRun]]) -> str:
     shares = table(("Share of the time each holds", *names), [(name, *_shares(run)) for name, run in cases])
     first = table(("First violation, s", *names), [(name, *_first(run)) for name, run in cases])
     columns = ("Last third of each stage", "outcome", "time s", "largest |s| m/s", "largest slip error", "locked %")
-    return render(
-        [
-            heading("Lyapunov conditions along braking runs"),
-            shares,
-            first,
-            table(columns, [_bounds(name, run) for name, run in cases], left=2),
-        ]
-    )
+    bounds = table(columns, [_bounds(name, run) for name, run in cases], left=2)
+    return render([heading("Lyapunov conditions along braking runs"), shares, first, bounds])
 
 
 def _shares(run: LyapunovRun) -> Iterable[str]:
