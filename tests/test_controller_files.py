@@ -59,14 +59,12 @@ def test_what_is_saved_is_loaded_again(tmp_path, name):
 PUBLISHED = published_reference("bristle")
 AS_BEFORE = {"period": None, "rule": "backward"}  # of a PI's file without either
 IN_FEW_WORDS = {
-    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(
-        PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, tracking_time=None, **AS_BEFORE
-    ),
+    'kind = "pi"\nkp = 0.5\nki = 0.5': LinearControl(PIController(PIGains(kp=0.5, ki=0.5)), PUBLISHED, **AS_BEFORE),
     'kind = "pi"\nkp = 1.0\nki = 1.0\nanti_windup = true\ntracking_time = 0.5': LinearControl(
         PIController(PIGains(kp=1.0, ki=1.0)), PUBLISHED, tracking_time=0.5, **AS_BEFORE
     ),
     'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
-        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01, tracking_time=None, rule="tustin"
+        StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01
     ),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
@@ -77,7 +75,6 @@ IN_FEW_WORDS = {
         PUBLISHED,
         torque_low=0.5,
         torque_high=2.0,
-        tracking_time=None,
         **AS_BEFORE,
     ),
     'kind = "slide-protection"': SlideProtection(PUBLISHED),

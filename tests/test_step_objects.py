@@ -30,7 +30,8 @@ from railslip_ctrl.simulation.step_objects import StepControl, as_control
 SCENARIO = built_in_scenario("park2008")
 RADIUS = SCENARIO.vehicle.wheel.radius
 REFERENCE = ReferenceSlip(dry=0.132, wet=0.132)
-BUILT_IN = LinearControl(PIController(PIGains(kp=1210.0, ki=1220.0)), REFERENCE, name="built-in", rule="backward")
+DESIGN = PIController(PIGains(kp=1210.0, ki=1220.0))
+BUILT_IN = LinearControl(DESIGN, REFERENCE, name="built-in", rule="backward", tracking_time=math.inf)
 
 
 def as_run(controller: object, name: str | None = None) -> object:

@@ -28,8 +28,6 @@ from railslip_ctrl.core.units import shown
 from railslip_ctrl.core.user_files import call_failure, place, place_of
 from railslip_ctrl.design.controllers import (
     PERIOD,
-    PIController,
-    Rule,
     has_step,
     is_function,
     is_system,
@@ -391,14 +389,10 @@ def as_control(
             "it step(t, v, omega)"
         )
     design = linear_controller(controller)
-    own = None if isinstance(design, PIController) else design.period
     return LinearControl(
         design,
         held,
         name=name or design.structure.removesuffix(" N*m/(m/s)").lower().replace(" ", "-"),
-        period=PERIOD if own is None else own,
         torque_low=0.0,
         torque_high=full_brake_torque(vehicle),
-        tracking_time=None,
-        rule=Rule.TUSTIN,
     )
