@@ -312,6 +312,9 @@ class Linear:
     def linear(self, point):
         return self.made(self, point)
 
+class Stepped(Linear, Timed):
+    pass
+
 class Narrow:
     def linear(self):
         return 1.0
@@ -339,9 +342,14 @@ ALONE = "is known by its step alone and has no margins"
         ("Linear(lambda s, p: 200 + 5 / ct.tf('s'))", None, "Linear is linear at an operating point and has no step"),
         ("Linear(lambda s, p: s)", "mine.py, line 12: linear gives Linear, which is no system", None),
         ("Linear(lambda s, p: 'pi')", "mine.py, line 12: what linear gives is refused: controller: str", None),
-        ("Linear(lambda s, p: p.none)", "mine.py, line 26: linear fails with AttributeError: 'OperatingPoint'", None),
-        ("Narrow()", "mine.py, line 16: linear cannot be called with (operating_point): Narrow.linear() takes", None),
-        ("Forgetful()", ALONE, "mine.py, line 20: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
+        (
+            "Stepped(lambda s, p: None)",
+            "mine.py, line 12: what linear gives is refused: controller: None",
+            None,
+        ),
+        ("Linear(lambda s, p: p.none)", "mine.py, line 29: linear fails with AttributeError: 'OperatingPoint'", None),
+        ("Narrow()", "mine.py, line 19: linear cannot be called with (operating_point): Narrow.linear() takes", None),
+        ("Forgetful()", ALONE, "mine.py, line 23: reset cannot be called with (t, v, omega): Forgetful.reset() takes"),
     ],
 )
 def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, controller, margins, run):
@@ -353,7 +361,8 @@ def test_every_kind_has_margins_or_runs_or_says_in_a_line_why_not(tmp_path, cont
     envelope = Envelope(laws="bristle", rails="dry", speeds=100, loads="empty")
     if run is None and controller.startswith(("Linear", "Narrow")):
         run = "has no step to run by; give it step(t, v, omega)"
-    for told, ask in ((margins, lambda: judge(mine, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
+    judged = StepControl(mine, REFERENCE) if run is None else mine  # as a command makes it of a file
+    for told, ask in ((margins, lambda: judge(judged, envelope, nominal=True)), (run, lambda: simulate(short, mine))):
         if told is None:
             ask()
             continue

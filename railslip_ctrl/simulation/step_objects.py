@@ -33,7 +33,6 @@ from railslip_ctrl.design.controllers import (
     is_system,
     linear_controller,
     linear_of,
-    step_alone,
 )
 from railslip_ctrl.design.envelope_tuning import EnvelopeDesign
 from railslip_ctrl.model.adhesion import ReferenceSlip
@@ -155,11 +154,8 @@ class StepControl:
         return tuple(f"x{i + 1}" for i in range(len(self.start_numbers)))
 
     def linear(self, point: OperatingPoint) -> Any:
-        """What the object says of itself at an operating point; InputError where it says nothing."""
-        own = linear_of(self.step.thing)
-        if own is None:
-            raise step_alone(self.step.thing)
-        return own(point)
+        """What the object says of itself at an operating point; InputError where it says nothing, or no system."""
+        return linear_controller(self.step.thing, point)
 
     def source(self) -> str:
         return "from railslip_ctrl.simulation.step_calls import call_step\n\n\n" + step_text("called")
