@@ -66,6 +66,12 @@ IN_FEW_WORDS = {
     'kind = "state-space"\nA = []\nB = []\nC = []\nD = 0.5': LinearControl(
         StateSpaceController((), (), (), 0.5), PUBLISHED, "state-space", 0.01
     ),
+    'kind = "state-space"\na = [[0, 1], [-1, -2]]\nb = [[0], [1]]\nc = [[3, 4]]\nd = [[5]]': LinearControl(
+        StateSpaceController(((0.0, 1.0), (-1.0, -2.0)), (0.0, 1.0), (3.0, 4.0), 5.0), PUBLISHED, "state-space", 0.01
+    ),
+    'kind = "state-space"\nA = -1\nB = 2\nC = 3': LinearControl(
+        StateSpaceController(((-1.0,),), (2.0,), (3.0,)), PUBLISHED, "state-space", 0.01
+    ),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5': SlidingControl(LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED),
     'kind = "asmc"\nK = 0.5\nD = 0.5\nrho = 0.5\nnominal_mass = 0.5\nfilter_time = 0.5': SlidingControl(
         LawGains(K=0.5, D=0.5, rho=0.5), PUBLISHED, nominal_mass=0.5, filter_time=0.5
@@ -105,6 +111,10 @@ def test_what_has_no_file_is_told(tmp_path):
         ('kind = "transfer-function"\nnum = [1.0, 0.0]\nden = [1.0]', "not proper"),
         ('kind = "transfer-function"\nnum = [1.0]\nden = [0.001, 1.0]', "pole of 1000 1/s; give a value <= 0.002"),
         ('kind = "state-space"\nA = [[0.0]]\nB = [1.0, 2.0]\nC = [1.0]', "do not fit"),
+        ('kind = "state-space"\nA = [0.0, 1.0]\nB = [1.0, 2.0]\nC = [1.0, 1.0]', "A: give its rows"),
+        ('kind = "state-space"\nA = [[0.0]]\nB = [[1.0, 2.0]]\nC = 1.0', "B: is not of one input"),
+        ('kind = "state-space"\nA = [[0.0]]\nB = 1.0\nC = [[1.0], [2.0]]', "C: is not of one input"),
+        ('kind = "state-space"\nA = 1.0\na = 1.0\nB = 1.0\nC = 1.0', "in both cases"),
         ('kind = "pi-lead"\nkp = 1.0\nki = 1.0', "lead: missing"),
         ("kind = 3", "kind: 3 is not one"),
         ('kind = "pi"\nkp = 1.0\nki = 1.0\ntorque_hi = 1.0', "period, reference, torque_min, torque_max, anti_windup"),
