@@ -33,6 +33,7 @@ from .document import (
     heading,
     listed,
     minus,
+    ms_text,
     render,
     roots_text,
     short,
@@ -200,8 +201,10 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 def _worst_cells(worst: WorstCase) -> tuple[str, str]:
     """The larger Ms, of the loop or of the sampled one that runs, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return _ms(worst.ms), worst.case.words
-    return _ms(worst.run_ms), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {_ms(worst.ms)}"
+        return ms_text(worst.ms), worst.case.words
+    return ms_text(
+        worst.run_ms
+    ), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {ms_text(worst.ms)}"
 
 
 def _chosen(report: DesignReport) -> str:
@@ -312,13 +315,13 @@ def _envelope(report: DesignReport) -> Section:
             margins = (
                 (NONE, NONE) if one.margins is None else (below(one.margins.phase_deg), below(one.margins.delay_s))
             )
-            rows.append((name, _ms(one.ms), *margins, one.case.words))
+            rows.append((name, ms_text(one.ms), *margins, one.case.words))
         axes = [
             (
                 _AXES.get(axis, axis),
                 f"{value:g}" if isinstance(value, float) else str(value),
                 f"{100 * share:.3g}",
-                _ms(ms),
+                ms_text(ms),
             )
             for axis, values in judged.by_axis().items()
             if len(values) > 1
@@ -347,7 +350,7 @@ def _candidates(report: DesignReport) -> Section:
         cells = (short(gains.kp), short(gains.ki), _speed(judged.usable_from_kmh), _speed(judged.robust_from_kmh))
         stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
         reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
-        rows.append((kind, f"{choice.reference_factor:g}", *cells, _ms(judged.worst.ms), stop, reaches))
+        rows.append((kind, f"{choice.reference_factor:g}", *cells, ms_text(judged.worst.ms), stop, reaches))
     head = (
         "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
         "Worst Ms", "Mean stop, m", "Reaches its slip",
@@ -372,7 +375,7 @@ def _rivals(report: DesignReport) -> Section | None:
             for stop in one.stops
             if stop.load == one.stops[0].load
         )
-        worst = (_ms(judged.worst.ms), _ms(judged.worst_with_tolerances.ms))
+        worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
         rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
     head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
     return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
@@ -530,10 +533,6 @@ def _paper(report: DesignReport) -> Section | None:
 
 def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
-
-
-def _ms(ms: float) -> str:
-    return "unstable" if math.isinf(ms) else above(ms)
 
 
 # --- text and JSON --------------------------------------------------------------------------------------------------
