@@ -181,6 +181,24 @@ def test_a_campaign_runs_them_in_other_processes(tmp_path, campaign):
     assert again.fingerprint == campaign.fingerprint
 
 
+@pytest.mark.parametrize(("lasts", "kept"), [(0, 0), (1, 0), (3, 2)])  # the first run is for the kernel
+def test_a_campaign_that_fails_keeps_its_finished_parts_or_nothing(tmp_path, lasts, kept):
+    class Failing(PI):
+        runs = 0
+
+        def reset(self, t: float, v: float, omega: float) -> None:
+            super().reset(t, v, omega)
+            Failing.runs += 1
+            if Failing.runs > lasts:
+                raise RuntimeError("no more")
+
+    failing = Campaign(SCENARIO.with_changes(longest_time=0.1, events=()), (Failing(),), 8)
+    with pytest.raises(InputError, match=r"test_step_objects.py, line \d+: reset .* no more; mend the file"):
+        execute(failing, tmp_path / "made" / "for it", workers=1, part_runs=1)
+    assert len(list(tmp_path.rglob("*.parquet"))) == kept
+    assert bool(list(tmp_path.iterdir())) == bool(kept)
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Port")  # of the dashboard of another test's cluster
 def test_a_dask_cluster_runs_them(tmp_path, campaign):
