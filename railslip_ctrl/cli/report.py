@@ -27,7 +27,7 @@ from railslip_ctrl.report.design_report import (
 from railslip_ctrl.report.document import WIDTH, width
 from railslip_ctrl.report.export import Provenance, json_text
 from railslip_ctrl.report.page import page
-from railslip_ctrl.report.recommendation import DesignReport, design_report
+from railslip_ctrl.report.recommendation import DesignReport, design_report, no_margins
 
 from .margins import given_controller
 from .options import (
@@ -88,9 +88,10 @@ def command(
     fresh: bool,
 ) -> None:
     """The slip controller to take for a vehicle: the best over its envelope of speeds, rails, loads and tolerances,
-    from which speed it may be used, how it brakes, and why. Given gains, or a linear controller of your own, are judged
-    and run beside it. report.html begins with what is read in a minute; recommended.toml is the design, as simulate and
-    margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that cannot be written to.
+    from which speed it may be used, how it brakes, and why. Given gains, or a controller of your own, are run beside
+    it, and judged where they have margins. report.html begins with what is read in a minute; recommended.toml is the
+    design, as simulate and margins take it. Exit status 0 whatever is found, or 2 for bad input or a folder that
+    cannot be written to.
 
     Example: railslip report --vehicle my_train.toml --speed 100 --speed 60 --out check
     """
@@ -103,7 +104,8 @@ def command(
     plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
     given = _given(controller, chosen_gains(kp, ki), plant.point)
     for one in given.values():
-        wheel_slip_loop(plant, one)  # refuses what has no margins
+        if not no_margins(one):
+            wheel_slip_loop(plant, one)  # refuses what is not linear there
     with claimed(out):
         found = design_report(judged, nominal=nominal, given=given, sliding=whole, fresh=fresh, progress=told)
         files, content, text = _made(found, whole, provenance(ctx), _rest(cases, found, out, whole), told)

@@ -68,7 +68,7 @@ def first_page(report: DesignReport) -> FirstPage:
         headline=_headline(report),
         subject=_design_words(report),
         file=RECOMMENDED if report.control is not None else "",
-        lines=(("Why", _why(report)), ("To do", _to_do(report))),
+        lines=(("Why", _why(report)), ("To do", _to_do(report)), *_yours(report)),
         head=("", "worst", "where"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
@@ -160,6 +160,17 @@ def _seeking_words(report: DesignReport) -> Iterator[str]:
     if all(seeking.distance < stop.distance for seeking, stop in found):
         told = ", ".join(f"{short(seeking.distance, 3)} m {seeking.rail}" for seeking, _ in found)
         yield f"Unjudged but shorter: --controller seeking, {told}."
+
+
+def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """Of each controller of the user's that has no margins, that it is not judged, and how it stops."""
+    for one in report.rivals:
+        if one.judgement is None:
+            rails = dict.fromkeys(stop.rail for stop in one.stops)
+            longest = [_longest(one.stops, rail) for rail in rails]
+            told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in longest)
+            locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
+            yield "Yours", f"NOT JUDGED: {one.name} is {one.reason} and has no margins. Stops {told}; {locks}."
 
 
 def _longest(stops: Iterable[Stop], rail: Rail) -> Stop:
@@ -369,16 +380,22 @@ def _rivals(report: DesignReport) -> Section | None:
     taken = Rival("recommended", None, report.judgement, report.first_stops)
     rows = []
     for one in (taken, *report.rivals):
-        judged = one.judgement
         distances = " / ".join(
             f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
             for stop in one.stops
             if stop.load == one.stops[0].load
         )
-        worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
-        rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
+        told = ("not judged: no margins", *(NONE,) * 3)
+        if (judged := one.judgement) is not None:
+            worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
+            told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
+        rows.append((one.name, *told, distances))
     head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
-    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
+    return Section(
+        "given",
+        "Your controller beside it",
+        (table(head, rows, caption="Judged where it has margins, and run alike."),),
+    )
 
 
 def _stops(report: DesignReport) -> Section | None:
@@ -572,7 +589,11 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "stops": [_stop_json(stop) for stop in report.stops],
         "seeking": [_stop_json(stop) for stop in report.seeking],
         "given": [
-            {"name": one.name, **one.judgement.table(), "stops": [_stop_json(stop) for stop in one.stops]}
+            {
+                "name": one.name,
+                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
+                "stops": [_stop_json(stop) for stop in one.stops],
+            }
             for one in report.rivals
         ],
         "faster_brake": report.faster and exported(report.faster, dead_time_s="dead_time", lag_s="lag"),
