@@ -17,12 +17,13 @@ from project import ROOT, SMALL, refused
 from sample_vehicles import COACH
 from test_law_files import LAW
 
+from railslip_ctrl.cli.margins import given_controller
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import select
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.adhesion import law_in, published_law
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_in, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
@@ -187,6 +188,14 @@ def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robu
     assert first["braking_distance_m"] == again.braking_distance
     (shown,) = _rivals(beside).blocks
     assert [row[0] for row in shown.rows] == ["recommended", *given]
+
+
+def test_a_controller_that_has_no_reference_holds_the_envelope_s(tmp_path):
+    (tmp_path / "mine.py").write_text(MINE + "CONTROLLER = SYSTEM\n")
+    point = operating_point(published_law("curve", "dry"), PARK2008, 100 / 3.6, 0.1)
+    held = ReferenceSlip(dry=0.1, wet=0.07)
+    assert given_controller(str(tmp_path / "mine.py"), point, None, held).reference == held
+    assert given_controller(str(tmp_path / "mine.py"), point, None).reference == point.law.reference
 
 
 def test_an_object_whose_linear_is_no_system_is_refused_before_the_work(railslip, tmp_path):

@@ -14,6 +14,7 @@ import click
 from railslip_ctrl.core.extras import check_extra
 from railslip_ctrl.core.folders import claimed
 from railslip_ctrl.design import PIController, wheel_slip_loop
+from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.linearization import OperatingPoint
 from railslip_ctrl.model.vehicle import PIGains
 from railslip_ctrl.report import check_directory, write_files
@@ -102,7 +103,7 @@ def command(
     check_directory(out, [*_TEXTS, RECOMMENDED, *names, _PAGE])  # before the work, not after it
     judged = cases.envelope(envelope or DEFAULT_ENVELOPE)
     plant = judged.points(nominal=True).plants[0]  # refuses what has none, before the work too
-    given = _given(controller, chosen_gains(kp, ki), plant.point)
+    given = _given(controller, chosen_gains(kp, ki), plant.point, judged.reference)
     for one in given.values():
         if not no_margins(one):
             wheel_slip_loop(plant, one)  # refuses what is not linear there
@@ -117,10 +118,12 @@ def command(
     told(f"wrote {len(written)} files to {out}" + (f"; open {out / _PAGE} in a browser" if whole else ""))
 
 
-def _given(controller: str | None, gains: PIGains | None, point: OperatingPoint) -> dict[str, Any]:
-    """The user's own controllers by name, for the vehicle of a point."""
+def _given(
+    controller: str | None, gains: PIGains | None, point: OperatingPoint, reference: ReferenceSlip | None
+) -> dict[str, Any]:
+    """The user's own controllers by name, for the vehicle of a point and the reference slip of the envelope."""
     if controller is not None:
-        return {Path(controller).name: given_controller(controller, point, gains)}
+        return {Path(controller).name: given_controller(controller, point, gains, reference)}
     return {} if gains is None else {"given PI": PIController(gains)}
 
 

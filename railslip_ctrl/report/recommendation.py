@@ -495,7 +495,8 @@ def no_margins(controller: Any) -> str:
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
     if reason := no_margins(controller):
         blank = _unjudged(envelope)
-        control = as_control(controller, envelope.vehicle, blank.points.plants[0].point.law.reference, name)
+        held = envelope.reference or blank.points.plants[0].point.law.reference
+        control = as_control(controller, envelope.vehicle, held, name)
         return Rival(name, controller, None, stops(control, blank, every_law=False), reason)
     runs = isinstance(controller, Controller)  # of a file: as that says
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
