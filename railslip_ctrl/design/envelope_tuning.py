@@ -265,7 +265,9 @@ def _what_would(tuned_at: Callable[..., TunedCases], envelope: Envelope, period:
     plants, slips, late = operating_plants(points), held_slips(envelope, points), _held(brake, period)
     lowest = _feasible_from(tuned_at, plants, late)
     yield "at no speed of the envelope it can" if lowest is None else f"from {lowest:g} km/h up it can"
-    for factor in _REMEDIES if slips is not None else ():
+    for factor in _REMEDIES:
+        if slips is None:
+            break
         less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
         lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), late)
         if lowest is not None:

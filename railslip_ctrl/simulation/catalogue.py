@@ -543,4 +543,4 @@ def controller_named(
         return recommended_pi_lead(vehicle, gains=gains, reference=held, period=period)
     kind: Kind = "asmc" if name == "asmc" else "pi"
     made = published_controller(kind, column, knows_rail=knows_rail, adaptive=adaptive, reference=held, period=period)
-    return made if gains is None else replace(made, design=PIController(gains))
+    return replace(made, design=PIController(gains)) if gains and isinstance(made, LinearControl) else made
