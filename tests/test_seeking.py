@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import subprocess
 from dataclasses import replace
 
 import control as ct
 import numpy as np
 import pytest
+from generated_code import COMPILER, FLAGS, needs_compiler
+from sample_laws import sample_law
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
@@ -22,6 +26,7 @@ from railslip_ctrl.simulation.catalogue import seeking_control
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Situation
 from railslip_ctrl.simulation.seeking import KNOTS
+from railslip_ctrl.simulation.seeking_code import c_program
 
 GAINS = seeking_gains(PARK2008, 9000.0)
 CONTROL = seeking_control()
@@ -256,3 +261,31 @@ def test_sampling_periods_of_others(row):
     other = replace(CONTROL, period=0.02)
     assert len(other.start(0.0)) < len(CONTROL.start(0.0))
     assert over(stop(PARK2008, "dry"), other, seeds=(0,)) < 0.08
+
+
+# --- C99 ------------------------------------------------------------------------------------------------------------
+
+
+@needs_compiler
+def test_the_c_program_gives_the_run_s_commands(tmp_path):
+    text = c_program(CONTROL, PARK2008.wheel.radius)
+    source, target = tmp_path / "seeking.c", tmp_path / "seeking.so"
+    source.write_text(text, "utf-8")
+    done = subprocess.run([COMPILER, *FLAGS, "-shared", "-fPIC", "-o", target, source, "-lm"], capture_output=True)
+    assert (done.returncode, done.stderr) == (0, b"")
+    library, number = ctypes.CDLL(str(target)), ctypes.c_double
+    program = library.railslip_seeking_step
+    program.restype, program.argtypes = number, [ctypes.c_void_p, number, number, number]
+    for name, rail, later in (("curve", "wet", "dry"), ("polach", "dry", "wet")):
+        scenario = stop(PARK2008, rail, adhesion=sample_law(name)).with_changes(
+            events=(Event(distance=60, rail=later),), limits=BrakeLimits(torque_max=9000.0)
+        )
+        seen = simulate(scenario, CONTROL, seed=3).signals
+        state = (number * len(CONTROL.states))()
+        library.railslip_seeking_init(state)
+        commands = [0.0]
+        for v, omega in zip(seen.measured_speed[:-1], seen.measured_wheel_speed[:-1], strict=True):
+            commands.append(program(state, v, omega, commands[-1]))
+        assert program(state, math.nan, 60.0, 1234.0) == 1234.0
+        # the compilers may round products and sums otherwise
+        np.testing.assert_allclose(commands[1:], seen.command[:-1], rtol=1e-9, atol=1e-6)

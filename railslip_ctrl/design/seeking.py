@@ -42,9 +42,10 @@ class SeekingGains(Record):
     start_lead: float = quantity("s", "lead on the slip that ends the fast start", ge=0)
     start_slip: float = quantity("1", "slip, with the lead, that ends the fast start", gt=0, lt=1, default=0.12)
     elasticity: float = quantity("1", "d ln Ta/d ln slip below which the fast start ends", gt=0, lt=1, default=0.18)
+    again_share: float = quantity("1", "share of the mean torque that a later start takes", gt=1, default=2.6)
 
     first_slip: float = quantity("1", "reference slip at the start", gt=0, lt=1, default=0.11)
-    least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.008)
+    least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.005)
     largest_slip: float = quantity("1", "largest reference slip", gt=0, lt=1, default=0.11)
     forgetting: float = quantity("s", "time constant with which the map forgets", gt=0, default=0.82)
     curvature: float = quantity("1", "weight of the map's curvature", gt=0, default=3e-4)

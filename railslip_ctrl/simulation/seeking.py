@@ -15,7 +15,7 @@ from railslip_ctrl.model.kernels import plain
 from . import seeking_step
 from .controllers import Situation
 
-KNOTS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
+KNOTS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
 """Slip ratios at which the map of adhesion has values."""
 
 _SPARE = 3  # samples of the histories beyond the longest time looked back
@@ -73,7 +73,8 @@ class SeekingControl:
         return (
             *(g.inertia, g.viscous_friction, g.wheel_load, g.dead_time, g.lag, period, g.torque_high),
             *(g.kappa, g.torque_time, g.observer_time, g.deceleration_time),
-            *(g.start_lead, g.start_slip, g.elasticity, g.first_slip, g.least_slip, g.largest_slip),
+            *(g.start_lead, g.start_slip, g.elasticity, g.again_share),
+            *(g.first_slip, g.least_slip, g.largest_slip),
             *(g.forgetting, g.curvature, g.flatness, g.rise, g.fall),
             *(g.hand_over_speed, g.fade_speed, g.hand_over_share, g.last_share, g.last_speed),
             *(float(self._history), float(len(KNOTS)), *KNOTS),
