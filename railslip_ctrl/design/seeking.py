@@ -42,7 +42,7 @@ class SeekingGains(Record):
     start_lead: float = quantity("s", "lead on the slip that ends the fast start", ge=0)
     start_slip: float = quantity("1", "slip, with the lead, that ends the fast start", gt=0, lt=1, default=0.12)
     elasticity: float = quantity("1", "d ln Ta/d ln slip below which the fast start ends", gt=0, lt=1, default=0.18)
-    again_share: float = quantity("1", "share of the mean torque that a later start takes", gt=1, default=2.6)
+    again_share: float = quantity("1", "share of the mean torque that a later start takes", gt=1, default=3.0)
 
     first_slip: float = quantity("1", "reference slip at the start", gt=0, lt=1, default=0.11)
     least_slip: float = quantity("1", "least reference slip", gt=0, lt=1, default=0.005)
@@ -57,7 +57,7 @@ class SeekingGains(Record):
     hand_over_speed: float = quantity("m/s", "speed below which it is handed over", gt=0, default=13 * KMH)
     last_speed: float = quantity("m/s", "speed at which the last share is reached", ge=0, default=5 * KMH)
     hand_over_share: float = quantity("1", "share of the mean torque at the hand-over", gt=0, default=0.88)
-    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.93)
+    last_share: float = quantity("1", "share of the mean torque at the last speed", gt=0, default=0.7)
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

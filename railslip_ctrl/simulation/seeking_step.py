@@ -294,13 +294,16 @@ def hand_over(x, c, v, wanted):
 
 @compiled
 def readhesion(x, c, v, slip, reference):
-    """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before."""
+    """Start anew where the slip stays far below its reference, or adhesion rises: the rail holds more than before, and
+    nothing is known of its peak."""
     x[LOW_TIME] = x[LOW_TIME] + c[PERIOD] if slip < 0.69 * reference else 0.0
     x[QUICK_TORQUE] += c[PERIOD] / _QUICK_TIME * (x[ADHESION_TORQUE] - x[QUICK_TORQUE])
     x[MEAN_TORQUE] += c[PERIOD] / _MEAN_TIME * (x[ADHESION_TORQUE] - x[MEAN_TORQUE])
     rises = x[QUICK_TORQUE] > 1.08 * x[MEAN_TORQUE] and slip < 0.85 * reference
     if v > c[HAND_OVER_SPEED] and (x[LOW_TIME] > c[DEAD_TIME] or rises):
         x[STARTING], x[FLAT_SAMPLES], x[LAST_LOG_SLIP], x[LOW_TIME] = RISEN if rises else AGAIN, 0.0, 0.0, 0.0
+        if rises:
+            x[REFERENCE_SLIP] = max(x[REFERENCE_SLIP], c[FIRST_SLIP])
         forget(x, c)
 
 
