@@ -5,8 +5,6 @@ It is told neither rail nor mass nor adhesion curve. Its parts are in `simulatio
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
 from typing import Self
 
 import numpy as np
@@ -103,10 +101,6 @@ def seeking_gains(vehicle: Vehicle, torque_high: float) -> SeekingGains:
     )
 
 
-_COMMON = 20
-"""Largest whole number of parts that the believed dead time is divided into, of which the brake's is a multiple."""
-
-
 @checked
 def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator | None = None) -> DelayedLoop:
     """The exact loop of the inner part at a point, broken at the acting torque; its reference is the point's slip.
@@ -127,20 +121,10 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     Returns
     -------
     DelayedLoop
-        Of several commensurate delays where the dead times differ, dimensionless.
-
-    Raises
-    ------
-    InputError
-        A dead time that is no multiple of a part (down to a twentieth) of the believed one.
+        Of the believed dead time and the brake's, dimensionless.
     """
     believed = Actuator(dead_time=gains.dead_time, lag=gains.lag)
     brake = believed if actuator is None else actuator
-    share = Fraction(brake.dead_time / gains.dead_time).limit_denominator(_COMMON)
-    if not math.isclose(share, brake.dead_time / gains.dead_time, rel_tol=1e-9):
-        raise InputError(
-            f"dead_time: {brake.dead_time:g} s is not allowed; give a multiple of {gains.dead_time / _COMMON:g} s"
-        )
     den, sigma, v_rate = _responses(point)
     law = point.law
     now = (point.speed, point.sigma, point.adhesion_state or 0.0, point.brake_torque, 0.0, 0.0)
@@ -155,10 +139,9 @@ def seeking_loop(point: OperatingPoint, gains: SeekingGains, actuator: Actuator 
     undelayed = observer * np.poly1d([gains.torque_time, 1]) * s + gains.kappa * observer
     delayed = -(gains.kappa * observer + more * s)
     rest = den * slow * np.poly1d([brake.lag, 1])
-    part = gains.dead_time / share.denominator
-    numerator = QuasiPolynomial([*[[0.0]] * share.numerator, above.coeffs], part, removed=1)
-    gap = [[0.0]] * (share.denominator - 1)
-    denominator = QuasiPolynomial([(undelayed * rest).coeffs, *gap, (delayed * rest).coeffs], part, removed=1)
+    numerator = QuasiPolynomial([[0.0], above.coeffs], [0.0, brake.dead_time], removed=1)
+    parts = [(undelayed * rest).coeffs, (delayed * rest).coeffs]
+    denominator = QuasiPolynomial(parts, [0.0, believed.dead_time], removed=1)
     return DelayedLoop(DelayedRatio(numerator, denominator))
 
 
