@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
 import control as ct
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.design import wheel_slip_loop
+from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
 from railslip_ctrl.loop.quasi import QuasiPolynomial
-from railslip_ctrl.model.adhesion import published_law
+from railslip_ctrl.model.adhesion import ReferenceSlip, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
+from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import BrakeLimits, Event, Simulator, simulate, stop
 from railslip_ctrl.simulation import seeking_step as step
@@ -172,6 +178,52 @@ def test_margins_over_the_points_it_runs_at():
         for share in (0.7, 1.3):
             brake = Actuator(dead_time=share * 0.15, lag=share * 0.6)
             assert seeking_loop(point, GAINS, brake).is_stable()
+
+
+@pytest.mark.parametrize(("law", "rail"), [("curve", "dry"), ("curve", "wet"), ("beam", "wet"), ("bristle", "dry")])
+def test_the_slip_that_it_is_judged_at(law, rail):
+    """The least with all but the flatness of the highest adhesion, found here by a root; as runs hold it to 12 %: they
+    move about it. Where adhesion falls from the start, the largest reference. It fades as in a sample."""
+    adhesion, load, v = published_law(law, rail), PARK2008.wheel_load, 50 / 3.6
+    held = GAINS.held_slip(adhesion, v, load)
+    top = peak(adhesion, v, load)
+    if law == "bristle":
+        assert held == 0.11
+    else:
+
+        def short(slip):
+            return adhesion_coefficient(adhesion, v, slip, load) / top.coefficient - (1 - GAINS.flatness)
+
+        assert held == pytest.approx(min(brentq(short, 1e-3, top.slip), 0.11), rel=2e-3)  # of its grid
+        run = simulate(stop(PARK2008, rail, adhesion=law), CONTROL, seed=0, record_every=10)
+        between = (run.signals.speed > 30 / 3.6) & (run.signals.speed < 70 / 3.6)
+        assert np.median(run.signals.slip[between]) == pytest.approx(held, rel=0.12)
+
+
+def test_the_slip_that_it_is_judged_at_fades_as_that_of_a_sample(row):
+    law = published_law("bristle", "dry")
+    for speed in (3.0, 5.0, 7.0, 9.0):
+        share = step.fading(max(speed, GAINS.hand_over_speed), row)  # a sample has no reference below
+        assert GAINS.held_slip(law, speed, PARK2008.wheel_load) == pytest.approx(0.11 * share, rel=1e-12)
+
+
+def test_over_an_envelope_it_is_judged_as_any_controller(railslip):
+    """Robust at the slips that it comes to; margins, JSON and a file say the same; a reference given is judged at."""
+    envelope = Envelope(vehicle=PARK2008, laws=("curve",), speeds=(60,), dead_time=(0.7, 1.3), lag=(1,), radius=(1,))
+    found = judge(CONTROL, envelope)
+    assert (found.verdict, found.stable.all(), len(found.points)) == ("robust", True, 28)
+    case = found.worst.case
+    assert case.point.slip == GAINS.held_slip(case.point.law, case.point.speed, case.point.vehicle.wheel_load)
+    dense = np.abs(1 / (1 + seeking_loop(case.point, GAINS)(1j * np.geomspace(0.1, 100, 20_000)))).max()
+    assert found.worst.ms == pytest.approx(dense, rel=1e-5)  # of the grid
+    assert wheel_slip_loop(case.point, CONTROL).margins().ms == found.worst.ms
+    told = judge(CONTROL, envelope.at(reference=ReferenceSlip(dry=0.05, wet=0.05)), nominal=True)
+    assert {plant.point.slip for plant in told.points.plants} == {0.05}
+    options = ["--controller", "seeking", "--adhesion", "curve", "--rail", "wet", "--speed", "60", "--json"]
+    table = json.loads(railslip("margins", *options)[1])["cases"][0]
+    point = operating_point(published_law("curve", "wet"), PARK2008, 60 / 3.6, 0.092)
+    assert table["ms"] == seeking_loop(point, GAINS).margins().ms
+    assert table["controller"]["kappa"] == GAINS.kappa
 
 
 # --- stops ----------------------------------------------------------------------------------------------------------

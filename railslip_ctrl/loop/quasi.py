@@ -161,8 +161,7 @@ class QuasiPolynomial:
             raise InputError(
                 "quasi-polynomial of neutral type: the highest power of s comes with a delay; make the loop proper"
             )
-        top = self._dominant_frequency()
-        nodes, marginal = self._axis_nodes(top)
+        top, (nodes, marginal) = self._dominant_frequency(), self.axis_nodes
         if marginal:
             return RootCount(float("nan"), True)
         value = self(1j * nodes)
@@ -178,8 +177,11 @@ class QuasiPolynomial:
             sizes[-c.size :] += 2 * np.abs(c / self.terms[0][0])
         return float(2 * max(sizes[i] ** (1 / i) for i in range(1, sizes.size)) if np.any(sizes[1:]) else 1.0)
 
-    def _axis_nodes(self, top: float) -> tuple[Floats, bool]:
-        """Frequencies 0 to `top` between which F cannot turn by 90 deg, and whether F vanishes on the way."""
+    @cached_property
+    def axis_nodes(self) -> tuple[Floats, bool]:
+        """Frequencies, rad/s, from 0 to where the highest power decides, between which F cannot turn by 90 deg, and
+        whether F vanishes on the way."""
+        top = self._dominant_frequency()
         edges = np.concatenate([[0.0], np.geomspace(1e-6 * top, top, 120)])
         low, high = edges[:-1], edges[1:]
         done: list[Floats] = [np.array([0.0])]
@@ -248,7 +250,7 @@ class DelayedLoop(BoundedLoop):
         delays = ", ".join(f"{delay:g}" for delay, _ in self.characteristic._present[1:])
         return f"loop with delays of {delays} s in it, order {self.ratio.denominator.degree}"
 
-    @property
+    @cached_property
     def characteristic(self) -> QuasiPolynomial:
         """N + D, whose zeros are the closed-loop poles."""
         return self.ratio.numerator + self.ratio.denominator

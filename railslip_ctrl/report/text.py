@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from itertools import zip_longest
 from typing import Any
 
@@ -18,6 +17,7 @@ from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.judging import Judgement, WorstCase
+from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.specification import Worst
 from railslip_ctrl.design.tuning import TunedCases
 from railslip_ctrl.loop import Certificate, Margins
@@ -26,7 +26,17 @@ from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
 from .document import MARGIN_HEAD, counted, facts, fixed, heading, render, roots_text, table
-from .export import PUBLISHED, case_json, exported, law_json, margin_numbers, margins_json, source_at, words_at
+from .export import (
+    PUBLISHED,
+    case_json,
+    controller_numbers,
+    exported,
+    law_json,
+    margin_numbers,
+    margins_json,
+    source_at,
+    words_at,
+)
 
 
 def _matrix(matrix: Iterable[Iterable[float]]) -> str:
@@ -40,10 +50,10 @@ def case_title(point: OperatingPoint) -> str:
     )
 
 
-def controller_text(controller: LinearController) -> str:
-    """What a linear controller is, with its numbers."""
+def controller_text(controller: LinearController | SeekingGains) -> str:
+    """What a controller with margins is, with its numbers."""
     if not isinstance(controller, PIController):
-        numbers = {k: v for k, v in asdict(controller).items() if v is not None}
+        numbers = controller_numbers(controller)
         return f"{controller.structure}: " + ", ".join(f"{k} {_plain(v)}" for k, v in numbers.items())
     kp, ki = controller.gains.kp, controller.gains.ki
     text = f"{controller.structure}: kp {kp:.6g} N·m/(m/s), ki {ki:.6g} N·m/m"
@@ -219,8 +229,9 @@ def _assessment(assessment: Assessment) -> list[RenderableType]:
         ("Plant poles, 1/s", roots_text(assessment.plant.poles)),
         ("Limits", _limits(assessment) if p > 0 else "the plant is stable: none from an unstable pole"),
         ("Open loop", counted(assessment.loop.open_loop_unstable_poles, "unstable pole")),
-        ("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"),
     ]
+    if poles.size:
+        rows.append(("Closed-loop poles, 1/s", f"{roots_text(poles)}   (rightmost {poles.size}, exact dead time)"))
     parts: list[RenderableType] = [heading(f"Stability margins: {case_title(assessment.point)}"), facts(rows)]
     if assessment.margins is not None:
         parts += ["", _margin_table(assessment, assessment.margins), _crossover_line(assessment.margins)]

@@ -55,6 +55,11 @@ class SeekingControl:
         return (*own, *(f"torque_{i}" for i in range(self._history)), *(f"map_{i}" for i in range(_MAP * len(KNOTS))))
 
     @property
+    def cut_out_speed(self) -> float:
+        """Train speed below which it holds a torque and not a slip, m/s."""
+        return self.gains.hand_over_speed
+
+    @property
     def torque_high(self) -> float:
         """Largest torque, N*m."""
         return self.gains.torque_high
