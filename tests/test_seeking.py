@@ -169,6 +169,30 @@ def test_the_inner_loop_against_pade_and_a_grid(law, slip, kmh, late):
     assert exact.scaled(0.98 * margins.gain_increase).is_stable()
 
 
+@pytest.mark.parametrize(("slip", "late"), [(0.1, 1.3), (0.15, math.sqrt(0.5)), (0.15, 1.3)])
+def test_certificate_of_the_inner_loop(slip, late):
+    """Beyond the ends of its enclosures the loop is unstable, by the root count of what is changed; before them not."""
+    point = operating_point(published_law("curve", "dry"), PARK2008, 10.0, slip)
+    loop = seeking_loop(point, GAINS, Actuator(dead_time=late * 0.15, lag=late * 0.6))
+    found, seen = loop.certificate(), loop.margins() if loop.is_stable() else None
+    assert (found.stable, found.unstable_poles) == (loop.is_stable(), loop.root_count.right)
+    if seen is None:
+        return
+    grid = 1j * np.geomspace(1e-2, 100, 100_000)
+    assert np.abs(1 / (1 + loop(grid))).max() <= found.ms[1]
+    num, den = loop.ratio.numerator, loop.ratio.denominator
+    for side, change in ((0, -1e-8), (1, 1e-8)):  # ten times their width
+        stable = side == 0
+        assert loop.scaled(found.gain_increase[side] * (1 + change)).is_stable() == stable
+        if found.gain_decrease[0] > 0:
+            assert loop.scaled(found.gain_decrease[side] * (1 + change)).is_stable() != stable
+        later = [tau + found.delay_s[side] * (1 + change) for tau in num.delays[1:]]
+        late_num = QuasiPolynomial(num.terms, [0.0, *later], num.removed)
+        assert (late_num + den).count_right().stable == stable
+    assert found.phase_deg[0] <= seen.phase_deg * (1 + 1e-12)
+    assert seen.phase_deg * (1 - 1e-12) <= found.phase_deg[1]
+
+
 def test_margins_over_the_points_it_runs_at():
     """Ms at most 2 at the published slips, both masses; with a brake 30 % slower or quicker it is stable."""
     for car in (PARK2008, PARK2008.loaded()):

@@ -20,8 +20,9 @@ from railslip_ctrl.core.arguments import number
 from railslip_ctrl.core.errors import InputError
 
 from .bounded import BoundedLoop, Expansion
+from .certificate import Certificate, certify_delayed
 from .margins import smallest_of
-from .rational import Complexes, Floats, Rational
+from .rational import DOUBLE_BITS, Complexes, Floats, Rational
 from .stability import RootCount
 
 # An interval of the axis this narrow (relative to its frequency) that still may hold a zero has one on the axis.
@@ -273,6 +274,20 @@ class DelayedLoop(BoundedLoop):
     def root_count(self) -> RootCount:
         """Closed-loop poles in the right half plane, exactly counted; NaN right of it if some are on the axis."""
         return self.characteristic.count_right()
+
+    def certificate(self) -> Certificate:
+        """Stability and margins as enclosures by ball arithmetic; see `Certificate`.
+
+        It holds for the coefficients and delays of N and D as the doubles they are. Raises CertificateError for a loop
+        too near to the boundary of stability.
+        """
+        num, den = (
+            [*zip(one.delays, one.terms, strict=True)] for one in (self.ratio.numerator, self.ratio.denominator)
+        )
+        if self.root_count.marginal:
+            return Certificate(False, True, math.nan, (), DOUBLE_BITS)
+        margins = self.margins() if self.is_stable() else None
+        return certify_delayed(num, den, self.ratio.numerator.removed, margins)
 
     @cached_property
     def open_loop_unstable_poles(self) -> int:
