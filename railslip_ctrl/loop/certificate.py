@@ -70,7 +70,8 @@ class Certificate:
         give their peaks.
     gain_increase, gain_decrease, phase_deg, delay_s, ms, mt : tuple of float, or None
         Enclosures of the margins of `Margins`: factors, deg, s, peaks of |S| and |T|; both ends inf where a margin has
-        no bound. None for a loop that is not stable.
+        no bound; a gain decrease from 0 to 1e-9 where an integrator is there to rounding alone. None for a loop that
+        is not stable.
     """
 
     stable: bool
@@ -499,6 +500,8 @@ class _Delayed:
         if m is not None:
             up = self._factor(m.gain_increase, m.gain_increase_frequency)
             down = self._factor(m.gain_decrease, m.gain_decrease_frequency)
+            if down.is_zero() and self._large_and_negative():
+                down = arb(0).union(arb(WIDTH))
             self._up, self._down = up.lower() * (1 - _ABOVE), down.upper() * (1 + _ABOVE)
             attained = [self._peak(kind, omega) for kind, omega in enumerate((m.ms_frequency, m.mt_frequency))]
             most = [one.upper() * (1 + _ABOVE) for one in attained]
@@ -517,7 +520,13 @@ class _Delayed:
         )
         found = [up.union(self._up), down.union(self._down), phase, _least(delays)]
         found += [one.union(end) for one, end in zip(attained, most, strict=True)]
-        return Certificate(True, False, 0.0, crossovers, bits, parts, *map(_narrow, found))
+        ends = [_narrow(one) if one.lower() > 0 else (0.0, _ends(one)[1]) for one in found]
+        return Certificate(True, False, 0.0, crossovers, bits, parts, *ends)
+
+    def _large_and_negative(self) -> bool:
+        """Whether L(0) is what rounding leaves of an integrator, and less than 0: some gain below 1e-9 is too small."""
+        num, den = self._num.at(arb(0))[0].real, self._den.at(arb(0))[0].real
+        return bool(num * den < 0 and abs(den) < WIDTH * abs(num))
 
     def _cover(self) -> tuple[int, int]:
         """Closed-loop poles right of the axis, by the turns of D + N along it, and the parts that it took."""
