@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from railslip_ctrl.core.errors import InputError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.design import wheel_slip_loop
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import tune
 from railslip_ctrl.design.judging import judge
 from railslip_ctrl.design.seeking import SeekingGains, seeking_gains, seeking_loop
 from railslip_ctrl.loop.quasi import QuasiPolynomial
@@ -297,12 +298,20 @@ def test_it_is_told_neither_mass_nor_rail_nor_curve():
 # --- files, bad input -----------------------------------------------------------------------------------------------
 
 
-def test_a_file_of_it(tmp_path):
-    keys = "\n".join(f"{name} = {value!r}" for name, value in GAINS.model_dump().items())
+def test_tune_writes_the_file_of_it_and_judges_it(railslip, tmp_path):
     path = tmp_path / "seeking.toml"
-    path.write_text(f'kind = "seeking"\n[gains]\n{keys}\n[reference]\ndry = 0.132\nwet = 0.092\n', "utf-8")
-    assert load_controller(path) == CONTROL
-    path.write_text(f'kind = "seeking"\n[gains]\n{keys.replace("kappa", "kapa")}\n', "utf-8")
+    asked = ["--structure", "seeking", "--adhesion", "curve", "--speed", "60", "--nominal", "--json", "--out", path]
+    status, told, _ = railslip("tune", *asked)
+    assert (status, json.loads(told)["verdict"], load_controller(path)) == (0, "robust", CONTROL)
+    status, told, _ = railslip("tune", *asked, "--ms-max", "1.5")
+    assert (status, json.loads(told)["feasible"]) == (1, False)
+    assert railslip("tune", *asked, "--lead", "0.6")[0] == 2
+    design = tune(Envelope(vehicle=PARK2008, laws=("curve",), speeds=(60,), slip=(1,)), structure="seeking")
+    design.save(path)
+    assert (load_controller(path), design.judgement.verdict) == (CONTROL, "robust")
+    with pytest.raises(InfeasibleDesignError, match="rules"):
+        tune(design.judgement.envelope, structure="seeking", ms_max=1.5)
+    path.write_text(path.read_text("utf-8").replace("kappa", "kapa"), "utf-8")
     with pytest.raises(InputError, match="kapa"):
         load_controller(path)
 

@@ -16,6 +16,7 @@ from railslip_ctrl.design import PIController
 from railslip_ctrl.design.assessment import Assessment, PadeRow, assess
 from railslip_ctrl.design.controllers import LinearController
 from railslip_ctrl.design.envelope import Envelope
+from railslip_ctrl.design.envelope_tuning import SeekingDesign
 from railslip_ctrl.design.judging import Judgement, WorstCase
 from railslip_ctrl.design.seeking import SeekingGains
 from railslip_ctrl.design.specification import Worst
@@ -29,6 +30,7 @@ from .document import MARGIN_HEAD, counted, facts, fixed, heading, render, roots
 from .export import (
     PUBLISHED,
     case_json,
+    controller_json,
     controller_numbers,
     exported,
     law_json,
@@ -459,6 +461,20 @@ def tuning_json(tuned: TunedCases, judgement: Judgement | None = None) -> dict[s
         "feasible": design is not None,
         **({} if judgement is None else judgement.table()),
     }
+
+
+def seeking_json(design: SeekingDesign) -> dict[str, Any]:
+    """The seeking controller and its judgement over an envelope."""
+    told = {"structure": design.structure, "reason": design.reason, "controller": controller_json(design.gains)}
+    return {**told, "feasible": not design.reason, **design.judgement.table()}
+
+
+def seeking_text(design: SeekingDesign) -> str:
+    """The seeking controller and its judgement over an envelope."""
+    known = [("Controller", controller_text(design.gains))]
+    known += [("Result", f"infeasible: {design.reason}")] if design.reason else []
+    title = f"Gains by rules: {design.structure}, {design.judgement.points.vehicle.name}"
+    return render([heading(title), facts(known), "", *judgement_parts(design.judgement)])
 
 
 def _worst_json(worst: Worst, points: Sequence[OperatingPoint]) -> dict[str, Any]:
