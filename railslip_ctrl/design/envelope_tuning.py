@@ -379,7 +379,7 @@ class Choice:
 
     structure: str
     reference_factor: float
-    design: EnvelopeDesign | None
+    design: EnvelopeDesign | SeekingDesign | None
     reason: str = ""
     reach_s: float = math.inf
     stop_s: float = math.nan
@@ -409,6 +409,8 @@ class Choice:
     @property
     def words(self) -> str:
         """What it is and what its judgement says."""
+        if isinstance(self.design, SeekingDesign):
+            return f"seeking: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
         name = f"{kind}, {self.reference_factor:g} of the reference slip"
         if self.design is None or self.design.judgement is None:

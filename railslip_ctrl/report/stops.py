@@ -23,7 +23,7 @@ from railslip_ctrl.model.linearization import OperatingPoint, linearize_rolling
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle
 from railslip_ctrl.simulation import BrakeLimits, LinearControl, Run, Scenario, Simulator, stop
 from railslip_ctrl.simulation.bound import ClairvoyantStop, clairvoyant_stop
-from railslip_ctrl.simulation.catalogue import braking_control, seeking_control
+from railslip_ctrl.simulation.catalogue import braking_control
 from railslip_ctrl.simulation.controllers import reference_slip
 from railslip_ctrl.simulation.scenario import in_reading
 
@@ -167,11 +167,6 @@ def stops(control: Any, judgement: Judgement, *, every_law: bool = True) -> tupl
                 scenario = stop_scenario(judgement, law, load, rail)
                 found.append(_stop(control, scenario, load))
     return tuple(found)
-
-
-def seeking_stops(judgement: Judgement) -> tuple[Stop, ...]:
-    """The seeking controller in the same stops."""
-    return stops(seeking_control(judgement.envelope.vehicle), judgement)
 
 
 def stop_scenario(judgement: Judgement, law: str, load: str, rail: Rail) -> Scenario:
