@@ -24,7 +24,7 @@ from railslip_ctrl.model.numeric import adhesion_coefficient, peak
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, Rail
 from railslip_ctrl.simulation import BrakeLimits, Event, Simulator, simulate, stop
 from railslip_ctrl.simulation import seeking_step as step
-from railslip_ctrl.simulation.bound import clairvoyant_stop
+from railslip_ctrl.simulation.bound import attainable_stop, clairvoyant_stop
 from railslip_ctrl.simulation.catalogue import seeking_control
 from railslip_ctrl.simulation.controller_files import load_controller
 from railslip_ctrl.simulation.controllers import Situation
@@ -293,6 +293,32 @@ def test_it_is_told_neither_mass_nor_rail_nor_curve():
     wet = Situation(stop(PARK2008, "wet"), Rail.WET, published_law("beam", "wet"), PERIOD)
     dry = Situation(stop(PARK2008.loaded(), "dry"), Rail.DRY, published_law("curve", "dry"), PERIOD)
     assert CONTROL.row(wet) == CONTROL.row(dry)
+
+
+@pytest.mark.parametrize(
+    ("law", "rail", "bound", "attainable"),
+    [
+        ("curve", "dry", 136.8, 139.4),
+        ("curve", "wet", 250.8, 253.3),
+        ("bristle", "dry", None, 133.4),
+        ("bristle", "wet", None, 242.4),
+        ("beam", "dry", None, 160.6),
+        ("beam", "wet", None, 301.0),
+    ],
+)
+def test_the_bound_with_the_brake_and_what_is_attainable(law, rail, bound, attainable):
+    """Those of another simulator, in the contract of the seeking controller, to its digits; noise is in neither."""
+    scenario = stop(PARK2008, rail, adhesion=law).with_changes(limits=BrakeLimits(torque_max=9000.0))
+    least, had = clairvoyant_stop(scenario).braking_distance, attainable_stop(scenario).braking_distance
+    assert least < had
+    assert had == pytest.approx(attainable, abs=0.1)  # 0.05 of the digit, the rest of the search
+    if bound is not None:
+        assert least == pytest.approx(bound, abs=0.05)  # of the digit
+
+
+def test_without_a_largest_torque_nothing_is_attainable():
+    with pytest.raises(InputError, match="largest torque"):
+        attainable_stop(stop(PARK2008, "dry"))
 
 
 # --- files, bad input -----------------------------------------------------------------------------------------------

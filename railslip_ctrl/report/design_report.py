@@ -260,7 +260,8 @@ def _stop_words(stop: Stop) -> str:
     told = []
     if stop.bound is not None and not math.isnan(stop.over_bound):
         bound = short(stop.bound.braking_distance)
-        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m)")
+        had = "" if stop.attainable is None else f"; {short(stop.attainable.braking_distance)} m attainable"
+        told.append(f"{100 * stop.over_bound:.0f} % over the bound with this brake ({bound} m{had})")
     told.append(f"slip ≤ {above(stop.max_slip)}, held {short(stop.held, 2)} of {short(stop.reference)}")
     return "; ".join(told)
 
@@ -418,7 +419,8 @@ def _stops(report: DesignReport) -> Section | None:
     known = facts(told)
     text = (
         f"Stops from {report.envelope.initial_speed:g} to 5 km/h, {len(report.stops[0].runs)} noise seeds each. The "
-        "bound is what no controller of this brake beats; slip held is the median over the second half of the time "
+        "bound is what no controller of this brake beats, as if slip took no time to build up; attainable is a stop "
+        "without noise that one can have who knows the rail. Slip held is the median over the second half of the time "
         "under control. "
         "railslip simulate --scenario stop --controller recommended.toml repeats them."
     )
@@ -435,11 +437,11 @@ def _stop_table(stops: Iterable[Stop], caption: str) -> Table:
         distances = [run.braking_distance for run in stop.runs]
         stopped = all(run.stopped for run in stop.runs)
         spread = f"{short(min(distances))} to {short(max(distances))}" if stopped else "no stop"
-        bound = NONE if stop.bound is None else short(stop.bound.braking_distance)
+        bound, had = (NONE if one is None else short(one.braking_distance) for one in (stop.bound, stop.attainable))
         held = f"{short(stop.held, 2)} of {short(stop.reference)}"
         locks = "yes" if stop.locks else "no"
-        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, above(stop.max_slip), held, locks))
-    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Highest slip", "Slip held", "Locks")
+        rows.append((stop.law, stop.load, str(stop.rail), spread, bound, had, above(stop.max_slip), held, locks))
+    head = ("Law", "Load", "Rail", "Distance, m", "Bound, m", "Attainable, m", "Highest slip", "Slip held", "Locks")
     return table(head, rows, caption=caption, wide=True)
 
 
@@ -674,6 +676,7 @@ def _stop_json(stop: Stop) -> dict[str, Any]:
             braking_distance_m="braking_distance",
         ),
         **exported(stop.bound, bound_m="braking_distance"),
+        **exported(stop.attainable, attainable_m="braking_distance"),
         "seeds": [run.seed for run in stop.runs],
         "distances_m": [plain(run.braking_distance) for run in stop.runs],
         "max_slips": [plain(run.max_slip) for run in stop.runs],
