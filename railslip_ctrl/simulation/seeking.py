@@ -13,7 +13,7 @@ from railslip_ctrl.model.adhesion import ReferenceSlip
 from railslip_ctrl.model.kernels import plain
 
 from . import seeking_step
-from .controllers import Situation
+from .controllers import Filed, Situation
 
 KNOTS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12, 0.135, 0.15, 0.17)
 """Slip ratios at which the map of adhesion has values."""
@@ -23,7 +23,7 @@ _MAP = 7  # numbers that the map takes for each knot
 
 
 @dataclass(frozen=True)
-class SeekingControl:
+class SeekingControl(Filed):
     """A controller that seeks the peak of adhesion; it is told neither rail nor mass nor adhesion curve.
 
     Parameters
@@ -53,6 +53,11 @@ class SeekingControl:
         named = [name.lower() for name, at in vars(seeking_step).items() if name.isupper() and type(at) is int]
         own = named[named.index("samples") : named.index("history")]
         return (*own, *(f"torque_{i}" for i in range(self._history)), *(f"map_{i}" for i in range(_MAP * len(KNOTS))))
+
+    @property
+    def cut_out_speed(self) -> float:
+        """Train speed below which it holds a torque and not a slip, m/s."""
+        return self.gains.hand_over_speed
 
     @property
     def torque_high(self) -> float:

@@ -11,6 +11,7 @@ from railslip_ctrl import __version__
 from railslip_ctrl.core.templates import environment
 
 from . import seeking_step
+from .controllers import write_text
 from .seeking import SeekingControl
 
 _WIDTH = 100
@@ -57,6 +58,11 @@ def c_program(control: SeekingControl, radius: float) -> str:
             functions=[_function(node) for node in nodes if isinstance(node, ast.FunctionDef)],
         )
     )
+
+
+def save_c_program(control: SeekingControl, radius: float, path: str | Path) -> None:
+    """Write `c_program`. InputError where it cannot be written."""
+    write_text(path, c_program(control, radius))
 
 
 def _function(node: ast.FunctionDef) -> str:
