@@ -72,9 +72,9 @@ def command(
     lead_filter: float | None,
     certify: bool,
 ) -> None:
-    """Stability margins of the wheel-slip loop with a PI or any linear controller, the dead time exact (of a discrete
-    one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit status 1 if a
-    loop (of an envelope: at an operating point) is unstable, 2 for bad input.
+    """Stability margins of the wheel-slip loop with a PI, any linear controller or the seeking one, the dead time exact
+    (of a discrete one those of its sampled loop), at the operating points named, or one verdict over an envelope. Exit
+    status 1 if a loop (of an envelope: at an operating point) is unstable, 2 for bad input.
 
     Example: railslip margins --rail dry --kp 190 --ki 5
     """

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from railslip_ctrl.core.arguments import checked
-from railslip_ctrl.core.errors import InfeasibleDesignError
+from railslip_ctrl.core.errors import InfeasibleDesignError, InputError
 from railslip_ctrl.core.rounding import rounded_up
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.loop.sampled import MOST_PERIODS, check_period
@@ -32,7 +33,8 @@ from .controllers import (
     wheel_slip_loop,
 )
 from .envelope import Envelope, EnvelopePoints
-from .judging import Judgement, judge_points, margins_at
+from .judging import Judgement, judge, judge_points, margins_at
+from .seeking import SeekingGains
 from .specification import ROBUST_MS, Specification, family_margins, is_robust, worst_of
 from .tuning import FILTER_RATIO, TunedCases, tune_cases
 
@@ -70,6 +72,52 @@ class EnvelopeDesign(PIController):
         designed.tuned_control(self, name=Path(path).stem).save(path)
 
 
+@dataclass(frozen=True)
+class SeekingDesign:
+    """The seeking controller of a vehicle, its gains by rule, with its `judgement` over an envelope.
+
+    `control` is it as it brakes; `reason` why it has not the Ms asked for at the speeds that it controls, else empty.
+    """
+
+    control: Any
+    judgement: Judgement
+    reason: str = ""
+    structure: ClassVar[str] = "seeking"
+
+    @property
+    def gains(self) -> SeekingGains:
+        """Its numbers."""
+        return self.control.gains  # type: ignore[no-any-return]
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {value:.5g}" for name, value in self.gains.model_dump().items())
+        return f"{self.structure}: {told}\n{self.judgement}"
+
+    def save(self, path: str | Path) -> None:
+        """Write the TOML file that every command takes with --controller, or its C99 program to a path that ends in .c.
+
+        InputError where it cannot be written.
+        """
+        if Path(path).suffix.lower() != ".c":
+            replace(self.control, name=Path(path).stem).save(path)
+            return
+        code = import_module("railslip_ctrl.simulation.seeking_code")  # a room above this one, as above
+        code.save_c_program(self.control, self.judgement.envelope.vehicle.wheel.radius, path)
+
+
+def seeking_over(
+    envelope: Envelope, ms_max: float = ROBUST_MS, *, nominal: bool = False, period: float = PERIOD
+) -> SeekingDesign:
+    """As `tune` with the structure "seeking"; one that does not keep it is a result, with its reason."""
+    catalogue = import_module("railslip_ctrl.simulation.catalogue")  # a room above this one, asked for by the user
+    control = catalogue.seeking_control(envelope.vehicle, period=check_period(period))
+    judgement = judge(control, envelope, nominal)
+    used = judgement.points.operating & (judgement.points.speed_kmh >= judgement.hand_over_kmh)
+    worst = float(judgement.ms[used].max(initial=0.0))
+    reason = "" if worst <= ms_max else f"its gains go by rules, with which Ms is {worst:.4g}, not <= {ms_max:g}"
+    return SeekingDesign(control, judgement, reason)
+
+
 @checked
 def tune(
     envelope: Envelope,
@@ -79,15 +127,16 @@ def tune(
     lead: float | None = None,
     lead_filter: float | None = None,
     period: float = PERIOD,
-) -> EnvelopeDesign:
-    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together.
+) -> EnvelopeDesign | SeekingDesign:
+    """The largest integral gain that keeps Ms at every operating point of an envelope, empty and loaded together; or
+    the seeking controller, whose gains go by rules.
 
     Parameters
     ----------
     envelope : Envelope
         What the controller must hold.
     structure : str
-        "pi"; "pi-lead", with a lead at the actuator's lag; or "pid", whose derivative time is searched.
+        "pi"; "pi-lead", with a lead at the actuator's lag; "pid", whose derivative time is searched; or "seeking".
     ms_max : float
         Largest Ms at the operating points, a ratio, > 1, of the loop and as it runs, sampled. Tolerances are judged,
         not tuned for.
@@ -98,7 +147,7 @@ def tune(
 
     Returns
     -------
-    EnvelopeDesign
+    EnvelopeDesign | SeekingDesign
         The controller, kp in N*m/(m/s), ki in N*m/m, and its judgement over the envelope, tolerances included.
 
     Raises
@@ -108,6 +157,13 @@ def tune(
     InputError
         An unknown structure, a number out of its range, or an envelope without points.
     """
+    if structure == "seeking":
+        if lead is not None or lead_filter is not None:
+            raise InputError("lead: does not go with the structure 'seeking', whose gains go by rules; leave it out")
+        found = seeking_over(envelope, ms_max, period=period)
+        if found.reason:
+            raise InfeasibleDesignError(found.reason)
+        return found
     tuned, design = tune_over(
         envelope, Specification(ms_max), structure, lead=lead, lead_filter=lead_filter, period=period
     )
@@ -354,7 +410,7 @@ class Choice:
 
     structure: str
     reference_factor: float
-    design: EnvelopeDesign | None
+    design: EnvelopeDesign | SeekingDesign | None
     reason: str = ""
     reach_s: float = math.inf
     stop_s: float = math.nan
@@ -384,6 +440,8 @@ class Choice:
     @property
     def words(self) -> str:
         """What it is and what its judgement says."""
+        if isinstance(self.design, SeekingDesign):
+            return f"seeking: {self.design.judgement.verdict_line}"
         kind = f"PI-lead with a filter of {self.lead_filter:.3g} s" if self.structure == "pi-lead" else "PI"
         name = f"{kind}, {self.reference_factor:g} of the reference slip"
         if self.design is None or self.design.judgement is None:

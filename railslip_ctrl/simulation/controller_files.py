@@ -365,11 +365,22 @@ def _model(path: Path, initial_speed: float | None) -> AdhesionLaw:
     return load_law(path, initial_speed_kmh=None if initial_speed is None else initial_speed / KMH)
 
 
-def linear_text(control: LinearControl) -> str:
-    """A linear controller as the text of its file, every number of it.
+def control_text(control: LinearControl | SeekingControl) -> str:
+    """A linear or seeking controller as the text of its file, every number of it.
 
     InputError for a system of no period, which no file has.
     """
+    if isinstance(control, SeekingControl):
+        kind, told = "seeking", _lines(SeekingKeys, {"period": control.period})
+        told += ["", "[gains]", *_lines(SeekingGains, control.gains.model_dump())]
+    else:
+        kind, told = _linear_lines(control)
+    held = ["", "[reference]", f"dry = {control.reference.dry!r}", f"wet = {control.reference.wet!r}"]
+    return "\n".join([f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}", *told, *held]) + "\n"
+
+
+def _linear_lines(control: LinearControl) -> tuple[str, list[str]]:
+    """Kind and lines of a linear controller."""
     if control.period is None and not isinstance(control.design, PIController):
         raise InputError("period: a file of a transfer function or state space needs one; give it (s)")
     kind, own = _design_keys(control.design)
@@ -385,16 +396,19 @@ def linear_text(control: LinearControl) -> str:
         "cut_out_torque": control.cut_out_torque,
         "rule": control.rule.value,
     }
-    lines = [f"kind = {json.dumps(kind)}", f"name = {json.dumps(control.name)}"]
+    return kind, _lines(KINDS[kind], content)
+
+
+def _lines(record: type[Record], content: dict[str, Any]) -> list[str]:
+    """Keys of a record with their values and units."""
+    lines = []
     for key, value in content.items():
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
             continue  # left out: none
-        extra: Any = KINDS[kind].model_fields[key].json_schema_extra or {}
+        extra: Any = record.model_fields[key].json_schema_extra or {}
         unit = extra.get("unit", "1")
         lines.append(f"{key} = {_toml(value)}" + (f"  # {unit}" if unit != "1" else ""))
-    reference = control.reference
-    lines += ["", "[reference]", f"dry = {reference.dry!r}", f"wet = {reference.wet!r}"]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _design_keys(design: LinearController) -> tuple[str, dict[str, Any]]:
