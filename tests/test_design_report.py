@@ -17,17 +17,19 @@ from project import ROOT, SMALL, refused
 from sample_vehicles import COACH
 from test_law_files import LAW
 
+from railslip_ctrl.cli.margins import given_controller
 from railslip_ctrl.design import PIController, wheel_slip_loop
 from railslip_ctrl.design.controllers import SampledController
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import select
 from railslip_ctrl.design.judging import judge
-from railslip_ctrl.model.adhesion import law_in, published_law
+from railslip_ctrl.model.adhesion import ReferenceSlip, law_in, published_law
 from railslip_ctrl.model.linearization import linearize, operating_point
 from railslip_ctrl.model.vehicle import PARK2008, Actuator, PIGains
 from railslip_ctrl.model.vehicle_files import load_vehicle
 from railslip_ctrl.report import recommendation
 from railslip_ctrl.report.design_report import (
+    _rivals,
     _stops,
     design_report_json,
     design_report_text,
@@ -40,7 +42,7 @@ from railslip_ctrl.report.page import page
 from railslip_ctrl.report.recommendation import design_report, restricted
 from railslip_ctrl.report.stops import rolling_loops
 from railslip_ctrl.simulation import simulate, stop
-from railslip_ctrl.simulation.catalogue import seeking_control
+from railslip_ctrl.simulation.catalogue import published_controller, seeking_control
 from railslip_ctrl.simulation.controller_files import load_controller
 
 MOST_WORDS, MOST_FIRST_WORDS, MOST_LINES, MOST_NUMBERS = 3500, 60, 40, 10  # the contract's
@@ -168,10 +170,40 @@ def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(name, rai
     assert given["stops"][0]["braking_distance_m"] == run["braking_distance_m"]
 
 
-def test_a_step_object_that_is_not_linear_is_refused(railslip, tmp_path):
+def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robust, tmp_path):
     (tmp_path / "mute.py").write_text(MINE + "CONTROLLER = Mine()\n")
+    mine = load_controller(tmp_path / "mute.py")
+    given = {"mute.py": mine, "sliding": published_controller("asmc")}
+    rivals = [recommendation._rival(name, one, robust.envelope, False, robust) for name, one in given.items()]
+    beside = replace(robust, rivals=tuple(rivals))
+    lines = [text for name, text in first_page(beside).lines if name == "Yours"]
+    assert [text.split(" is ")[0] for text in lines] == [f"NOT JUDGED: {name}" for name in given]
+    found = design_report_json(beside)["given"]
+    assert [one["reason"] for one in found] == ["known by its step alone", "not linear"]
+    for one in found:
+        assert one["verdict"] is None
+        assert {stop["rail"] for stop in one["stops"]} == {"dry", "wet"}
+    first = found[0]["stops"][0]
+    again = simulate(stop(PARK2008, first["rail"], speed_kmh=robust.envelope.initial_speed), mine)
+    assert first["braking_distance_m"] == again.braking_distance
+    (shown,) = _rivals(beside).blocks
+    assert [row[0] for row in shown.rows] == ["recommended", *given]
+    judged = recommendation._rival("seeking", seeking_control(), robust.envelope, True, robust).judgement
+    assert judged.worst.ms == robust.seeking.choice.design.judgement.worst.ms
+
+
+def test_a_controller_that_has_no_reference_holds_the_envelope_s(tmp_path):
+    (tmp_path / "mine.py").write_text(MINE + "CONTROLLER = SYSTEM\n")
+    point = operating_point(published_law("curve", "dry"), PARK2008, 100 / 3.6, 0.1)
+    held = ReferenceSlip(dry=0.1, wet=0.07)
+    assert given_controller(str(tmp_path / "mine.py"), point, None, held).reference == held
+    assert given_controller(str(tmp_path / "mine.py"), point, None).reference == point.law.reference
+
+
+def test_an_object_whose_linear_is_no_system_is_refused_before_the_work(railslip, tmp_path):
+    (tmp_path / "mute.py").write_text(MINE + "CONTROLLER = Mine()\nCONTROLLER.linear = lambda point: 'text'\n")
     told = refused(railslip("report", *SMALL[:4], "--controller", tmp_path / "mute.py", "--out", tmp_path / "out"))
-    assert "linear" in told
+    assert "linear gives is refused" in told
 
 
 def test_a_law_of_one_s_own_stands_in_the_envelope_of_a_vehicle_s_file(tmp_path):

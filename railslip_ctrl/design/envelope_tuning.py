@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
@@ -146,7 +146,7 @@ def tune(
     Raises
     ------
     InfeasibleDesignError
-        No gains keep it; says what is best, and from which speed (km/h) up there are some.
+        No gains keep it; says from which speed (km/h) up some do, also with less slip and a faster brake.
     InputError
         An unknown structure, a number out of its range, or an envelope without points.
     """
@@ -198,7 +198,7 @@ def tune_over(
         search = at_one_lead if len(plants) > _MANY else tuned_at
         tuned = replace(_for_all(search, tuned, plants, late), structure=structure)
     if tuned.design is None:
-        return replace(tuned, reason=f"{tuned.reason}; {_feasible_from(at_one_lead, plants, late)}"), None
+        return replace(tuned, reason="; ".join([tuned.reason, *_what_would(at_one_lead, envelope, period)])), None
     run = sampled_below(tuned.controller(tuned.design), period, plants, actuator, specification.ms_max)
     loops = [wheel_slip_loop(plant, run.design, actuator) for plant in plants]
     worst, gains = worst_of(family_margins(loops)), run.design.gains
@@ -293,9 +293,9 @@ def _missed(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator
     return [plants[i] for i in worst.tolist() if not met[i]]
 
 
-def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> str:
-    """From which speed up it can be met: of fewer plants more can be asked, so that the speeds are halved."""
-    speeds = sorted({plant.point.speed_kmh for plant in plants})[1:]
+def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Actuator) -> float | None:
+    """The speed, km/h, from which up it can be met, or None; of fewer plants more can be asked: speeds are halved."""
+    speeds = sorted({plant.point.speed_kmh for plant in plants})
 
     def feasible(speed: float) -> bool:
         above = [plant for plant in plants if plant.point.speed_kmh > 0.999 * speed]
@@ -305,7 +305,30 @@ def _feasible_from(tuned_at: Tuner, plants: Sequence[LinearPlant], actuator: Act
     first = bisect_left(speeds, True, key=lambda speed: tuned_at(_ends(plants, speed)).design is not None)
     if first < len(speeds) and not feasible(speeds[first]):
         first = bisect_left(speeds, True, first + 1, key=feasible)
-    return "at no speed of the envelope it can" if first == len(speeds) else f"from {speeds[first]:g} km/h up it can"
+    return None if first == len(speeds) else speeds[first]
+
+
+def _what_would(tuned_at: Callable[..., TunedCases], envelope: Envelope, period: float) -> Iterator[str]:
+    """From which speed up it can be met, also with less slip and with a faster brake."""
+    brake, points = envelope.vehicle.actuator, envelope.points(nominal=True)
+    plants, slips, late = operating_plants(points), held_slips(envelope, points), _held(brake, period)
+    lowest = _feasible_from(tuned_at, plants, late)
+    yield "at no speed of the envelope it can" if lowest is None else f"from {lowest:g} km/h up it can"
+    for factor in _REMEDIES:
+        if slips is None:
+            break
+        less = envelope.at(reference=ReferenceSlip(dry=factor * slips.dry, wet=factor * slips.wet))
+        lowest = _feasible_from(tuned_at, operating_plants(less.points(nominal=True)), late)
+        if lowest is not None:
+            yield f"with {factor:g} of the reference slip from {lowest:g} km/h up"
+            break
+    for factor in _REMEDIES:
+        faster = Actuator(dead_time=factor * brake.dead_time, lag=factor * brake.lag)
+        late = _held(faster, period)
+        lowest = _feasible_from(partial(tuned_at, actuator=late), plants, late)
+        if lowest is not None:
+            yield f"with dead time {faster.dead_time:.3g} s and lag {faster.lag:.3g} s from {lowest:g} km/h up"
+            break
 
 
 def _meets(tuned: TunedCases, plants: Sequence[LinearPlant], actuator: Actuator) -> bool:
@@ -358,6 +381,7 @@ _GAINS = 16  # of an interval of gains, in equal ratios, at which Ms is looked a
 _INSIDE = 0.02  # share of an interval, in ratio, left at its ends: a gain on the end is not stable
 _WIDEST = 100.0  # ratio of the ends of an interval that is looked at: below, a stable wheel is left to itself
 _JOINING = 8  # plants at once, of those that miss what was tuned at others
+_REMEDIES = (0.5, 0.25)  # of the reference slip, and of dead time and lag: what is tried where no gains do
 _MANY = 100  # operating points: of more the derivative time of a PID is searched at the hardest alone
 _ENOUGH = 1e4  # N*m/(m/s), a gain that is large for any wheel, where none is too large and none too small
 _TIME_STEP = 0.95  # ratio of integral times that are told apart

@@ -85,7 +85,7 @@ class WorstCase:
     @property
     def words(self) -> str:
         """Its Ms, also as run, and where it is."""
-        if self.as_run is None:
+        if self.as_run is None or self.margins is self.sampled is None:
             return self.loop_words
         run = f"{_kept(self.sampled)} sampled every {self.as_run.period:g} s"
         if self.run_case is self.case:
@@ -106,7 +106,7 @@ class WorstCase:
 
 
 def _kept(margins: Margins | None) -> str:
-    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):.3g}"
+    return "unstable" if margins is None else f"Ms {rounded_up(margins.ms):g}"
 
 
 @dataclass(frozen=True)
@@ -327,7 +327,8 @@ class Judgement:
         """The verdict over some cases, with the case that decides it."""
         verdict = self._verdict(cases)
         worst = self._worst(cases if verdict == "fragile" else cases & self.points.operating)
-        return f"{verdict}{' at the operating points' if self.nominal else ''}: {worst.words}"
+        told = worst.words.removeprefix("unstable at ") if verdict == "unstable" else worst.words
+        return f"{verdict}{' at the operating points' if self.nominal else ''}: {told}"
 
     def _summary(self, chosen: Flags) -> tuple[float, float]:
         stable = self.stable & chosen

@@ -35,6 +35,7 @@ from .document import (
     heading,
     listed,
     minus,
+    ms_text,
     render,
     roots_text,
     short,
@@ -69,7 +70,7 @@ def first_page(report: DesignReport) -> FirstPage:
         headline=_headline(report),
         subject=_design_words(report),
         file=RECOMMENDED if report.control is not None else "",
-        lines=(("Why", _why(report)), ("To do", _to_do(report))),
+        lines=(("Why", _why(report)), ("To do", _to_do(report)), *_yours(report)),
         head=("", "worst", "where"),
         rows=tuple((name, value, minus(where)) for name, value, where in _rows(report)),
         pictures=tuple(_pictures(report)),
@@ -172,6 +173,17 @@ def _seeking_words(report: DesignReport) -> Iterator[str]:
         yield f"Shorter, but {'slip over 0.5 in a stop' if slides else above}: --controller seeking, {told}."
 
 
+def _yours(report: DesignReport) -> Iterator[tuple[str, str]]:
+    """Of each controller of the user's that has no margins, that it is not judged, and how it stops."""
+    for one in report.rivals:
+        if one.judgement is None:
+            rails = dict.fromkeys(stop.rail for stop in one.stops)
+            longest = [_longest(one.stops, rail) for rail in rails]
+            told = "; ".join(f"{stop.rail}: {_distance(stop)}, {_stop_words(stop)}" for stop in longest)
+            locks = "a wheel locks" if any(stop.locks for stop in one.stops) else "no lock"
+            yield "Yours", f"NOT JUDGED: {one.name} is {one.reason} and has no margins. Stops {told}; {locks}."
+
+
 def _longest(stops: Iterable[Stop], rail: Rail) -> Stop:
     """Of all laws and loads."""
     return max((stop for stop in stops if stop.rail is rail), key=lambda stop: stop.distance)
@@ -211,8 +223,10 @@ def _rows(report: DesignReport) -> Iterator[tuple[str, str, str]]:
 def _worst_cells(worst: WorstCase) -> tuple[str, str]:
     """The larger Ms, of the loop or of the sampled one that runs, and its case."""
     if worst.as_run is None or worst.run_ms <= worst.ms:
-        return _ms(worst.ms), worst.case.words
-    return _ms(worst.run_ms), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {_ms(worst.ms)}"
+        return ms_text(worst.ms), worst.case.words
+    return ms_text(
+        worst.run_ms
+    ), f"{worst.run_case.words}, sampled every {worst.as_run.period:g} s; else {ms_text(worst.ms)}"
 
 
 def _chosen(report: DesignReport) -> str:
@@ -330,13 +344,13 @@ def _envelope(report: DesignReport) -> Section:
             margins = (
                 (NONE, NONE) if one.margins is None else (below(one.margins.phase_deg), below(one.margins.delay_s))
             )
-            rows.append((name, _ms(one.ms), *margins, one.case.words))
+            rows.append((name, ms_text(one.ms), *margins, one.case.words))
         axes = [
             (
                 _AXES.get(axis, axis),
                 f"{value:g}" if isinstance(value, float) else str(value),
                 f"{100 * share:.3g}",
-                _ms(ms),
+                ms_text(ms),
             )
             for axis, values in judged.by_axis().items()
             if len(values) > 1
@@ -367,7 +381,7 @@ def _candidates(report: DesignReport) -> Section:
         stop = next((short(one.distance(), 3) for one in report.trials if one.choice is choice), NONE)
         reaches = "yes" if choice.reaches else f"no: {short(choice.reach_s, 2)} s of {short(choice.stop_s, 2)} s"
         slip = "its own" if kind == SEEKING else f"{choice.reference_factor:g}"
-        rows.append((kind, slip, *cells, _ms(judged.worst.ms), stop, reaches))
+        rows.append((kind, slip, *cells, ms_text(judged.worst.ms), stop, reaches))
     head = (
         "Structure", "Slip, of reference", "kp, N·m/(m/s)", "ki, N·m/m", "Stable from, km/h", "Robust from, km/h",
         "Worst Ms", "Mean stop, m", "Reaches its slip",
@@ -386,16 +400,22 @@ def _rivals(report: DesignReport) -> Section | None:
     taken = Rival("recommended", None, report.judgement, report.first_stops)
     rows = []
     for one in (taken, *report.rivals):
-        judged = one.judgement
         distances = " / ".join(
             f"{short(stop.run.braking_distance)} {stop.rail}{', locks' if stop.locks else ''}"
             for stop in one.stops
             if stop.load == one.stops[0].load
         )
-        worst = (_ms(judged.worst.ms), _ms(judged.worst_with_tolerances.ms))
-        rows.append((one.name, judged.verdict, _speed(judged.usable_from_kmh), *worst, distances))
+        told = ("not judged: no margins", *(NONE,) * 3)
+        if (judged := one.judgement) is not None:
+            worst = (ms_text(judged.worst.ms), ms_text(judged.worst_with_tolerances.ms))
+            told = (judged.verdict, _speed(judged.usable_from_kmh), *worst)
+        rows.append((one.name, *told, distances))
     head = ("Controller", "Verdict", "Stable from, km/h", "Worst Ms", "With tolerances", "Stops, m")
-    return Section("given", "Your controller beside it", (table(head, rows, caption="Judged and run alike."),))
+    return Section(
+        "given",
+        "Your controller beside it",
+        (table(head, rows, caption="Judged where it has margins, and run alike."),),
+    )
 
 
 def _stops(report: DesignReport) -> Section | None:
@@ -560,10 +580,6 @@ def _speed(speed: float | None) -> str:
     return "never" if speed is None else f"{speed:g}"
 
 
-def _ms(ms: float) -> str:
-    return "unstable" if math.isinf(ms) else above(ms)
-
-
 # --- text and JSON --------------------------------------------------------------------------------------------------
 
 
@@ -605,7 +621,11 @@ def design_report_json(report: DesignReport, files: Iterable[str] = ()) -> dict[
         "stops": [_stop_json(stop) for stop in report.stops],
         "seeking": [_stop_json(stop) for stop in (() if report.seeking is None else report.seeking.stops)],
         "given": [
-            {"name": one.name, **one.judgement.table(), "stops": [_stop_json(stop) for stop in one.stops]}
+            {
+                "name": one.name,
+                **({"verdict": None, "reason": one.reason} if one.judgement is None else one.judgement.table()),
+                "stops": [_stop_json(stop) for stop in one.stops],
+            }
             for one in report.rivals
         ],
         "faster_brake": report.faster and exported(report.faster, dead_time_s="dead_time", lag_s="lag"),

@@ -24,9 +24,11 @@ from railslip_ctrl.design.assessment import limits_of
 from railslip_ctrl.design.controllers import (
     LinearController,
     SampledController,
+    has_step,
     linear_controller,
     linear_of,
     run_period,
+    seeking_of,
 )
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
@@ -50,6 +52,7 @@ from railslip_ctrl.model.vehicle import Actuator, PIGains, Rail, Vehicle
 from railslip_ctrl.simulation import LinearControl, SeekingControl
 from railslip_ctrl.simulation.catalogue import hand_over_of, is_published
 from railslip_ctrl.simulation.controllers import Controller
+from railslip_ctrl.simulation.step_objects import StepControl, as_control
 from railslip_ctrl.verification.verdict import Verification
 
 from .stops import RollingLoop, Stop, as_run, operating_points, rolling_loops, stops, tolerance_stops
@@ -155,12 +158,13 @@ class FasterBrake:
 
 @dataclass(frozen=True)
 class Rival:
-    """A controller of the user's, judged and run beside the recommended one."""
+    """A controller of the user's, run beside the recommended one; judged, or the `reason` why not."""
 
     name: str
     controller: Any
-    judgement: Judgement
+    judgement: Judgement | None
     stops: tuple[Stop, ...]
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -322,7 +326,8 @@ def design_report(
     nominal : bool
         Judge its operating points alone.
     given : dict, optional
-        Linear controllers of the user's by name, judged and run beside; one of a file runs as that says.
+        Controllers of the user's by name, run beside, and judged where they have margins; one of a file runs as that
+        says.
     sliding : bool
         Decide the conditions of the layered sliding-mode law too, in another process where there are two cores.
     fresh : bool
@@ -333,7 +338,7 @@ def design_report(
     Raises
     ------
     InputError
-        An envelope without points, or a controller without margins.
+        An envelope without points, or what is no controller.
     """
     with _beside() as submit:
         here: Beside = partial if not _may_be_sent(envelope) else submit
@@ -432,8 +437,7 @@ def _designed(
     )  # fmt: skip
     seeking = sought()
     if selection.best is None and (seeking is None or seeking.above_kmh is None):
-        points = envelope.points(nominal=True)
-        blank = Judgement(None, envelope, True, points, None)  # type: ignore[arg-type]
+        blank = _unjudged(envelope)
         progress("the brake that would do")
         brake = _faster(envelope, selection.choices[0].structure, envelope, False)
         return replace(empty, limits=_limits(blank), curves=tuple(map(_curve, laws_of(blank))), faster=brake)
@@ -505,7 +509,25 @@ def _trial(choice: Choice, nominal: bool) -> Trial:
     return Trial(choice, None, lowest, *first)
 
 
+def _unjudged(envelope: Envelope) -> Judgement:
+    """The operating points of an envelope, and no controller."""
+    return Judgement(None, envelope, True, envelope.points(nominal=True), None)  # type: ignore[arg-type]
+
+
+def no_margins(controller: Any) -> str:
+    """Why a controller that runs has no margins; empty of one that has some."""
+    thing = controller.step.thing if isinstance(controller, StepControl) else controller
+    if callable(linear_of(thing)) or seeking_of(thing) or not (has_step(thing) or isinstance(thing, Controller)):
+        return ""
+    return "known by its step alone" if has_step(thing) else "not linear"
+
+
 def _rival(name: str, controller: Any, envelope: Envelope, nominal: bool, report: DesignReport) -> Rival:
+    if reason := no_margins(controller):
+        blank = _unjudged(envelope)
+        held = envelope.reference or blank.points.plants[0].point.law.reference
+        control = as_control(controller, envelope.vehicle, held, name)
+        return Rival(name, controller, None, stops(control, blank, every_law=False), reason)
     runs = isinstance(controller, Controller)  # of a file: as that says
     design = controller if runs or callable(linear_of(controller)) else linear_controller(controller)
     discrete = not isinstance(design, PIController) and getattr(design, "period", None) is not None

@@ -26,7 +26,7 @@ from railslip_ctrl.model.adhesion import AdhesionLaw
 from railslip_ctrl.model.linearization import LinearPlant, OperatingPoint
 from railslip_ctrl.model.vehicle import Actuator, Rail, Vehicle, remarks
 
-from .document import MARGIN_HEAD, counted, facts, fixed, heading, render, roots_text, table
+from .document import MARGIN_HEAD, below, counted, facts, fixed, heading, ms_text, render, roots_text, table
 from .export import (
     PUBLISHED,
     case_json,
@@ -421,7 +421,7 @@ def _worst_table(judgement: Judgement) -> RenderableType:
 
 def _row(name: str, worst: WorstCase) -> list[str]:
     m = worst.margins
-    numbers = ["unstable", "-", "-"] if m is None else [_ms(m.ms), fixed(m.phase_deg, 3), fixed(m.delay_s, 3)]
+    numbers = ["unstable", "-", "-"] if m is None else [ms_text(m.ms), below(m.phase_deg), below(m.delay_s)]
     return [name, *numbers, worst.case.words]
 
 
@@ -430,16 +430,10 @@ def _map_table(judgement: Judgement) -> RenderableType:
     kinds = {"": found.operating} if judgement.nominal else {"": found.operating, ", tol.": found.with_tolerances}
     head = ["Worst Ms at, km/h", *(f"{load}{kind}" for kind in kinds for load in found.loads)]
     rows = [
-        [f"{speed:g}", *(_ms(float(ms)) for values in kinds.values() for ms in values[i])]
+        [f"{speed:g}", *(ms_text(float(ms)) for values in kinds.values() for ms in values[i])]
         for i, speed in enumerate(found.speeds_kmh.tolist())
     ]
     return table(head, rows)
-
-
-def _ms(ms: float) -> str:
-    if np.isnan(ms):
-        return "-"
-    return "unstable" if np.isinf(ms) else fixed(rounded_up(ms), 3)
 
 
 # --- text and JSON of tuned designs ----------------------------------------------------------------------------------

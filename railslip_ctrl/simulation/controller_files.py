@@ -30,6 +30,8 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
 
+from pydantic import model_validator
+
 from railslip_ctrl.core.arguments import checked
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH, quantity, shown
@@ -162,15 +164,46 @@ class TransferFunctionKeys(SystemKeys):
 
 
 class StateSpaceKeys(SystemKeys):
-    """`kind = "state-space"`: x' = A x + B e, torque = C x + D e, SI; lists, A by rows."""
+    """`kind = "state-space"`: x' = A x + B e, torque = C x + D e, SI; lists, A by rows, B and C flat or as matrices."""
 
     A: tuple[tuple[float, ...], ...] = quantity("1", "by rows")
     B: tuple[float, ...] = quantity("1", "of the error")
     C: tuple[float, ...] = quantity("1", "of the torque")
     D: float = quantity("1", "from error to torque", default=0.0)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _as_matrices(cls, content: dict[str, Any]) -> dict[str, Any]:
+        """As other tools write them too: keys in lower case, B a column, C and D in rows, numbers without brackets."""
+        found = {key.upper() if key in ("a", "b", "c", "d") else key: value for key, value in content.items()}
+        if len(found) < len(content):
+            raise InputError("A, B, C, D: one is given in both cases; give it once")
+        if isinstance(found.get("A"), int | float):
+            found["A"] = [[found["A"]]]
+        if "B" in found:
+            found["B"] = [_only(row) for row in _listed(found["B"])]
+        if "C" in found:
+            found["C"] = _listed(_only(found["C"]))
+        if "D" in found:
+            found["D"] = _only(_only(found["D"]))
+        if any(not isinstance(row, list | tuple) for row in _listed(found.get("A", []))):
+            raise InputError("A: give its rows, [[...], ...]")
+        for key, shape in (("B", "n numbers or n rows of one"), ("C", "n numbers or one row of n")):
+            if any(isinstance(entry, list) for entry in found.get(key, ())):
+                raise InputError(f"{key}: is not of one input and one output; give {shape}")
+        return found
+
     def design(self) -> StateSpaceController:
         return StateSpaceController(self.A, self.B, self.C, self.D, self.own_period)
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _only(value: Any) -> Any:
+    """The entry of a list of one; else the value."""
+    return value[0] if isinstance(value, list | tuple) and len(value) == 1 else value
 
 
 class SlidingKeys(Limited):

@@ -134,7 +134,7 @@ class LinearControl(Filed):
     tracking_time, rule
         As of `SampledController`, Tustin's rule unless said (the built-in controllers and files of a PI without a rule
         have the backward difference: their numbers were made with it, and differ by up to 2e-4 in the distance of a
-        stop); a tracking time of inf: no anti-windup.
+        stop); a tracking time of inf: no anti-windup, None: that of the slowest zero, kp/ki of a PI, as in a file.
     initial_torque : float
         N*m, from the start: a torque that the rail surely takes, which need not be built up first; where an integral
         starts, added to the torque of a controller without one.
@@ -157,7 +157,7 @@ class LinearControl(Filed):
     period: float | None = PERIOD
     torque_low: float = -math.inf
     torque_high: float = math.inf
-    tracking_time: float | None = math.inf
+    tracking_time: float | None = None
     rule: Rule = Rule.TUSTIN
     initial_torque: float = 0.0
     cut_out_speed: float = 0.0
