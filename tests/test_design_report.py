@@ -173,13 +173,13 @@ def test_a_controller_of_a_file_is_judged_and_runs_as_simulate_runs_it(name, rai
 def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robust, tmp_path):
     (tmp_path / "mute.py").write_text(MINE + "CONTROLLER = Mine()\n")
     mine = load_controller(tmp_path / "mute.py")
-    given = {"mute.py": mine, "sliding": published_controller("asmc"), "seeking": seeking_control()}
+    given = {"mute.py": mine, "sliding": published_controller("asmc")}
     rivals = [recommendation._rival(name, one, robust.envelope, False, robust) for name, one in given.items()]
     beside = replace(robust, rivals=tuple(rivals))
     lines = [text for name, text in first_page(beside).lines if name == "Yours"]
     assert [text.split(" is ")[0] for text in lines] == [f"NOT JUDGED: {name}" for name in given]
     found = design_report_json(beside)["given"]
-    assert [one["reason"] for one in found] == ["known by its step alone", "not linear", "not linear"]
+    assert [one["reason"] for one in found] == ["known by its step alone", "not linear"]
     for one in found:
         assert one["verdict"] is None
         assert {stop["rail"] for stop in one["stops"]} == {"dry", "wet"}
@@ -188,6 +188,8 @@ def test_a_controller_without_margins_runs_beside_and_is_told_as_not_judged(robu
     assert first["braking_distance_m"] == again.braking_distance
     (shown,) = _rivals(beside).blocks
     assert [row[0] for row in shown.rows] == ["recommended", *given]
+    judged = recommendation._rival("seeking", seeking_control(), robust.envelope, True, robust).judgement
+    assert judged.worst.ms == robust.seeking.choice.design.judgement.worst.ms
 
 
 def test_a_controller_that_has_no_reference_holds_the_envelope_s(tmp_path):

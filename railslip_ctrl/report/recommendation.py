@@ -28,6 +28,7 @@ from railslip_ctrl.design.controllers import (
     linear_controller,
     linear_of,
     run_period,
+    seeking_of,
 )
 from railslip_ctrl.design.envelope import Envelope
 from railslip_ctrl.design.envelope_tuning import (
@@ -516,7 +517,7 @@ def _unjudged(envelope: Envelope) -> Judgement:
 def no_margins(controller: Any) -> str:
     """Why a controller that runs has no margins; empty of one that has some."""
     thing = controller.step.thing if isinstance(controller, StepControl) else controller
-    if callable(linear_of(thing)) or not (has_step(thing) or isinstance(thing, Controller)):
+    if callable(linear_of(thing)) or seeking_of(thing) or not (has_step(thing) or isinstance(thing, Controller)):
         return ""
     return "known by its step alone" if has_step(thing) else "not linear"
 
