@@ -47,6 +47,7 @@ from .layered import (
     random_torque,
     run_errors,
 )
+from .reaching import with_friction
 from .robust import LOWEST_FRICTION
 from .verdict import Condition, Verification
 
@@ -436,8 +437,7 @@ def uncertainties(
     Without a second rail that differs from the first, `mistaken` is empty.
     """
     points = {rail: plant.point for rail, plant in adhesion.plants(vehicle).items()}
-    friction = vehicle.wheel.viscous_friction - _FRICTION_FALL
-    worn = vehicle.model_copy(update={"wheel": vehicle.wheel.model_copy(update={"viscous_friction": friction})})
+    worn = with_friction(vehicle, vehicle.wheel.viscous_friction - _FRICTION_FALL)
     worn_name = "friction of the longest stop" if is_published(vehicle) else f"friction {_FRICTION_FALL:g} N m s lower"
     others = {worn_name: worn}
     if len(load_cases(vehicle)) > 1:
