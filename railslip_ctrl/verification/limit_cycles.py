@@ -10,10 +10,9 @@ With every harmonic, so exactly for the linearised plant: v = K on a share of th
 harmonics through W, s = 0 at both switches, and D s0 + K (2 share - 1) = load. Without load: Tsypkin's locus.
 
 Both are the wheel's own only while the swing is small beside what the adhesion curve bends over. The nonlinear cycle
-is the periodic solution of the wheel's own rates, the law with its model, lag, dead time and relay, the speed frozen:
-slip velocity and adhesion state at equidistant instants of a period, so that the rates hold at each of them
-(derivatives, lag, dead time and relay by Fourier series), with s = 0 at both switches. The unknowns are these samples,
-the frequency, the relay's share and the mean of s; Newton's method, from the linearised cycle or a lower relay's.
+is the periodic solution of the wheel's own rates, the speed frozen: slip velocity and adhesion state at equidistant
+instants of a period, so that the rates hold at each (derivatives, lag, dead time and relay by Fourier series), with
+s = 0 at both switches; by Newton's method, from the linearised cycle or a lower relay's.
 
 Slip below 0 is a wheel that the brake has released and that runs ahead; the adhesion laws are odd in it. A wheel is
 lost where it locks or leaves its adhesion law's domain.
@@ -63,7 +62,7 @@ class LimitCycle:
     K, load: N*m; frequency: rad/s; relay_gain: N at the cycle, N*m/(m/s), first harmonic over first harmonic;
     surface_amplitude, sigma_amplitude (m/s), torque_amplitude (N*m, acting): half of peak to peak; surface_mean: m/s;
     slip_amplitude: sigma_amplitude/v; sigma_range: least and largest slip velocity, m/s; stable: by the describing
-    function (Loeb): a larger amplitude, hence a smaller N, makes the linear loop stable.
+    function (Loeb).
     """
 
     K: float
@@ -99,8 +98,8 @@ class CriticalGain:
 def critical_gains(loop: SurfaceLoop) -> list[CriticalGain]:
     """Every N > 0 with 1 + N W(j omega) = 0 of a `loop`, ascending; empty where the relay cannot oscillate.
 
-    Crossings are bracketed on a grid from 1e-3 to 1e3 rad/s and refined to rounding; which side is stable is decided
-    by the exact root count. Gains beyond a thousand times the smallest are left out.
+    Crossings are bracketed on a grid from 1e-3 rad/s and refined to rounding; which side is stable is decided by the
+    exact root count. Gains beyond a thousand times the smallest are left out.
     """
     dead_time = loop.actuator.dead_time
     scan = np.geomspace(_LOWEST, max(_HIGHEST, _TURNS / dead_time if dead_time > 0 else 0.0), _SCAN_POINTS)
@@ -198,11 +197,10 @@ def _mean_over_amplitude(loop: SurfaceLoop, K: float, load: float, gain: float) 
 
 
 def linear_limit_cycle(loop: SurfaceLoop, *, K: float | None = None, load: float = 0.0) -> LimitCycle:
-    """The linearised loop's periodic solution with two switches a period, every harmonic counted.
+    """The linearised loop's periodic solution with two switches a period, every harmonic counted, to about 1e-5.
 
-    Exact for the linearised plant to the truncation of its Fourier series, about 1e-5. The solution found is the one
-    the describing function starts from; s is checked to have one sign between switches. K, load and errors as of
-    `predict_limit_cycle`; DomainError too where no such solution exists.
+    That which the describing function starts from; K, load and errors as of `predict_limit_cycle`; DomainError too
+    where no such solution exists.
     """
     from scipy.optimize import root
 
@@ -398,7 +396,7 @@ def linearisation_change(loop: SurfaceLoop, cycle: LimitCycle) -> float:
     """How much the wheel's response to torque at the cycle's frequency changes over the swing, relative to its middle.
 
     The larger of |P0/P - 1| at the two ends of the slip's swing, adhesion at rest there; inf where an end is outside
-    0 to v or the adhesion law's domain. Up to `LINEAR_CHANGE` the linearised `cycle` of the `loop` is the wheel's.
+    0 to v or the adhesion law's domain.
     """
     point = loop.plant.point
     s = np.asarray(1j * cycle.frequency)

@@ -32,10 +32,9 @@ TAIL = 1.0 / 3.0
 class LyapunovSignals:
     """Along a run, arrays over its samples but the last, which has no next one for V' to be taken to.
 
-    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, + theta_tilde' Gamma^-1 theta_tilde/2
-    (46), (m/s)^2 and (m/s)^2/s; V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add;
-    asked and available: |d| of (40) and K + D|s| in its place, both as torque at the wheel,
-    (J/r) times (40), N*m; theta_hat, theta: (n, 2), 1/(kg m) and m/s.
+    time (s); s (m/s); s_rate (m/s^2); V and V_rate: s^2/2 and, where it adapts, (46), (m/s)^2 and (m/s)^2/s;
+    V_rate_constant: V' without what changes of the true theta (mass step, drift of B) add; asked and available: |d| of
+    (40) and K + D|s| in its place, N*m, (J/r) times (40); theta_hat, theta: (n, 2), 1/(kg m) and m/s.
     """
 
     time: Floats
@@ -93,8 +92,7 @@ class LyapunovRun:
 def judge_run(
     scenario: Scenario, controller: SlidingControl, *, actuator: bool = True, seed: int | None = 0
 ) -> LyapunovRun:
-    """Simulate the scenario and judge the conditions along it; the adhesion state of a dynamic law counts as the run
-    has it.
+    """Simulate the scenario and judge the conditions along it.
 
     `actuator=False` takes lag and dead time away: the torque acts at once, as the proof assumes. `seed` is the noise's;
     None without it.

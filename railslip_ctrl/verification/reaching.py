@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from typing import Any, Literal
@@ -26,7 +26,6 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.units import KMH
 from railslip_ctrl.model import plant
 from railslip_ctrl.model.adhesion import RIG_WHEEL_LOAD, published_law
@@ -59,12 +58,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ReachingSet:
-    """The box over which (40) is asked. Ranges are (lowest, highest); InputError for one that is not, or c >= 1.
+    """The box over which (40) is asked; ranges are (lowest, highest).
 
-    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction; resistance: Fr, N; adhesion_torque: Ta, N*m;
-    speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the inertia
-    scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta - 1 and
-    v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
+    |Tr| <= random_torque, N*m; |Td| <= c |Tb| with c = torque_fraction < 1; resistance: Fr, N; adhesion_torque: Ta,
+    N*m; speed, slip: m/s and 1, e = (lambda_d - slip) v, omega = (1 - slip) v/r; mass: true mass, kg, without the
+    inertia scale; theta_hat1, theta_hat2: estimates in the law, 1/(kg m) and m/s; torque_error, rate_error: Ta_hat/Ta -
+    1 and v'_hat/v' - 1; heavier: what Ta and Tr are multiplied by at the largest mass, linear in between.
     """
 
     random_torque: float
@@ -79,15 +78,6 @@ class ReachingSet:
     torque_error: Range = (0.0, 0.0)
     rate_error: Range = (0.0, 0.0)
     heavier: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in (f.name for f in fields(self)):
-            value = getattr(self, name)
-            low, high = value if isinstance(value, tuple) else (0.0, value)
-            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-                raise InputError(f"{name}: {value} is not allowed; give finite bounds, the lowest first, sizes >= 0")
-        if self.torque_fraction >= 1:
-            raise InputError(f"torque_fraction: {self.torque_fraction:g} is not allowed; give a fraction below 1")
 
 
 def reference_set(vehicle: Vehicle, *, sigmas: float, with_torque: bool = True) -> ReachingSet:

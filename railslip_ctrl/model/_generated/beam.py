@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "fa0a0afe8feacd3157bda326205e22998722eb71daa20542542bb7be58c370b0"
+SOURCES_SHA256 = "b85126b1d33c6c8dbeb8b7ace3b03e2caa80e6ff74dde434cc65f68e35e2acef"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "346b855138868f4d07d8be175b5c5d856ca44842fef64d7122d69b687d7872a1"
+SOURCES_SHA256 = "59dd208d8045c1420b3237628a28629f16325f844f6ed05546761f0f809ec89d"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "da56d5eace79080eed503c5de390ac8d79ea4f1d806f8483e5f785748bd23970"
+SOURCES_SHA256 = "fd7d9de51fcd32878f931193f1273434f8cfab097f18748584371980b93c9aa5"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

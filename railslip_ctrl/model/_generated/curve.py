@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "c70763b3fca58c872ad9320cfb37a73b0bdd2ed803912fd6a788a3f1b5998338"
+SOURCES_SHA256 = "d915c631f841e70b89bbabb446794d4d00aa37f45cfcc796a8290af3187bf3f3"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "46ff70c7f806227b5b9870ac21ae14288c3602322958f8715b46c036a8f3624a"
+SOURCES_SHA256 = "07eae5dbe465aee0624b900ae218495cfef7795f92b10d729fd7de2b6d7022a8"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

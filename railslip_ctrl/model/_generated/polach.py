@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "08970999b65fa5f42be9094ea719b6d1b90d9241d57131a4604ce041177fb02a"
+SOURCES_SHA256 = "64a85d5ca27c862a8cdf996153d6579ac9ed3fc3ebadda8e632529b1f8861143"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "86d508ff2ec3f0c20a96eef4ea32305e893b7bf0902ac816e5b6aadda58070a3"
+SOURCES_SHA256 = "720c9620af942da99376303e38fbcefe7e8efe7d3a13c057872b0e5aa5084a80"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):
