@@ -327,6 +327,9 @@ def test_bounds_that_do_not_exist():
     plant = published_loop(Rail.DRY).plant
     with pytest.raises(InputError, match="disturbance: -1"):
         layer_bound(DESIGN, plant, ACTUATOR, -1.0)
+    for name in ("kp", "ki", "lead", "lead_filter", "K"):
+        with pytest.raises(InputError, match=f"^{name}: -1"):
+            replace(DESIGN, **{name: -1.0})
     with pytest.raises(InfeasibleDesignError, match="outgrows"):
         layer_bound(DESIGN, plant, ACTUATOR, 200.0)
     with pytest.raises(InfeasibleDesignError, match="do not stabilise"):

@@ -28,7 +28,7 @@ from railslip_ctrl.model.vehicle import PARK2008, Rail
 from railslip_ctrl.sliding.code import NOT_HOLDING, generate, law_numbers, python_law, with_numbers
 from railslip_ctrl.sliding.derivation import derive
 from railslip_ctrl.sliding.generate import LAW_FILE, generate_law, law_source
-from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, gain_parameters
+from railslip_ctrl.sliding.law import HOLD_TIME, KEPT, PUBLISHED_LAW, SOURCES, LawGains, gain_parameters
 from railslip_ctrl.sliding.proof import sliding_symbol
 from railslip_ctrl.sliding.sampled_law import DOMAIN_SHARE, LARGEST, OPTIONS
 from railslip_ctrl.verification import fixed_step
@@ -147,6 +147,8 @@ def test_variants_of_the_adaptation() -> None:
     assert theta_hat(stepped(gain_parameters(wide), MEASURED, start)) == (3e-4, -2e-3)
     boxed = replace(PUBLISHED_LAW, box=((-1e-4, 1e-4), (-1e-3, 5e-3)))
     assert theta_hat(stepped(gain_parameters(boxed), MEASURED, start)) == (1e-4, -1e-3)
+    plain = gain_parameters(LawGains(K=1.0, D=2.0, rho=3.0))  # without adaptation and variants
+    assert {name: value for name, value in plain.items() if value} == {"K": 1.0, "D": 2.0, "rho": 3.0}
     with pytest.raises(InputError, match=r"box: 0\.1 \.\. 0\.1 of theta1_hat"):
         gain_parameters(replace(PUBLISHED_LAW, box=((0.1, 0.1), (0.0, 1.0))))
 

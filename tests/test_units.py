@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from railslip_ctrl.core.errors import InputError
 from railslip_ctrl.core.rounding import rounded, rounded_down, rounded_up
+from railslip_ctrl.core.sources import cite
 from railslip_ctrl.core.units import KMH, shown, to_unit
 
 TAKEN = [
@@ -151,3 +152,9 @@ def test_rounding_of_bounds_is_to_three_digits() -> None:
     assert (rounded_up(1.2341), rounded_down(1.2349), rounded(1.2351, 3)) == (1.24, 1.23, 1.24)
     assert (rounded_up(-1.2349), rounded_up(0.0), rounded_down(math.inf)) == (-1.23, 0.0, math.inf)
     assert rounded_up(1.1, 2) == 1.1 == rounded_down(1.1, 2)  # 1.1 * 10 is 11.000000000000002
+
+
+def test_a_citation_is_of_a_source_that_there_is() -> None:
+    assert cite("Park2008", "(45)") == "[Park2008] (45)"
+    with pytest.raises(KeyError):
+        cite("Nobody1999")

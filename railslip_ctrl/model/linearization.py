@@ -45,10 +45,24 @@ _LIMIT_TOLERANCE = 1e-6
 class OperatingPoint:
     """A point of constant slip.
 
-    `rail` and `initial_speed_kmh`, v0 of the law's parameters, km/h, are labels. speed v, m/s; slip lambda, 0 <= lambda
-    < 1; adhesion_state z at rest, m, None for a static law; adhesion_force Fa, N; brake_torque Tb with lambda' = 0,
-    N*m, Td = Tr = 0; residual: larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that
-    cancel in them.
+    Attributes
+    ----------
+    law, vehicle, rail : AdhesionLaw, Vehicle, Rail
+        What the point belongs to.
+    speed : float
+        v, m/s.
+    slip : float
+        lambda, slip ratio, 0 <= lambda < 1.
+    adhesion_state : float or None
+        z at rest, m; None for a static law.
+    adhesion_force : float
+        Fa, N.
+    brake_torque : float
+        Tb with lambda' = 0, N*m; Td = Tr = 0.
+    initial_speed_kmh : float or None
+        v0 the law's parameters were made for, km/h; None where they do not depend on it.
+    residual : float
+        Larger of |lambda'| and |z'| by the equations of motion, as a share of the terms that cancel in them.
     """
 
     law: AdhesionLaw
@@ -178,9 +192,16 @@ def _residual(functions: NumericPlant, state: tuple[float, float, float, float],
 class LinearPlant:
     """The plant linearised at an operating point; from brake torque at the wheel (the actuator is not in it).
 
-    A, B, C, D, (n, n), (n, 1), (3, n), (3, 1), SI, of deviations from `point`. states: "v" first if the speed is a
-    state, "sigma", then "z" for a dynamic law; outputs: "sigma", "lambda" and "error" = lambda_d v - sigma, with the
-    point's slip as lambda_d.
+    Attributes
+    ----------
+    point : OperatingPoint
+        Where.
+    A, B, C, D : ndarray, (n, n), (n, 1), (3, n), (3, 1)
+        SI; deviations from the operating point.
+    states : tuple of str
+        "v" first if the speed is a state, "sigma", then "z" for a dynamic law.
+    inputs, outputs : tuple of str
+        "brake_torque"; "sigma", "lambda" and "error" = lambda_d v - sigma, with the point's slip as lambda_d.
     """
 
     point: OperatingPoint

@@ -15,18 +15,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 
 from railslip_ctrl.core.errors import DomainError, UnstableLoopError
-from railslip_ctrl.model.vehicle import (
-    AS_PUBLISHED_INERTIA_SCALE,
-    INITIAL_SPEED_KMH,
-    PARK2008,
-    Actuator,
-    Rail,
-    Vehicle,
-)
+from railslip_ctrl.model.vehicle import AS_PUBLISHED_INERTIA_SCALE, INITIAL_SPEED_KMH, PARK2008, Actuator, Rail, Vehicle
 from railslip_ctrl.simulation.catalogue import is_published
 
 from .layered import SPEEDS_KMH, RailAdhesion
@@ -113,19 +108,17 @@ def survivable_excursion(loop: SurfaceLoop) -> float:
 
     inf where the linear loop with its k is stable without the relay's help; 0 where no relay gain (sampled) helps.
     """
-    k = loop.gains.k
-    if loop.is_stable(adaptation=k):
+
+    def helps(relay_gain: float) -> bool:
+        return loop.is_stable(relay_gain=relay_gain, adaptation=loop.gains.k)
+
+    if helps(0.0):
         return math.inf
     top = max((c.gain for c in critical_gains(loop) if c.stable_below), default=0.0)
-    tried: list[float] = np.linspace(0.0, top, _RELAY_SAMPLES).tolist()
-    helped = [n for n in tried if loop.is_stable(relay_gain=n, adaptation=k)]
-    if not helped:
+    helped = next(filter(helps, np.linspace(0.0, top, _RELAY_SAMPLES).tolist()), None)
+    if helped is None:
         return 0.0
-    low, high = 0.0, helped[0]
-    while high - low > _TOLERANCE * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if loop.is_stable(relay_gain=middle, adaptation=k) else (middle, high)
-    return 4 * loop.gains.K / (math.pi * high)
+    return 4 * loop.gains.K / (math.pi * _bisected(lambda gain: not helps(gain), 0.0, helped, _TOLERANCE))
 
 
 @dataclass(frozen=True)
@@ -152,9 +145,7 @@ class Survivors:
 
 def survivors(loop: SurfaceLoop) -> Survivors:
     """Bisect each gain on exact stability; K by the linearised limit cycle within a slip amplitude."""
-    gains = loop.gains
-    stable = loop.is_stable()
-    gain = largest_relay_gain(loop)
+    gains, stable, gain = loop.gains, loop.is_stable(), largest_relay_gain(loop)
     # without a finite gain at which it starts there is no cycle: nothing to bound, or nothing that is stable
     relay = SLIP_AMPLITUDE / linear_limit_cycle(loop, K=1.0).slip_amplitude if 0.0 < gain < math.inf else gain
     finite = 0.0 < relay < math.inf
@@ -420,12 +411,10 @@ def published_behind_actuator(K: float, D: float, vehicle: Vehicle) -> tuple[tup
     effects = tuple(actuator_effect(_loop(rail, K, D, vehicle)) for rail in Rail)
     ratios = {}
     if is_published(vehicle) and not effects[0].existence.exists:
-        for adhesion in ("bristle", "curve"):
-            for rail in Rail:
-                loop = published_loop(
-                    rail, inertia_scale=AS_PUBLISHED_INERTIA_SCALE, adhesion=adhesion, vehicle=vehicle
-                ).with_gains(D=D)
-                ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
+        for adhesion, rail in product(("bristle", "curve"), Rail):
+            scale: dict[str, Any] = {"inertia_scale": AS_PUBLISHED_INERTIA_SCALE, "vehicle": vehicle}
+            loop = published_loop(rail, adhesion=adhesion, **scale).with_gains(D=D)
+            ratios[f"{adhesion} {rail}"] = largest_adaptation(loop) / loop.gains.k
     found = PublishedBehind(effects, joint_advice(stop_loops(K, D, vehicle)), ratios)
     return _conditions(effects), found
 
@@ -452,37 +441,20 @@ def _loop(rail: Rail, K: float, D: float, vehicle: Vehicle, *, speed_kmh: float 
 
 
 def _conditions(effects: tuple[ActuatorEffect, ...]) -> tuple[Condition, ...]:
-    first = effects[0]
+    first, about = effects[0], {"effects": effects}
     actuator, gains = first.loop.actuator, first.loop.gains
     runs = {effect.name: law_runs(effect.loop) for effect in effects}
+    slides = all(effect.existence.exists for effect in effects)
+    spares = all(effect.holds_the_wheel for effect in effects)
+    law_spares = all(one.spared for pair in runs.values() for one in pair)
+    stable = all(effect.unstable_actual == 0 for effect in effects)
+    acting = {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence}
+    ran = {"runs": runs, "K": gains.K, "k": gains.k}
     return (
-        Condition(
-            "sliding exists behind the actuator",
-            all(effect.existence.exists for effect in effects),
-            "symbolic",
-            {"dead_time": actuator.dead_time, "lag": actuator.lag, "existence": first.existence},
-            claimed=True,
-        ),
-        Condition(
-            "the relay's own cycle spares the wheel",
-            all(effect.holds_the_wheel for effect in effects),
-            "sampled",
-            {"effects": effects},
-        ),
-        Condition(
-            "the law behind the actuator spares the wheel",
-            all(one.spared for pair in runs.values() for one in pair),
-            "simulated",
-            {"runs": runs, "K": gains.K, "k": gains.k},
-            claimed=True,
-        ),
-        Condition(
-            "the adaptive loop is stable behind the actuator",
-            all(effect.unstable_actual == 0 for effect in effects),
-            "sampled",
-            {"effects": effects},
-            claimed=True,
-        ),
+        Condition("sliding exists behind the actuator", slides, "symbolic", acting, claimed=True),
+        Condition("the relay's own cycle spares the wheel", spares, "sampled", about),
+        Condition("the law behind the actuator spares the wheel", law_spares, "simulated", ran, claimed=True),
+        Condition("the adaptive loop is stable behind the actuator", stable, "sampled", about, claimed=True),
     )
 
 

@@ -62,7 +62,7 @@ def operating_box(vehicle: Vehicle) -> Box:
     """Bounds of `AXES` over the published run: 5 to 100 km/h, empty to loaded, slips up to twice the reference."""
     force = 3.0 * ADHESION_NOISE * vehicle.wheel_load
     masses, fraction = (vehicle.mass, vehicle.mass_loaded), TORQUE_FRACTION
-    return (5.0, 100.0), (0.01, 0.264), masses, (-force, force), (-fraction, fraction), (-1.0, 1.0)
+    return (5.0, 100.0), (0.01, 2.0 * reference_slip()), masses, (-force, force), (-fraction, fraction), (-1.0, 1.0)
 
 
 def rate_at(points: Floats, vehicle: Vehicle, gains: LawGains, *, estimated: bool = True) -> Floats:
