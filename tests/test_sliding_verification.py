@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 import pytest
 from project import ROOT, refused, script, show
-from sliding_cases import ACTUATOR, DESIGN, IDEAL, effect_on
+from sliding_cases import ACTUATOR, DESIGN, IDEAL
 
 from railslip_ctrl.model.adhesion import load_law
 from railslip_ctrl.model.vehicle import PARK2008, Rail
@@ -40,7 +40,6 @@ from railslip_ctrl.verification.layered import (
     layer_bound,
     layered_design,
     published_torque,
-    rail_bounds,
     random_torque,
     torque_impulse,
 )
@@ -91,7 +90,7 @@ def test_published_law_fails_behind_its_actuator_in_si(published):
     assert [conditions[name].claimed for name in ACTUATOR_CONDITIONS] == [True, False, True, True]
     assert "100 km/h frozen: slip -0.0" in evidence(conditions[WHOLE])
     assert "2 unstable poles (ideal actuator: 0)" in evidence(conditions[ADAPTIVE])
-    dry, wet = (effect_on(rail) for rail in Rail)
+    dry, wet = findings.effects
     assert dry.cycles[0].linear.period == pytest.approx(4.12, abs=5.1e-3)
     assert (dry.cycles[0].linear_holds, wet.cycles[0].linear_holds) == (False, True)
     told = findings_text(findings)
@@ -216,21 +215,21 @@ def test_the_layered_law_holds_behind_the_actuator_where_the_rail_is_known(layer
 
 def test_a_stop_is_held_down_to_where_it_ends_and_the_torque_follows_the_speed(layered):
     assert layered.verification["speed falling, simulated"].down_to_kmh == 5.0
-    design, plant = layered_design(PARK2008), PUBLISHED_ADHESION.plants(PARK2008)[Rail.DRY]
-    found = stop(design, plant.point)
+    design, point = layered.findings.design, PUBLISHED_ADHESION.point(Rail.DRY, PARK2008)
+    found = stop(design, point)
     assert found.held
     # an own Euler simulation, steps of 1 ms: 0.127 to 0.195 in 8.5 s
     assert found.slip_range == pytest.approx((0.127, 0.195), abs=0.002)
     assert found.time == pytest.approx(8.5, abs=0.06)
     # holding on to the torque of 100 km/h, as it was, the slip is lost about 10 km/h
-    law = LayeredLaw(plant.point.slip, plant.point.brake_torque, design=design)
-    run = simulate_fine(plant.point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
+    law = LayeredLaw(point.slip, point.brake_torque, design=design)
+    run = simulate_fine(point, law, PARK2008.actuator, duration=20.0, step=5e-3, frozen=False, end_speed=5 / 3.6)
     slow = run.speed[np.argmax(run.sigma <= 0.0)]
     assert 2.0 < slow < 4.0
 
 
 def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
-    design, point = layered_design(PARK2008), PUBLISHED_ADHESION.point(Rail.DRY, PARK2008)
+    design, point = layered.findings.design, PUBLISHED_ADHESION.point(Rail.DRY, PARK2008)
     below, above = tolerated(design, point)
     # the own Euler simulation with this law, K = 1500: held at 0.9 and 1.15, not at 0.8 and 1.2
     assert HOLD_ERROR < below < 0.2
@@ -241,7 +240,7 @@ def test_holding_torque_is_tolerated_as_far_as_it_says_and_no_farther(layered):
     assert f"dry: held from {-100 * below:.1f} to {100 * above:+.1f} %" in told
     # the authority the bound alone asks for, 456 N m, does not do
     weak = replace(design, K=456.0)
-    edges = {rail: tolerated(weak, plant.point) for rail, plant in PUBLISHED_ADHESION.plants(PARK2008).items()}
+    edges = {rail: tolerated(weak, PUBLISHED_ADHESION.point(rail, PARK2008)) for rail in Rail}
     assert min(edges[Rail.DRY]) < HOLD_ERROR
     assert not hold_known(weak, edges, PARK2008).holds
     assert stop(weak, point, share=1.1).lost is not None
@@ -259,13 +258,11 @@ def test_a_light_train_has_no_bound_and_verify_says_so(railslip):
     assert "leave K out" not in words
 
 
-def test_bounds_that_a_simulation_breaks_are_not_kept():
-    design = layered_design(PARK2008)
-    bounds = rail_bounds(design, PARK2008)
+def test_bounds_that_a_simulation_breaks_are_not_kept(layered):
+    design, bounds = layered.findings.design, layered.findings.bounds
     small = {
         rail: replace(one, at_rest=replace(one.at_rest, error=0.5 * one.at_rest.error)) for rail, one in bounds.items()
     }
-    assert bounds_kept(design, bounds).holds
     assert not bounds_kept(design, small).holds
     lost = bounds_kept(replace(design, K=1.0), bounds)  # too weak for a wheel beyond the peak of its adhesion
     assert not lost.holds
@@ -449,9 +446,9 @@ def test_bound_from_an_offset_is_reached_in_the_time_given(rail, offset):
 
 
 @pytest.mark.long
-def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh():
+def test_disturbed_stops_are_held_to_the_cut_out_and_not_to_5_kmh(layered):
     """Other seeds than those of `verify`; the wet rail loaded is the worst of the four."""
-    design, loaded = layered_design(PARK2008), PARK2008.loaded()
+    design, loaded = layered.findings.design, PARK2008.loaded()
     point = PUBLISHED_ADHESION.point(Rail.WET, loaded)
     left = [range_left(design, point, seed) for seed in range(3000, 3010)]
     assert sum(speed > 5.0 for speed in left) >= 5

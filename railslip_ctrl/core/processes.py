@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-Submit: TypeAlias = "Callable[..., Future[Any]]"
-"""Takes a function and its arguments."""
+Submit: TypeAlias = "Callable[..., Future[Any]]"  #: takes a function and its arguments
 
 
 def cpu_count() -> int:

@@ -7,8 +7,7 @@ from importlib.resources import files
 from types import MappingProxyType
 
 _TEXTS = tomllib.loads(files(__package__).joinpath("sources.toml").read_text("utf-8"))
-SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in _TEXTS.items()})
-"""Full references by key."""
+SOURCES = MappingProxyType({key: " ".join(text.split()) for key, text in _TEXTS.items()})  #: full references by key
 
 
 def cite(key: str, where: str = "") -> str:

@@ -20,9 +20,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     import pint
 
-KMH = 1.0 / 3.6
-"""One kilometre per hour in m/s (exact)."""
-
+KMH = 1.0 / 3.6  #: one kilometre per hour in m/s (exact)
 _LONGEST_QUANTITY = 60  # characters: what is longer is not looked at
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*(\D.*)?", re.DOTALL)
 _NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE)

@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 _M = TypeVar("_M", bound=BaseModel)
 
-LARGEST_FILE = 1_000_000
-"""Bytes; a parameter file has a few thousand, and a parser should not be handed a disk image."""
+LARGEST_FILE = 1_000_000  #: bytes; a parameter file has a few thousand, and a parser should not be handed a disk image
 
 # pydantic's names of the range violations: (sign, key of the bound in the error's context)
 _RANGES = {

@@ -33,8 +33,7 @@ WORKS = ("brake", "slip", "viscous", "resistance", "random_force", "disturbance"
 """What takes energy from train and wheel, in the order of `plant.powers`."""
 
 
-NumericPlant: TypeAlias = ModuleType
-"""The module of these functions of a law, and `lag_rate`."""
+NumericPlant: TypeAlias = ModuleType  #: the module of these functions of a law, and `lag_rate`
 
 
 def plant_parameters(law: AdhesionLaw, vehicle: Vehicle) -> tuple[float, ...]:

@@ -61,9 +61,7 @@ def _type_words(annotation: Any) -> str:
 
 # --- records --------------------------------------------------------------------------------------------------------
 
-GRAVITY = 9.80665
-"""Standard acceleration of free fall, m/s^2 (exact, CGPM 1901)."""
-
+GRAVITY = 9.80665  #: standard acceleration of free fall, m/s^2 (exact, CGPM 1901)
 _MASS_ALONE = "M alone was changed: the wheel load stayed at"
 
 
@@ -282,9 +280,7 @@ class Vehicle(Record):
 # --- the published vehicle and gains of [Park2008], in SI ------------------------------------------------------------
 
 
-INITIAL_SPEED_KMH = 100.0
-"""v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)."""
-
+INITIAL_SPEED_KMH = 100.0  #: v0, the speed at which the brake is applied, of the published run ([Park2008] p. 55)
 AS_PUBLISHED_INERTIA_SCALE = 3.6
 """The inertia scale under which the published results come out: speeds in km/h, forces in N, no factor."""
 

@@ -22,8 +22,7 @@ from railslip_ctrl.model.adhesion import law_class
 
 from .proof import DerivationStep, identical, linear_solution, sliding_symbol, step, vanishes
 
-Reference = Literal["proportional", "constant"]
-"""sigma_d = lambda_d v, or sigma_d constant."""
+Reference = Literal["proportional", "constant"]  #: sigma_d = lambda_d v, or sigma_d constant
 
 s, e, e_integral, rho = (sliding_symbol(name) for name in ("s", "e", "e_integral", "rho"))
 lambda_d, sigma_d = sliding_symbol("lambda_d"), sliding_symbol("sigma_d")
@@ -231,9 +230,7 @@ THETA_TILDE = tuple(sliding_symbol(f"theta{i}_tilde") for i in (1, 2))
 THETA_HAT_RATE = tuple(sliding_symbol(f"theta{i}_hat_rate") for i in (1, 2))
 PHI = (plant.Ta, plant.omega)
 
-TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}
-"""The true parameters in nominal and perturbation."""
-
+TRUE = {plant.M: Mn + Mp, plant.B: Bn + Bp}  #: the true parameters in nominal and perturbation
 NOMINAL = {plant.M: Mn, plant.B: Bn}
 _V_RATE = sliding_symbol("V_rate")
 

@@ -22,9 +22,7 @@ _OTHER_LATEX = (("Kx", "K_x"), ("mu_max", r"\mu_\mathrm{max}"), ("mu_d", r"\mu_d
 
 _TABLES = tomllib.loads(Path(__file__).with_name("notation.toml").read_text("utf-8"))
 
-SLIDING_NOTATION = notation_in(_TABLES["symbols"])
-"""The table, by name."""
-
+SLIDING_NOTATION = notation_in(_TABLES["symbols"])  #: the table, by name
 CODE_NOTATION: dict[str, tuple[str, str]] = _TABLES["code"]
 """Unit and meaning of what the generated code has besides, by name."""
 
@@ -52,9 +50,7 @@ def plain(expression: sp.Basic) -> str:
 # --- identities -------------------------------------------------------------------------------------------------------
 
 
-POINTS = 32
-"""Random points of the numeric check."""
-
+POINTS = 32  #: random points of the numeric check
 _TOLERANCE = 1e-9
 _SEED = 2008
 

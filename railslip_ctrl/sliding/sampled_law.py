@@ -45,12 +45,8 @@ from .law import file_hash
 from .proof import CODE_NOTATION, SLIDING_NOTATION, sliding_symbol
 
 PERIOD, FILTER = sp.Symbol("period", positive=True), sp.Symbol("filter_time", positive=True)
-SWITCHING = sp.Symbol("switching", real=True)
-"""What stands for sgn s."""
-
-LIMITED = sp.Function("limited")
-"""limited(x, limit): x held to -limit .. limit."""
-
+SWITCHING = sp.Symbol("switching", real=True)  #: what stands for sgn s
+LIMITED = sp.Function("limited")  #: limited(x, limit): x held to -limit .. limit
 DOMAIN_SHARE = 0.999
 """Of an adhesion law's `sigma_limit`, to which |sigma| is held: there the bristle law has 1/1000 of Fs left."""
 
@@ -77,9 +73,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
 }
 """What a parameter must be besides finite; > 0 where it is not here. Gains but D and rho may be 0: `law.LawGains`."""
 
-PREFIX = "adhesion_"
-"""Before the names of an adhesion law's parameters."""
-
+PREFIX = "adhesion_"  #: before the names of an adhesion law's parameters
 Assignment = tuple[str, sp.Expr]
 
 

@@ -45,9 +45,7 @@ from .verdict import Condition
 _RATIO = 1.2  # steps in which a gain is raised until the loop is lost; the limit is then bisected
 _STEPS = 76  # up to a factor of 1e6, beyond which a limit is none
 _TOLERANCE = 1e-9  # relative, of the bisection: far above the rounding of the root count
-SLIP_AMPLITUDE = 0.02
-"""Half of the slip's swing, a ratio, within which a relay is to hold the wheel."""
-
+SLIP_AMPLITUDE = 0.02  #: half of the slip's swing, a ratio, within which a relay is to hold the wheel
 _FIRST = 1e-4  # 1/s^2, the adaptation's k |phi|^2 tried first: an oscillation with a period of 10 minutes
 _RELAY_SAMPLES = 11  # relay gains tried between 0 and the limit cycle's, for the most favourable
 
@@ -165,12 +163,8 @@ def survivors(loop: SurfaceLoop) -> Survivors:
 # --- gains that were checked together ---------------------------------------------------------------------------------
 
 
-MARGIN = 0.5
-"""Share of a joint limit that is advised."""
-
-FIT_MS = 2.0
-"""Largest sensitivity peak with which a loop is called fit for service, as of the design checks."""
-
+MARGIN = 0.5  #: share of a joint limit that is advised
+FIT_MS = 2.0  #: largest sensitivity peak with which a loop is called fit for service, as of the design checks
 _FIRST_K = 1e-4  # 1/s^2 of k |phi|^2 the search starts with: an oscillation with a period of 10 minutes
 _LARGEST_K = 1.0  # 1/s^2: a period of 6 s, that of the loop itself
 _LEAST_D = 0.1  # N*m/(m/s): nothing beside (J/r) rho

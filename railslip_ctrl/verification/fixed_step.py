@@ -48,13 +48,9 @@ from .relay_loop import OMEGA_UNIT_FACTOR, SlidingGains
 
 Floats = NDArray[np.float64]
 
-END_SPEED = 5.0 * KMH
-"""m/s, where a stop ends ([Park2008] p. 56)."""
-
+END_SPEED = 5.0 * KMH  #: m/s, where a stop ends ([Park2008] p. 56)
 STEP = 0.002  # s, without an actuator
-RUNS = 8
-"""Runs of a simulated condition; seeds follow the one asked for."""
-
+RUNS = 8  #: runs of a simulated condition; seeds follow the one asked for
 _NOISE_HELD = 0.02  # s, for which a value of the random adhesion force lasts
 _LEAST_CROSSINGS = 3  # upward crossings of a signal that make two periods
 
@@ -99,8 +95,7 @@ class IdealDisturbances:
 
 
 UNDISTURBED = IdealDisturbances()
-PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)
-"""The published run's."""
+PUBLISHED = IdealDisturbances(random_share=ADHESION_NOISE, torque=True, resistance=True)  #: the published run's
 
 
 @dataclass(frozen=True)

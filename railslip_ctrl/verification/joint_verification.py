@@ -21,14 +21,10 @@ from .published_law import lyapunov_conditions, reaching_conditions
 from .robust import design_gain, robust_conditions
 from .verdict import Verification
 
-LARGEST_GAIN = 10_000.0
-"""Of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law."""
-
+LARGEST_GAIN = 10_000.0  #: of K (N m) and D (N m/(m/s)): beyond it the relay sampled at 2 ms no longer shows the law
 LEAST_D = 0.1  # N m/(m/s): below it D0 is less than 1e-3 1/s and nothing is reached in a stop
 
-INERTIA_SCALES = (0.5, 10.0)
-"""Between them a stop takes seconds to minutes."""
-
+INERTIA_SCALES = (0.5, 10.0)  #: between them a stop takes seconds to minutes
 LARGEST_SEED = 2**31
 
 Law = Literal["paper", "robust", "layered"]

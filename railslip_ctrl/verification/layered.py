@@ -131,8 +131,7 @@ class RailAdhesion:
         return len(kinds) > 1
 
 
-PUBLISHED_ADHESION = RailAdhesion()
-"""The published bristle model at its reference slips, on both rails."""
+PUBLISHED_ADHESION = RailAdhesion()  #: the published bristle model at its reference slips, on both rails
 
 
 def load_cases(vehicle: Vehicle) -> dict[str, Vehicle]:
@@ -385,26 +384,15 @@ def bounded_disturbance(vehicle: Vehicle) -> float:
     return DISTURBANCE * vehicle.wheel_load * vehicle.wheel.radius * vehicle.inertia_scale
 
 
-SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
-"""Where the stability of a stop is decided, of any law."""
-
-LEAD_FILTER_SHARE = 0.1
-"""Time constant of the lead's filter over that of the lag, as in designs/pi_lead.py."""
-
-LEAST_INTEGRAL_GAIN = 100.0
-"""N*m/m, times the inertia scale."""
-
+SPEEDS_KMH = (5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)  #: where the stability of a stop is decided, of any law
+LEAD_FILTER_SHARE = 0.1  #: time constant of the lead's filter over that of the lag, as in designs/pi_lead.py
+LEAST_INTEGRAL_GAIN = 100.0  #: N*m/m, times the inertia scale
 DISTURBANCE = 20.0 / (PARK2008.wheel_load * PARK2008.wheel.radius)  # the published vehicle's is 20 N*m
 """Torque at the wheel the bound is asked for, over wheel load and radius, times the inertia scale."""
 
-OFFSET = 0.1
-"""Error at t = 0 that must be taken in, m/s."""
-
-HOLD_ERROR = 0.1
-"""Share of the holding torque by which it may be known wrongly."""
-
-AUTHORITY_MARGIN = 1.05
-"""K over what is asked of it."""
+OFFSET = 0.1  #: error at t = 0 that must be taken in, m/s
+HOLD_ERROR = 0.1  #: share of the holding torque by which it may be known wrongly
+AUTHORITY_MARGIN = 1.05  #: K over what is asked of it
 
 DURATION, STEP = 15.0, 5e-3  # s; the step is a twelfth of the lead's filter
 _NOISE_HELD = 0.02  # s

@@ -200,14 +200,9 @@ _LONGEST_SHARE = 2.0  # of the time that the adhesion at the reference takes to 
 _TABLE = 24  # speeds of the hold's table, between which it is linear: it bends by a tenth over the stop
 _FARTHEST = 0.5  # share of the hold by which errors are tried, either way
 _RESOLUTION = 0.005  # of the tolerated error, found by bisection
-RUNS = 4
-"""Disturbed stops of each rail and load."""
-
-LARGEST_CUT_OUT_KMH = 30.0
-"""Above it a law is no slide protection: a tenth of the stop's energy would be left."""
-
-CUT_OUT_SHARE = 0.8
-"""Of the holding torque, below the cut-out speed."""
+RUNS = 4  #: disturbed stops of each rail and load
+LARGEST_CUT_OUT_KMH = 30.0  #: above it a law is no slide protection: a tenth of the stop's energy would be left
+CUT_OUT_SHARE = 0.8  #: of the holding torque, below the cut-out speed
 
 # over the highest speed at which a run left the range (40 seeds reach 1.3 times what 4 do); rounded up to
 _CUT_OUT_MARGIN, _CUT_OUT_STEP_KMH = 1.4, 5.0

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-TAIL = 1.0 / 3.0
-"""Share of a stage, at its end, over which the ultimate bound of |s| is taken."""
+TAIL = 1.0 / 3.0  #: share of a stage, at its end, over which the ultimate bound of |s| is taken
 
 
 @dataclass(frozen=True)

@@ -296,15 +296,9 @@ def one_unit() -> Condition:
 # --- reaching, the boundary layer, theta as it is ---------------------------------------------------------------------
 
 
-STEP_TIME = 25.0
-"""s, when mass and rail change ([Park2008] p. 55)."""
-
-FRICTION_RATE = -0.01
-"""N m s per s, of B = 0.25 - 0.01 t ([Park2008] p. 55); before the inertia scale."""
-
-DRIFT_NOISE = 0.1
-"""Standard deviation, m/s, of the slip noise the drift is shown with (0.36 km/h)."""
-
+STEP_TIME = 25.0  #: s, when mass and rail change ([Park2008] p. 55)
+FRICTION_RATE = -0.01  #: N m s per s, of B = 0.25 - 0.01 t ([Park2008] p. 55); before the inertia scale
+DRIFT_NOISE = 0.1  #: standard deviation, m/s, of the slip noise the drift is shown with (0.36 km/h)
 DRIFT_TIME = 20.0  # s
 _LONGEST_STOP = 80.0  # s
 

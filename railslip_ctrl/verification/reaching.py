@@ -48,9 +48,7 @@ TORQUE_FRACTION = 0.05
 TORQUE_DECAY, TORQUE_FREQUENCY = 4.0, 10.0 * math.pi
 """Its decay, 1/s, and frequency, rad/s."""
 
-LOWEST_SPEED_KMH = 5.0
-"""The published stop ends here ([Park2008] p. 56)."""
-
+LOWEST_SPEED_KMH = 5.0  #: the published stop ends here ([Park2008] p. 56)
 _VANISHING_SLIP = 1e-9  # the bristle curve at rest falls from its largest value at slip 0+, and is 0 at 0
 
 Range = tuple[float, float]

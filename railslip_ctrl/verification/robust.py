@@ -59,15 +59,9 @@ _below, _spare = sp.Symbol("y", nonnegative=True), sp.Symbol("m", nonnegative=Tr
 
 D0, K0 = plant.r / plant.J * D, plant.r / plant.J * K
 
-SIGMAS = 3.0
-"""The random adhesion force is bounded at this many standard deviations in the designs here."""
-
-ESTIMATE_ERROR = 0.1
-"""Share by which Ta_hat and v'_hat may be wrong in the designs here, each."""
-
-GAIN_MARGIN = 1.1
-"""K over the least gain of (40)."""
-
+SIGMAS = 3.0  #: the random adhesion force is bounded at this many standard deviations in the designs here
+ESTIMATE_ERROR = 0.1  #: share by which Ta_hat and v'_hat may be wrong in the designs here, each
+GAIN_MARGIN = 1.1  #: K over the least gain of (40)
 LAYER_WIDTH = 0.2  # m/s, 0.7 % of slip at 100 km/h
 _BOX_MARGIN = 0.1  # of its width, at either side
 LOWEST_FRICTION = -0.25  # N m s: the printed 0.25 - 0.01 t after 50 s, the longest published stop
@@ -252,12 +246,8 @@ def parameter_box(vehicle: Vehicle) -> tuple[tuple[float, float], tuple[float, f
 _EXACT = (0.0, 0.0)  # error of an estimate
 _DURATION = 60.0  # s; longer than any stop of these designs
 _SAMPLES = 100_000
-_RISE_TOLERANCE = 1e-3
-"""Largest rise of V in a run, relative to V(0), put down to the steps of 2 ms."""
-
-_BESIDE = 1e-3
-"""How far beside K_min the search shows that the bound is tight."""
-
+_RISE_TOLERANCE = 1e-3  #: largest rise of V in a run, relative to V(0), put down to the steps of 2 ms
+_BESIDE = 1e-3  #: how far beside K_min the search shows that the bound is tight
 _BOUND_TOLERANCE = 0.01
 """A sampled relay overshoots a bound by one step of K0: this fraction of it is put down to that."""
 

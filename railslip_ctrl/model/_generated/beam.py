@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "b85126b1d33c6c8dbeb8b7ace3b03e2caa80e6ff74dde434cc65f68e35e2acef"
+SOURCES_SHA256 = "2beddc320aa7173f1f5f8c47e35b6d218cf1a24721957bdd8e534f7b052b3e70"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

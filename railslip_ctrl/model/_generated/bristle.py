@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "59dd208d8045c1420b3237628a28629f16325f844f6ed05546761f0f809ec89d"
+SOURCES_SHA256 = "0db5ee13208f6ebeef3ecd0208d713ba1620e4ba7a7c306ef04ee426c59f5181"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

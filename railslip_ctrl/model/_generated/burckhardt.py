@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "fd7d9de51fcd32878f931193f1273434f8cfab097f18748584371980b93c9aa5"
+SOURCES_SHA256 = "760ca540e8dc2c88f3ef224b6da02fced53745f781f45489d2ab5770d51df466"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -6,7 +6,7 @@ from numpy import where
 
 from railslip_ctrl.model.adhesion.curve import curve_force as tabulated
 
-SOURCES_SHA256 = "d915c631f841e70b89bbabb446794d4d00aa37f45cfcc796a8290af3187bf3f3"
+SOURCES_SHA256 = "c9c66d0d1f65c36e508ba7e0924cb874204a5737744ae1aa53158683382e0a9a"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

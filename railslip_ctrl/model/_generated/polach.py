@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "64a85d5ca27c862a8cdf996153d6579ac9ed3fc3ebadda8e632529b1f8861143"
+SOURCES_SHA256 = "2d90725be6e31faf94a09b0f78aff71ba8ac8c56ee18782d3e415bf8b565fc3b"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

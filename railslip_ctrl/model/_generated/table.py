@@ -7,7 +7,7 @@ from numpy import where
 from railslip_ctrl.model.adhesion.table import table_force as tabulated
 from railslip_ctrl.model.adhesion.table import table_slope as tabulated_slope
 
-SOURCES_SHA256 = "720c9620af942da99376303e38fbcefe7e8efe7d3a13c057872b0e5aa5084a80"
+SOURCES_SHA256 = "21899bc703803c90ace19d44f16fa573c7cd649ce8d227fa0b53a364af552467"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -4,7 +4,7 @@
 import numpy
 from numpy import where
 
-SOURCES_SHA256 = "07eae5dbe465aee0624b900ae218495cfef7795f92b10d729fd7de2b6d7022a8"
+SOURCES_SHA256 = "22d549ed03944da4830901046ed108a1f92d297a408ff9eb472a3299a61bed9f"
 
 
 def force(v, sigma, z, Tb, Td, Tr, p, *nodes):

@@ -22,8 +22,7 @@ from railslip_ctrl.model.vehicle import INITIAL_SPEED_KMH, Rail, Record
 INITIAL_SPEED_RANGE_KMH = (30.0, 140.0)
 """Initial braking speeds v0 of the tests behind the published parameters ([Park2008] Table 1, (30)-(32))."""
 
-RIG_WHEEL_LOAD = 34_500.0
-"""Wheel load, N, at which the published parameters were identified ([Park2008] Table 1)."""
+RIG_WHEEL_LOAD = 34_500.0  #: wheel load, N, at which the published parameters were identified ([Park2008] Table 1)
 
 
 class ReferenceSlip(Record):
