@@ -29,7 +29,7 @@ from railslip_ctrl.verification.actuator_effects import (
     variants_behind_actuator,
 )
 from railslip_ctrl.verification.fixed_step import holding_torque, simulate_fine
-from railslip_ctrl.verification.joint_verification import verify_with_actuator
+from railslip_ctrl.verification.joint_verification import FullVerification, verify_with_actuator
 from railslip_ctrl.verification.layered import (
     HOLD_ERROR,
     PUBLISHED_ADHESION,
@@ -52,6 +52,7 @@ from railslip_ctrl.verification.layered_conditions import (
     stop,
     tolerated,
 )
+from railslip_ctrl.verification.verdict import Verification
 
 SLIDING, CYCLE, WHOLE, ADAPTIVE = ACTUATOR_CONDITIONS = [
     "sliding exists behind the actuator",
@@ -157,6 +158,14 @@ def test_the_published_law_with_the_actuator_of_its_own_proof():
         assert loop.is_stable(adaptation=1e3 * loop.gains.k)
     assert "nothing cycles" in findings_text(findings)
     assert not any("inf" in statement(one) + evidence(one) for one in conditions)
+
+
+def test_command_prints_what_fails_of_the_published_law(railslip, monkeypatch, published):
+    conditions, findings = published
+    paper = Verification("paper", 1.0, 70.0, 5.5, 2008, tuple(conditions.values()))
+    monkeypatch.setattr("railslip_ctrl.cli.verify.verify_with_actuator", lambda **_: FullVerification(paper, findings))
+    status, out, _ = railslip("verify")
+    assert (status, " ".join(findings_text(findings).split()) in " ".join(out.split())) == (1, True)
 
 
 def test_robust_variants_are_not_passed_off_as_fit_for_the_actuator(railslip, monkeypatch):
